@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -209,8 +207,15 @@ def test_forgetting_a_direction_leaves_the_information_about_the_others() -> Non
     assert (forget(information, np.zeros((4, 0))) == information).all()
 
 
+def dispersed(*dispersion: float) -> Contest:
+    """Return a contest without samples, whose stretches before the change are so dispersed."""
+    contest = Contest.__new__(Contest)
+    contest.dispersion = dispersion[0], dispersion[1]
+    return contest
+
+
 def test_another_plant_has_to_be_sure_and_so_has_that_there_is_none() -> None:
-    linear: Any = SimpleNamespace(dispersion=(1.0, math.inf))
+    linear = dispersed(1.0, math.inf)
 
     def claim(supposition: Supposition, fair: float) -> Claim:
         return Claim(supposition, linear, fair, odds_of(supposition))
@@ -228,12 +233,18 @@ def test_another_plant_has_to_be_sure_and_so_has_that_there_is_none() -> None:
 
 def test_a_change_counts_beside_how_differently_any_stretch_is_fitted() -> None:
     """Its evidence is the logarithm of the chance that an F distribution of 2 and n gives what it explains."""
-    contest: Any = SimpleNamespace(dispersion=(4.0, 16.0))
-    load, change = (Claim(each, contest, fair) for each, fair in ((Supposition.LOAD, 10.0), (Supposition.PART, 90.0)))
-    assert weighed([load, change])[0] is load
-    evidence = weighed([load, change])[1].fair - 10.0
-    assert evidence == pytest.approx(-f.logsf((90.0 - 10.0) / 4.0, 2, 16.0))
-    assert weighed([load, replace(change, fair=6.0)])[1].fair == pytest.approx(9.0)  # what is open stays open
+    contest = dispersed(4.0, 16.0)
+    load, change, other = (
+        Claim(each, contest, likelihood)
+        for each, likelihood in ((Supposition.LOAD, 10.0), (Supposition.PART, 90.0), (Supposition.PLANT, 60.0))
+    )
+    found = weighed([load, change, other])
+    assert found[0] is load
+    assert found[1].fair - 10.0 == pytest.approx(-f.logsf((90.0 - 10.0) / 4.0, 2, 16.0))
+    # another change is as much less likely than the best as that tells of what it leaves
+    assert found[1].fair - found[2].fair == pytest.approx(-f.logsf((90.0 - 60.0) / 4.0, 2, 16.0))
+    worse = weighed([load, replace(change, likelihood=6.0)])[1]
+    assert 10.0 - worse.fair == pytest.approx(-f.logsf((10.0 - 6.0) / 4.0, 2, 16.0))
 
 
 def test_columns_beside_a_fit_are_estimated_with_it() -> None:

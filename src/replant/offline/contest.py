@@ -72,13 +72,12 @@ class Claim:
     supposition : Supposition
     contest : Contest
         Whose samples it is fitted to.
-    fair : float
-        Logarithm of the likelihood ratio to NOTHING, a prior's included, less the price of the numbers that it has
-        fitted: the evidence before what another G(s) costs.
+    likelihood : float
+        Logarithm of the likelihood ratio to NOTHING, a prior's included.
     odds : float
         Logarithm of the odds beforehand: what another G(s) costs.
     price : float
-        That of the numbers.
+        That of the numbers that it has fitted.
     left : float
         Variance of what a fit with a prior leaves, over the usual one.
     model : (T,) array or None
@@ -94,7 +93,7 @@ class Claim:
 
     supposition: Supposition
     contest: Contest
-    fair: float
+    likelihood: float
     odds: float = 0.0
     price: float = 0.0
     left: float = 1.0
@@ -110,19 +109,21 @@ class Claim:
         return self.contest.known.mean if self.model is None else self.model
 
     @property
+    def fair(self) -> float:
+        """The evidence before what another G(s) costs."""
+        return self.likelihood - self.price
+
+    @property
     def evidence(self) -> float:
         """The logarithm of the evidence over that of NOTHING."""
         return self.fair + self.odds
 
-    def weighed_beside(self, base: float) -> Claim:
-        """Return the claim with its evidence beyond that of one G(s) as `weighed` has it."""
+    def weighed(self, base: float, top: float) -> Claim:
+        """Return the claim as `weighed` has it, beside the claims of one G(s) and the one that explains most."""
         if not self.supposition.is_of_plant:
             return self
-        dispersion, numbers = self.contest.dispersion
-        evidence = (self.fair - base) / dispersion
-        if evidence > 0.0 and math.isfinite(numbers):
-            evidence = 0.5 * numbers * math.log1p(2.0 * evidence / numbers)
-        return replace(self, fair=base + evidence)
+        fair = base + self.contest.evidence(top - base) - self.contest.evidence(top - self.fair)
+        return replace(self, likelihood=fair + self.price)
 
 
 def odds_of(supposition: Supposition) -> float:
@@ -155,8 +156,9 @@ def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
     A load leaves G(s) as it was known, whatever the samples since tell of it.  That is sure once they tell G(s) by
     themselves: no model of another G(s) may then be as likely, its numbers being free.
     """
-    is_load, least = best.supposition is Supposition.LOAD, best.fair + math.log(ALPHA)
-    close = [claim for claim in weighed(claims) if claim.fair + (claim.price if is_load else 0.0) > least]
+    if best.supposition is Supposition.LOAD:
+        claims = [replace(claim, price=0.0) if claim.supposition.is_of_plant else claim for claim in claims]
+    close = [claim for claim in weighed(claims) if claim.fair > best.fair + math.log(ALPHA)]
     return not any(best.contest.differ(claim.theta, best.theta) for claim in close)
 
 
@@ -164,14 +166,13 @@ def weighed(claims: Sequence[Claim]) -> list[Claim]:
     """Return claims in which a change of G(s) counts beside how differently a model fits any stretch of the record.
 
     What such a change explains beyond every claim of one G(s) is in the mean the dispersion of the stretches before,
-    times chance.  That is known from n numbers, so that the evidence x / dispersion of a chi-square of two becomes that
-    of an F distribution of 2 and n:
-
-        P{F > f} = (1 + 2 f / n)^(-n / 2),   evidence = (n / 2) ln(1 + (2 / n) x / dispersion)
+    times chance.  That is known from n numbers, so that the evidence x of a chi-square of two becomes that of an F
+    distribution of 2 and n (`Contest.evidence`).  It tells each claim from the one that explains most, which leaves x
+    less: so does every claim of one G(s), and by how much another change is less likely follows in the same way.
     """
-    same = [claim for claim in claims if not (claim.supposition.is_of_plant or claim.supposition is Supposition.CUT)]
-    base = max((claim.fair for claim in same), default=0.0)
-    return [claim.weighed_beside(base) for claim in claims]
+    base = max((claim.fair for claim in claims if not claim.supposition.is_of_plant), default=0.0)
+    top = max(base, *(claim.fair for claim in claims))
+    return [claim.weighed(base, top) for claim in claims]
 
 
 class Contest:
@@ -228,6 +229,13 @@ class Contest:
                 found.append(claim)
         return found if again else [*found, *self._cuts(models)]
 
+    def evidence(self, more: float) -> float:
+        """Return the evidence of what is explained by so much more: (n / 2) ln(1 + (2 / n) more / dispersion)."""
+        dispersion, numbers = self.dispersion
+        if math.isinf(numbers):
+            return more / dispersion
+        return 0.5 * numbers * math.log1p(2.0 * more / (numbers * dispersion))
+
     @cached_property
     def dispersion(self) -> tuple[float, float]:
         """That of stretches as long as the samples since, and how many numbers tell it."""
@@ -264,7 +272,7 @@ class Contest:
     def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
         """Return a claim that has fitted so many numbers."""
         price = numbers * self.stretch.price
-        return Claim(supposition, self, likelihood - price, odds_of(supposition), price, **parts)  # type: ignore[arg-type]
+        return Claim(supposition, self, likelihood, odds_of(supposition), price, **parts)  # type: ignore[arg-type]
 
     @property
     def _nuisances(self) -> int:
