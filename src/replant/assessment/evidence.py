@@ -95,7 +95,7 @@ class Evidence:
     undecided : bool
         Whether the samples since the last change do not yet tell what it was.
     after_alarm : bool
-        Whether the record begins where an alarm ended without another model.
+        Whether the record begins where an alarm ended, and nothing is believed to have changed.
     trusted_before : bool
         Whether the model was trusted when the input came to rest, and nothing has been noticed since.
     since_trusted : int

@@ -140,9 +140,6 @@ def reconsider(old: State, settings: Settings) -> State | None:
     if found is None:
         return None
     undecided = not is_sure(claims, found)
-    if found.supposition is old.change is Supposition.LOAD:  # the recursion goes on with all it knew
-        old.undecided = undecided
-        return None
     return believed(old, settings, found, undecided=undecided)
 
 
@@ -184,7 +181,7 @@ def _one_model(old: State, settings: Settings, since_alarm: Contest) -> list[Cla
     # they are told beside NOTHING since the change; the others beside the present model, and what it has cost
     goes_on = contest.stretch.of_usual(present.error[-contest.rows :], present.noise, present.variance, last=True)
     base, odds = goes_on - contest.usual - old.change_price, odds_of(old.change)
-    return [replace(claim, fair=claim.fair - base, odds=claim.odds - odds) for claim in claims]
+    return [replace(claim, likelihood=claim.likelihood - base, odds=claim.odds - odds) for claim in claims]
 
 
 def _of_whole(old: State, settings: Settings, contest: Contest, began: int) -> list[Claim]:
