@@ -82,7 +82,8 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     in_use = _in_use(RecentSamples.of(state, STORED if finished else RECENT).cleaned(), state)
     kept = in_use if finished else in_use.since_last_gap(dt)
     record = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True)
-    if finished and kept.is_stuck.any():
+    is_well = finished or not kept.is_stuck[-outliers.CALM :].any()  # what is over is left out, and said
+    if is_well and kept.is_stuck.any():
         record = replace(record, measured=record.is_measured & ~kept.is_stuck)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
     record = record.answering(settings.structure.delay)
@@ -112,8 +113,8 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         since_trusted=samples - state.trusted_at,
         finished=finished,
         missing=_missing(in_use),
-        stuck=state.stuck_outputs > 0 and samples - state.stuck_last < outliers.CALM,
-        left_out=state.stuck if finished else 0,
+        stuck=not is_well,
+        left_out=state.stuck if finished else int(kept.is_stuck.sum()) if is_well else 0,
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
         # a solution of the whole record has left out what the sensor did not measure
         measured=None if finished else newest.output.copy(),
