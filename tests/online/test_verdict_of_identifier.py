@@ -299,7 +299,7 @@ LOGS = {
     ("un_dcmotor/DCmotor_prbs_open_exp.csv", 0.01): ("trusted", "which the estimate had not used"),
     ("un_thermal/Thermal_prbs_open_exp.csv", 0.0): ("trusted", EXPLAINS),
     ("un_thermal/dcmotor2_prbs_open_exp.csv", 0.0): ("inconsistent", "with a dead time of 0.015 s"),
-    ("ayala_ballhoop/randomStepSequence.mat", 0.0): ("inconsistent", "the output is constant to the bit"),
+    ("ayala_ballhoop/randomStepSequence.mat", 0.0): ("inconsistent", "the actuator seems to saturate"),
 }
 
 
@@ -314,6 +314,13 @@ def test_one_pole_for_a_real_rig_is_trusted_with_a_caveat_or_not_at_all(
     status, words = LOGS[name, delay]
     assert verdict.status == status
     assert words in " ".join(verdict.reasons)
+
+
+def test_a_whole_log_is_judged_as_fit_judges_it(datasets: Path) -> None:
+    """Its input lies round a working point, which `run` takes off and `fit` does not."""
+    log = read_log(datasets / "ayala_ballhoop" / "randomStepSequence.mat", input="u", output="y")
+    verdict = run_online(Request(rp.Structure(1), log.dt), log.input, log.output).verdict
+    assert verdict.reasons == rp.fit(log.input, log.output, log.dt, rp.Structure(1)).verdict.reasons
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e60, 1e140])

@@ -112,6 +112,8 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         trusted_before=state.trusted_at > 0,
         since_trusted=samples - state.trusted_at,
         finished=finished,
+        disagreement=state.disagreement if finished else 0.0,
+        input_zero=-state.input_offset,
         missing=_missing(in_use),
         stuck=not is_well,
         left_out=state.stuck if finished else int(kept.is_stuck.sum()) if is_well else 0,

@@ -108,6 +108,8 @@ class Evidence:
         Whether the sensor was found stuck or saturated within the newest samples.
     left_out : int
         Outputs of a solved record that it was solved without, because the sensor was stuck or at its limit.
+    input_zero : float
+        The record's input where that of the actuator is zero.
     slowness : float
         Standard deviation of the estimate over that which the residual's power and colour predict; 1 where they agree.
     output_unit : float
@@ -146,6 +148,7 @@ class Evidence:
     missing: int = 0
     stuck: bool = False
     left_out: int = 0
+    input_zero: float = 0.0
     slowness: float = 1.0
     output_unit: float = 1.0
     measured: FloatArray | None = None
@@ -175,6 +178,7 @@ class Evidence:
             earlier=self.earlier * factors,
             covariance=None if self.covariance is None else self.covariance * factors * factors[:, None],
             largest_power=self.largest_power / of_input / of_input,
+            input_zero=self.input_zero / of_input,
             output_unit=self.output_unit * of_output,
             measured=None if self.measured is None else self.measured / of_output,
         )

@@ -352,6 +352,7 @@ class StateSlots(Table):
     change = Choice(Supposition, "what changed at the last change that is believed", IDENTIFIER)
     undecided = Flag("the samples since tell not yet whether G(s) has changed otherwise", IDENTIFIER)
     change_price = Real("price of the numbers that it has fitted", IDENTIFIER, least=0.0)
+    disagreement = Real("of two estimates of the record that was solved last, see `Refined`", IDENTIFIER, least=0.0)
     changed_at = Integer("accepted samples before that change; 0: none", IDENTIFIER, below="samples + 1")
     before_began = Integer("accepted samples before the record before it", IDENTIFIER, below="samples + 1")
     variance_ratio = Real("variance of the newest a-priori error, over that of the residual", MONITORING, finite=False)

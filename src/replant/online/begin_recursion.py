@@ -53,6 +53,7 @@ def initialize(state: State, settings: Settings, refined: Refined, record: Recor
     state.stability_margin = stability_margin(record)
     state.largest_bandwidth = settings.structure.poles * FASTEST / record.dt
     state.forget_input = 1.0 / record.u.size
+    state.disagreement = refined.disagreement
     state.install(refined.theta[:entries] / rate)
     state.theta[:] = refined.theta[:entries] / rate / state.unit
     if state.examines_output:
