@@ -10,6 +10,7 @@ import pytest
 import replant as rp
 from replant.kernels.schema import Alarm
 from replant.online import identifier
+from replant.online.renewal import GROWTH
 from support.builders import DT, binary, true_parameters
 from support.cases import every
 
@@ -157,9 +158,10 @@ def test_a_gain_that_the_noise_hides_from_the_alarm_is_found(seed: int) -> None:
     y = np.where(np.arange(samples) < samples // 2, low, high)
     y = y + 0.25 * high.std() * np.random.default_rng(seed).standard_normal(samples)
     ident = rp.Identifier(rp.Structure(1), 0.1)
-    ident.update_many(u[:2000], y[:2000])  # the record has grown by a quarter since the change
+    looks = round(1500 * GROWTH**2)  # the last look has 337 samples since the change, or more
+    ident.update_many(u[:looks], y[:looks])
     assert ident.transfer_function.dc_gain == pytest.approx(2.6, rel=0.1)
-    ident.update_many(u[2000:], y[2000:])
+    ident.update_many(u[looks:], y[looks:])
     assert ident.transfer_function.dc_gain == pytest.approx(2.6, rel=0.05)
     assert ident.assess().status == "trusted"
 

@@ -137,7 +137,7 @@ def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
 
 
 def _is_after_alarm(state: State, in_use: RecentSamples, kept: RecentSamples, dt: float) -> bool:
-    """Return whether the samples that the verdict uses begin where an alarm ended, without a change or a gap in time."""
+    """Return whether the samples of the verdict begin where an alarm ended, without a change or a gap in time."""
     began = len(kept) == len(in_use) == state.samples - state.gap_at
     began = began and state.gap_at > max(state.record_began, state.changed_at)
     return began and bool(in_use.interval[0] <= GAP * dt)

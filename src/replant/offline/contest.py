@@ -244,7 +244,7 @@ class Contest:
     def _of_models(self) -> Iterator[Claim]:
         """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""
         starts = []
-        for supposition, start in ((Supposition.LOAD, self.without_moving()), (Supposition.PART, self._scaled())):
+        for supposition, start in ((Supposition.LOAD, self._without_moving()), (Supposition.PART, self._scaled())):
             claim = self._with_prior(supposition, start)
             if claim is not None and claim.model is not None:
                 starts.append(claim.model)
@@ -284,7 +284,7 @@ class Contest:
         nuisances = done.phi[:, self.structure.coefficients :]
         return self.stretch.of_other(done.ahead if error is None else error, self.known.noise, nuisances) - self.usual
 
-    def without_moving(self) -> tuple[FloatArray, FloatArray]:
+    def _without_moving(self) -> tuple[FloatArray, FloatArray]:
         """Return the known model with offset and initial state as the samples since tell them, and no direction."""
         model, size = self.known.mean.copy(), self.structure.coefficients
         model[size:] = 0.0
@@ -330,7 +330,7 @@ class Contest:
             prior = forget(before, np.eye(size)[:, forgotten])
             step = least_norm(since + prior, since @ away, WEAKEST)[0]
             rest = away - step
-            return 0.5 * float(rest @ since @ rest + step @ prior @ step), step
+            return 0.5 * max(float(rest @ since @ rest + step @ prior @ step), 0.0), step
 
         forgotten: list[int] = []
         (cost, step), open_ = left([]), list(range(size))
@@ -363,7 +363,7 @@ class Contest:
             if not (np.isfinite(model).all() and math.isfinite(done.cost)):
                 continue
             likelihood = self._likelihood(self.problem.run(model)) - 0.5 * prior.cost(model) / prior.variance
-            root = self.root(model, done, converged=converged)
+            root = self._root(model, done, converged=converged)
             numbers = self._nuisances + start[1].shape[1]
             left = self._variance(done.ahead) / (self.known.variance + self.stretch.least)
             claim = self._claim(supposition, likelihood, numbers, model=model, root=root, prior=prior, left=left)
@@ -384,7 +384,7 @@ class Contest:
         problem.noise = self.known.noise
         return problem
 
-    def root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
+    def _root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
         """Return a model as the end of a fit, filtered by the noise model from before if estimates are."""
         white = self.known.noise.whiten_known(done.ahead, self.stretch.predecessors)
         power = float(white @ white)
@@ -419,8 +419,8 @@ class Contest:
             # the initial state of an output that wanders is told by the noise model alone
             noise = self.stretch.colour(left)
             white, target = (noise.whiten_known(each, self.stretch.predecessors) for each in (columns, error))
-            weighed = error - columns @ least_norm(white, target, WEAKEST)[0]
-            likelihood, still = max(self._likelihood(done, left), self._likelihood(done, weighed)), model.copy()
+            other = error - columns @ least_norm(white, target, WEAKEST)[0]
+            likelihood, still = max(self._likelihood(done, left), self._likelihood(done, other)), model.copy()
             still[self.structure.numerator] = 0.0
             yield self._claim(Supposition.CUT, likelihood, self._nuisances, model=still)
 

@@ -26,7 +26,6 @@ UNTOLD = 4.0
 Level: a normal deviate beyond 4 has the chance 6e-5.
 """
 
-
 STRETCHES = 8
 """Fewest stretches before a change whose scatter is told [count].
 Derivation: what two coefficients explain of them is then known to a third.

@@ -30,7 +30,7 @@ from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known
 from replant.offline.solve import solve
 from replant.offline.srivc_steps import SOONEST, least_since
-from replant.online.restart import clear_doubt, is_at_rest, remembers_all, restart, restart_at
+from replant.online.restart import AGAIN, clear_doubt, is_at_rest, remembers_all, restart, restart_at
 from replant.settings import Settings
 from replant.statistics.linear_algebra import inverse_of, quiet
 
@@ -39,12 +39,6 @@ BEGINS = -0.25, 0.0, 0.25
 [part of the samples since].
 Origin: a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance.
 Sensitivity: not measured.
-"""
-
-PATIENCE = 1.5
-"""Growth of what came since until the next look [ratio of lengths].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, 48 samples held against 'load step' instead of 49.
 """
 
 
@@ -64,7 +58,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if old.alarm == Alarm.NONE:  # the residual is as usual again
         return old, 0
     length = old.samples - _began(old)
-    later = old.samples + max(math.ceil((PATIENCE - 1.0) * length), SOONEST)
+    later = old.samples + max(math.ceil((AGAIN - 1.0) * length), SOONEST)
     kept, first = kept_since(old, max(old.gap_at, old.record_began, old.changed_at))
     begin = max(_began(old) - first, 0)
     since, fewest = kept[begin:], least_since(settings.structure)

@@ -18,7 +18,7 @@ from replant.offline.change_search import begin_of_change, change_at
 from replant.offline.contest import is_sure
 from replant.offline.solve import Solution, solve
 from replant.online.change_response import believed
-from replant.online.restart import is_at_rest, remembers_all, restart_at
+from replant.online.restart import AGAIN, is_at_rest, remembers_all, restart_at
 from replant.settings import Settings
 from replant.simulation.prediction import prediction_error
 from replant.statistics.autoregression import likelihood_ratio
@@ -29,34 +29,19 @@ EVERY = RECENT // 2
 Derivation: half of the newest samples: as far back as the past estimates reach.
 """
 
-GROWTH = 1.25
+GROWTH = math.sqrt(AGAIN)
 """Growth of the record after which it is asked whether one model holds for it [ratio of lengths].
-Origin: three looks between two solutions; on a chirp the last solution of 3,799 samples was at 2,000, and of another
-plant.
-Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of 'stuck, coarse scale' times 2.4;
-doubled, no verdict changes, and no error by a quarter.
-"""
-
-AGAIN = 1.5
-"""Growth of the record after which it is solved again [ratio of lengths].
-Derivation: the last solution has then two thirds of the samples, and all solutions together cost three times the last.
-"""
-
-AFTER_CHANGE = 1.5
-"""The same of the record since a change that is believed, after which it is asked again what has changed [ratio of
-lengths].
-Derivation: all contests together cost three times the last one.
-Sensitivity: not measured.
+Derivation: once between two solutions, and at each.
 """
 
 
 def next_renewal(state: State, settings: Settings) -> int:
     """Return the number of accepted samples at which the estimate is next looked into; 0: never.
 
-    The record is solved again when it is twice as long as at the last solution, and before where the plant has changed.
+    The record is solved again at growing lengths (`AGAIN`), and before where the plant has changed.
     """
     origin, samples = state.changed_at or state.record_began, state.samples
-    due = origin + math.ceil((AFTER_CHANGE if state.changed_at else GROWTH) * (samples - origin))
+    due = origin + math.ceil((AGAIN if state.changed_at else GROWTH) * (samples - origin))
     if remembers_all(state, settings) and due - origin <= RECENT:
         return due
     return samples + EVERY if settings.optimizer.keeps_covariance else 0
@@ -66,8 +51,8 @@ def next_renewal(state: State, settings: Settings) -> int:
 def renew(old: State, settings: Settings) -> State | None:
     """Return the state that goes on at a solution of the record as it was measured, or where the plant has changed.
 
-    None where the record is no twice as long as at the last solution and one plant explains it, where no usable model
-    is found, or where older samples are forgotten.
+    None where the record has not grown by `AGAIN` and one plant explains it, where no usable model is found, or where
+    older samples are forgotten.
     """
     if old.alarm or not (old.adapt and remembers_all(old, settings)):
         return None

@@ -16,6 +16,12 @@ from replant.online.begin_recursion import initialize
 from replant.online.startup import carry_over, note_doubts, warm_up
 from replant.settings import Settings
 
+AGAIN = 1.5
+"""Growth of a record after which it is solved again: of all samples, of those since an alarm, and of those since a
+change that is believed [ratio of lengths].
+Derivation: the last solution has then two thirds of the samples, and all solutions together cost three times the last.
+"""
+
 
 def remembers_all(state: State, settings: Settings) -> bool:
     """Return whether the estimate is made from every sample of its record, none forgotten, and solved again."""
