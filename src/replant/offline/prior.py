@@ -46,5 +46,5 @@ class Prior:
         return np.asarray(self.weight @ (self.mean - model))
 
     def cost(self, model: FloatArray) -> float:
-        """Return what it adds to the sum of squares at a model; no less than 0, however it is rounded far from the mean."""
+        """Return what it adds to the sum of squares at a model; rounded far from the mean it is no less than 0, too."""
         return max(float((self.mean - model) @ self.pull(model)), 0.0)

@@ -134,6 +134,8 @@ def reconsider(old: State, settings: Settings) -> State | None:
     if found is None:
         return None
     undecided = not is_sure(claims, found)
+    if undecided and found.solution is not None:  # one model of all samples forgets that there may have been a change
+        return None
     return believed(old, settings, found, undecided=undecided)
 
 
