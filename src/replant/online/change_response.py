@@ -136,6 +136,9 @@ def reconsider(old: State, settings: Settings) -> State | None:
     undecided = not is_sure(claims, found)
     if undecided and found.solution is not None:  # one model of all samples forgets that there may have been a change
         return None
+    if undecided and found.supposition is old.change is Supposition.LOAD:  # the same, and no better known
+        old.undecided = True
+        return None
     return believed(old, settings, found, undecided=undecided)
 
 
