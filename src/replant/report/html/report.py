@@ -58,7 +58,7 @@ def write_report(
     command: str = "",
     python: str = "",
     title: str = "",
-    candidates: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None,
+    candidates: tuple[Sequence[str], Sequence[Sequence[str]], str] | None = None,
     validations: Sequence[tuple[str, Validation]] = (),
 ) -> Path:
     """Write the report of ``result`` into one self-contained HTML file, and return its path.
@@ -79,8 +79,8 @@ def write_report(
         settings of an online run.
     title : str
         By default the file's name.
-    candidates : (headings, rows), optional
-        The structures that a search has tried, in words.
+    candidates : (headings, rows, rest), optional
+        The structures that a search found worth reading, in words, and what is to be said of the others.
     validations : sequence of (str, Validation)
         The model's validations on other logs, by their names.
 
@@ -98,8 +98,9 @@ def write_report(
         fields = _fields(material, title or log.path.name or "Simulated record", command, python)
     fields["candidates"] = ""
     if candidates is not None:
-        headings, rows = candidates
+        headings, rows, rest = candidates
         tried = tables.table(headings, rows, "Structures tried", "table wide")
+        tried += f'<p class="note">{in_words(rest)}</p>' if rest else ""
         fields["candidates"] = f"<section><h2>Structures tried</h2>{tried}</section>"
     with svg.look(), np.errstate(all="ignore"):
         fields["other_logs"] = other_logs.section(validations)
