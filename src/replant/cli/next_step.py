@@ -18,6 +18,7 @@ from replant.runs.result import Result
 TRIED = 6
 """Dead times that a suggested range has beside 0 [count]."""
 UNSURE = r"has a standard deviation|uncertainty of the estimate|cancel the poles?"
+FEWER = r"with fewer poles the record is likelier(?:: ask for (\d+|one) pole)?"
 COLUMN = r"^column (.+) explains"
 OTHER_LOG = "LOG2"  # stands for a log that is not there yet
 
@@ -107,8 +108,8 @@ def _move(situation: Situation) -> NextStep:
 
 
 def _keep(situation: Situation) -> NextStep:
-    unsure = any(re.search(UNSURE, reason) for reason in situation.result.verdict.reasons)
-    words = f"keep the model{f', or try {_counted(situation.poles - 1)}' if unsure and situation.poles > 1 else ''}"
+    likelier = [fewer for reason in situation.result.verdict.reasons if (fewer := _likelier(reason))]
+    words = f"keep the model{f', or try {_counted(likelier[0])}' if likelier else ''}"
     others = [found[1] for reason in situation.result.verdict.reasons if (found := re.search(COLUMN, reason))]
     words += f", knowing that column {others[0]} moves the output, too" if others else ""
     changed: dict[str, object] = {}
@@ -136,11 +137,17 @@ def _dead_time(situation: Situation) -> NextStep:
 
 def _fewer(situation: Situation) -> NextStep:
     if situation.poles > 1:
-        fewer = situation.poles - 1
+        fewer = _likelier(situation.reason) or situation.poles - 1
         return NextStep(f"try {_counted(fewer)}", _again("poles", "zeros", poles=fewer))
     words = shlex.split(_again("optimizer", "startup"))
     logs = ["replant", "fit", words[2], OTHER_LOG, *words[3:]]
     return NextStep("record more, and fit both logs", shlex.join(logs))
+
+
+def _likelier(reason: str) -> int:
+    """Return the fewer poles that a reason says are likelier; 0 where it does not."""
+    found = re.search(FEWER, reason)
+    return 0 if found is None or found[1] is None else 1 if found[1] == "one" else int(found[1])
 
 
 def _counted(poles: int) -> str:
@@ -193,6 +200,7 @@ def _wait(situation: Situation) -> NextStep:
 #: What reasons say, and what to do; the first that fits counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (COLUMN, _column),
+    (FEWER, _fewer),
     (r"the input is constant|has rested|hardly moves|came to rest", _move),
     (r"does not excite every coefficient", _fewer),
     (r"the output has only|explains almost nothing", _look),
