@@ -52,6 +52,7 @@ __all__ = [
     "UnsupportedDependencyError",
     "Validation",
     "__version__",
+    "bandpass",
     "compare",
     "decimate",
     "detrend",

@@ -13,7 +13,9 @@ TWO = rp.TransferFunction([3.0], [1.0, 2.5, 1.5])
 
 def reasons(plant: rp.TransferFunction, poles: int, zeros: int = 0) -> tuple[str, ...]:
     y = plant.simulate(U, 0.05)
-    return rp.fit(U, y + white_noise(U.size, 0.2 * float(np.std(y)), seed=5), 0.05, poles=poles, zeros=zeros).verdict.reasons
+    return rp.fit(
+        U, y + white_noise(U.size, 0.2 * float(np.std(y)), seed=5), 0.05, poles=poles, zeros=zeros
+    ).verdict.reasons
 
 
 @every(("poles", "zeros"), [(2, 0), (2, 1), (3, 0)])

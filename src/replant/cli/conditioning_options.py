@@ -6,9 +6,12 @@ from collections.abc import Callable
 from typing import Any
 
 import click
+import numpy as np
 
+from replant.cli.band_option import Band, words_of
 from replant.cli.notes import note
 from replant.cli.stretch_options import has_stretches, stretched
+from replant.data.band import bandpass
 from replant.data.conditioning import decimate, detrend, resample
 from replant.errors import InvalidArgumentError
 from replant.log import Log
@@ -27,6 +30,13 @@ CONDITIONING: list[Callable[[Any], Any]] = [
         metavar="S",
         help="Put the samples S seconds apart: the input's mean over each interval, the output interpolated.",
     ),
+    click.option(
+        "--band",
+        type=Band(),
+        metavar="LOW:HIGH",
+        help="Let this band of frequencies count alone, in Hz: both signals pass the same filter, so that G(s) stays.  "
+        "0.1: has no upper edge, :10 no lower one.",
+    ),
 ]
 
 
@@ -35,7 +45,7 @@ def is_conditioned(options: dict[str, Any]) -> bool:
     return (
         bool(options.get("detrend"))
         or has_stretches(options)
-        or any(options.get(name) is not None for name in ("decimate", "resample"))
+        or any(options.get(name) is not None for name in ("decimate", "resample", "band"))
     )
 
 
@@ -70,4 +80,14 @@ def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
     if options.get("detrend"):
         log = detrend(log)
         note("detrended: a straight line is subtracted from each signal, its mean kept")
+    if options.get("band") is not None:
+        low, high = options["band"]
+        try:
+            log = bandpass(log, low, high)
+        except InvalidArgumentError as error:
+            raise InvalidArgumentError(f"--band {Band().written(options['band'])}: {error}") from None
+        left = int(np.flatnonzero(np.isfinite(log.output))[0]) if np.isfinite(log.output).any() else log.input.size
+        note(
+            f"filtered: {words_of(low, high)} count; the first {left:,} outputs, while the filter settles, are missing"
+        )
     return stretched(log, options) if has_stretches(options) else log

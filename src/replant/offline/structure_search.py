@@ -44,6 +44,7 @@ Derivation: halving as often would find it to a 256th of a sample; tops of parab
 SHOWN = 6
 """Candidates within chance of the best that are shown, at the most [count]."""
 
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Candidate:
     """One structure of the grid.
@@ -113,7 +114,9 @@ class SearchResult:
         early = sum(not each.was_tried for each in self.candidates)
         if not more:
             return ""
-        return f"{more} more explain{'s' if more == 1 else ''} less" + (f", {early} of them left early" if early else "")
+        return f"{more} more explain{'s' if more == 1 else ''} less" + (
+            f", {early} of them left early" if early else ""
+        )
 
     def __repr__(self) -> str:
         rows = [f"{each!r}, {0.5 * (self.chosen.criterion - each.criterion):+.1f} evidence" for each in self.likely]

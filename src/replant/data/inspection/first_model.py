@@ -12,7 +12,7 @@ from replant.errors import ReplantError
 MOST_SAMPLES = 1000
 """Samples that it is made from: evenly spaced ones of a longer record [samples]."""
 TRIED = 12
-"""Dead times that it tries beside 0, from a sample to a quarter of the record, evenly spaced in the logarithm [count]."""
+"""Dead times that it tries beside 0, from a sample to a quarter of the record, by equal factors [count]."""
 
 
 @dataclass(frozen=True)

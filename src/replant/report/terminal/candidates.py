@@ -14,7 +14,7 @@ CHOSEN = "chosen"
 
 
 def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
-    """Return a row of cells for each structure worth reading, its evidence beside the most; the chosen one is marked."""
+    """Return a row for each structure worth reading, its evidence beside the most; the chosen one is marked."""
     rows: list[tuple[str, ...]] = []
     for candidate in found.likely:
         structure = candidate.structure
