@@ -61,6 +61,7 @@ __all__ = [
     "fit",
     "fit_percent",
     "fleet",
+    "from_rest",
     "load",
     "load_model",
     "read_log",

@@ -159,6 +159,7 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "decimate": lambda: (rp.decimate, {"log": LOG, "factor": 2}),
     "bandpass": lambda: (rp.bandpass, {"log": LOG, "low": 0.5, "high": 2.0}),
     "detrend": lambda: (rp.detrend, {"log": LOG}),
+    "from_rest": lambda: (rp.from_rest, {"log": LOG}),
     "resample": lambda: (rp.resample, {"log": LOG, "dt": 0.15}),
     "fit": lambda: (rp.fit, {**RECORD, **STRUCTURE, "method": "auto", "t": T, "reference": U}),
     "fit by least squares": lambda: (
