@@ -48,6 +48,10 @@ DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
 CONTRADICTED = '<p class="note">The samples contradict this model: see the verdict above.</p>'
 
 
+BESIDE = 3
+"""Poles up to which G(s) is short enough to stand beside the figures [count]."""
+
+
 def write_report(
     path: Path,
     result: Result,
@@ -125,6 +129,7 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "lede": html.escape(_lede(material)),
         "date": today(),
         "model_note": _note(found),
+        "long": " long" if material.result.structure.poles > BESIDE else "",
         "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
         **_sections(material, plots),
