@@ -20,7 +20,7 @@ def step_test(seed: int, begin: int, level: float = 3.0) -> rp.Log:
 
 @every("begin", [1, 5, 40])
 def test_the_gain_is_better_known_and_within_what_is_promised(begin: int) -> None:
-    """Of 20 records: the mean square of what it is off by, in its standard deviations, is 1 within a factor of 3."""
+    """Of 20 records: the mean square of what it is off by, in its standard deviations, is 1 within a factor of 2."""
     off, spread = [], []
     for seed in range(20):
         log = step_test(seed, begin)
@@ -29,7 +29,7 @@ def test_the_gain_is_better_known_and_within_what_is_promised(begin: int) -> Non
         off.append((found.transfer_function.dc_gain - 2.0) / std)
         spread.append(std / plain.uncertainty.dc_gain_std)
     assert np.median(spread) < (0.1 if begin == 1 else 1.0)
-    assert np.mean(np.square(off)) < 3.0
+    assert np.mean(np.square(off)) < 2.0
 
 
 def test_what_is_put_before_is_at_rest() -> None:
@@ -37,9 +37,11 @@ def test_what_is_put_before_is_at_rest() -> None:
     log = rp.Log(log.input, log.output, DT, 7.0 + DT * np.arange(150), others={"pump": np.arange(150.0)})
     longer = rp.from_rest(log)
     assert (longer.input[:155] == 3.0).all()
-    assert np.flatnonzero(np.isfinite(longer.output[:150])).tolist() == [0, 75]
-    assert longer.output[0] == pytest.approx(log.output[:6].mean())  # the output at the step has not moved yet
-    np.testing.assert_array_equal(longer.output[150:], log.output)
+    # the output at the step has not moved yet: six samples at rest, of which none is lost or counts twice
+    places = [0, 6, 25, 56, 99, 155]
+    assert np.flatnonzero(np.isfinite(longer.output[:156])).tolist() == places
+    np.testing.assert_array_equal(longer.output[places], log.output[:6])
+    np.testing.assert_array_equal(longer.output[156:], log.output[6:])
     np.testing.assert_allclose(np.diff(longer.time), DT)
     assert longer.stamps is None
     assert (longer.others["pump"][:151] == 0.0).all()

@@ -32,8 +32,8 @@ def from_rest(log: Log) -> Log:
     Returns
     -------
     Log
-        Twice as long: the input before the first sample is its first value, and the output, at the very beginning and
-        half way to the first sample, the mean of those up to the first move of the input; the others are missing.
+        Twice as long: before the first sample the input has its first value.  The outputs up to the first move of the
+        input are spread from the new beginning on; all others there are missing.
 
     Raises
     ------
@@ -55,17 +55,20 @@ def from_rest(log: Log) -> Log:
     log = instance("log", log, Log)
     u, y = accepted(log.input)[0], accepted(log.output)[0]
     moves = np.flatnonzero(u[1:] != u[:-1])
-    still = y[: moves[0] + 2] if moves.size else y
-    if not np.isfinite(still).any() or not np.isfinite(u[:1]).all():
+    still = np.flatnonzero(np.isfinite(y[: moves[0] + 2] if moves.size else y))
+    if not still.size or not np.isfinite(u[:1]).all():
         raise InvalidArgumentError("no output is known until the input moves: what it was at rest cannot be told")
     count = round(BEFORE * u.size)
 
     def held(signal: FloatArray) -> FloatArray:
         return np.concatenate([np.full(count, signal[0]), signal])
 
+    # at rest an output is as good at any time: as many of them as there were, so that none counts twice, and closer
+    # at the beginning, where a dead time hides the first and the state has to be known
     output = np.concatenate([np.full(count, np.nan), log.output])
-    # a dead time hides the first; behind the second, the state at the beginning is forgotten
-    output[[0, count // 2]] = float(np.nanmean(still))
+    output[count : count + still[-1] + 1] = np.nan
+    places = (count + still[-1]) * np.linspace(0.0, 1.0, still.size) ** 2
+    output[np.maximum(places.round().astype(int), np.arange(still.size))] = y[still]
     time = log.time
     if time is not None:
         time = np.concatenate([time[0] + log.dt * np.arange(-count, 0), time])
