@@ -125,6 +125,16 @@ def test_the_verdict_says_what_to_do_and_shows_one_reason(plain, tmp_path) -> No
         assert words in rest
 
 
+def test_a_trusted_model_with_a_warning_is_called_trusted_and_coloured_by_the_warning(plain, tmp_path) -> None:
+    verdict = rp.assessment.Assessment("trusted", ("it fits",))
+    result = dataclasses.replace(plain.result, verdict=verdict, rejected={"no output": 2000})
+    text, _ = report(
+        dataclasses.replace(plain, result=result), tmp_path, advice=("keep the model", "replant show m.json")
+    )
+    shown = text[text.index('class="verdict warn"') :]
+    assert shown.index("Trusted: keep the model") < shown.index("Rejected samples.")
+
+
 def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
     _, page = good
     for words in (

@@ -17,7 +17,7 @@ from replant.optimizers import RecursiveLeastSquares
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
 from replant.report.figures import style
-from replant.report.findings import BAD, Finding, findings
+from replant.report.findings import BAD, GOOD, WARN, Finding, findings
 from replant.report.html import (
     captions as words,
 )
@@ -218,22 +218,25 @@ def _method(settings: Settings) -> str:
 
 def _verdict(found: Sequence[Finding], advice: tuple[str, str] | None) -> str:
     """Return whether the model may be used, what to do next, and the reasons: the first, and the others folded."""
-    first, *others = found
+    first = found[0]
+    # of a trusted model the warnings are read behind that, but colour it
+    lead = next((each for each in found if each.gravity == GOOD), first) if first.gravity == WARN else first
+    others = [each for each in found if each is not lead]
     more = "".join(
         f'<li class="{other.gravity}">{icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
         f"{in_words(other.text)}</span></li>"
         for other in others
     )
-    reasons = "".join(f"<p>{in_words(each)}</p>" for each in first.more)
-    count = "one more reason" if len(first.more) == 1 else f"{len(first.more)} more reasons"
-    headline = first.headline
+    reasons = "".join(f"<p>{in_words(each)}</p>" for each in lead.more)
+    count = "one more reason" if len(lead.more) == 1 else f"{len(lead.more)} more reasons"
+    headline = lead.headline
     if advice is not None:
         headline += f": {advice[0]}"
         reasons += code("shell", advice[1])
-        count = f"{count}, and the command" if first.more else "the command"
+        count = f"{count}, and the command" if lead.more else "the command"
     return (
         f'<section class="verdict {first.gravity}" aria-label="Verdict">{icon(first.gravity)}<div>'
-        f"<h2>{html.escape(headline)}</h2><p>{in_words(first.text)}</p>"
+        f"<h2>{html.escape(headline)}</h2><p>{in_words(lead.text)}</p>"
         + (f"<ul>{more}</ul>" if more else "")
         + (f'<details class="fold"><summary>{count.capitalize()}</summary>{reasons}</details>' if reasons else "")
         + "</div></section>"
