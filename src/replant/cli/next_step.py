@@ -8,7 +8,12 @@ import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import click
+import numpy as np
+
+from replant.arguments import FloatArray
 from replant.assessment.verdict import Verdict
+from replant.cli.conditioning_options import REST
 from replant.cli.typed_command import command_line
 from replant.data.inspection.influence import prepared, response
 from replant.data.inspection.inspect import rounded_up
@@ -17,6 +22,8 @@ from replant.runs.result import Result
 
 TRIED = 6
 """Dead times that a suggested range has beside 0 [count]."""
+STEPS_OF_A_TEST = 2
+"""Moves of the input in a step test: up, and down again [count]."""
 UNSURE = r"has a standard deviation|uncertainty of the estimate|cancel the poles?"
 FEWER = r"with fewer poles the record is likelier(?:: ask for (\d+|one) pole)?"
 COLUMN = r"^column (.+) explains"
@@ -139,9 +146,23 @@ def _fewer(situation: Situation) -> NextStep:
     if situation.poles > 1:
         fewer = _likelier(situation.reason) or situation.poles - 1
         return NextStep(f"try {_counted(fewer)}", _again("poles", "zeros", poles=fewer))
+    if _is_step_test(situation.log.input) and click.get_current_context().params.get("x0") != REST:
+        return NextStep("say that it began at rest, if it did", _again(x0=REST))
     words = shlex.split(_again("optimizer", "startup"))
     logs = ["replant", "fit", words[2], OTHER_LOG, *words[3:]]
     return NextStep("record more, and fit both logs", shlex.join(logs))
+
+
+def _is_step_test(u: FloatArray) -> bool:
+    """Return whether an input (K,) has moved from rest, and no more often than in a step test.
+
+    Examples
+    --------
+    >>> _is_step_test(np.array([0.0, 0.0, 1.0, 1.0])), _is_step_test(np.array([0.0, 1.0, 0.0, 2.0, 2.0]))
+    (True, False)
+    """
+    known = u[np.isfinite(u)]
+    return bool(0 < np.count_nonzero(np.diff(known)) <= STEPS_OF_A_TEST)
 
 
 def _likelier(reason: str) -> int:

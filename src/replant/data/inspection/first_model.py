@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.data.rest import from_rest
 from replant.errors import ReplantError
+from replant.log import Log
 
 MOST_SAMPLES = 1000
 """Samples that it is made from: evenly spaced ones of a longer record [samples]."""
@@ -56,11 +58,13 @@ def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
     if u.size < 2 * TRIED or not np.isfinite(u).any() or not np.nanmax(u) > np.nanmin(u):
         return None
     delays = dt * np.unique([0.0, *np.geomspace(1.0, u.size / 4, TRIED).round()])
-    try:
-        found = search(u, y, dt, poles=1, zeros=0, delays=delays.tolist()).best
-    except ReplantError:
-        return None
-    slowest = found.transfer_function.modes[0].time_constant
-    if found.verdict.status != "trusted":
-        return None
-    return FirstModel(found.structure.delay, slowest, found.simulation.fit)
+    log = Log(u, y, dt)
+    for begins in (lambda log: log, from_rest):  # of a step at once, its gain is known from rest alone
+        try:
+            found = search(begins(log), poles=1, zeros=0, delays=delays.tolist()).best
+        except ReplantError:
+            continue
+        if found.verdict.status == "trusted":
+            slowest = found.transfer_function.modes[0].time_constant
+            return FirstModel(found.structure.delay, slowest, found.simulation.fit)
+    return None
