@@ -76,9 +76,10 @@ def bandpass(log: Log, low: float | None = None, high: float | None = None) -> L
     count = _memory(sections)
     if 2 * count > log.input.size:
         lowest = min(edge for edge in (low, high) if edge is not None)
+        allowed = 2.0 * count / max(log.input.size, 1) * lowest
         raise InvalidArgumentError(
             f"an edge of {lowest:g} Hz is too low: the filter forgets its beginning after {count * log.dt:.3g} s, and "
-            f"the log lasts {log.duration:.3g} s; half of that allows {2.0 * count / log.input.size * lowest:.2g} Hz"
+            f"the log lasts {log.duration:.3g} s; half of that allows {allowed:.2g} Hz"
         )
     unknown = ~(accepted(log.input)[1] & accepted(log.output)[1])
     forgets = _calm(unknown, count) & (np.arange(unknown.size) >= count)

@@ -61,11 +61,12 @@ def from_rest(log: Log) -> Log:
     count = round(BEFORE * u.size)
 
     def held(signal: FloatArray) -> FloatArray:
+        signal = accepted(signal)[0]
         return np.concatenate([np.full(count, signal[0]), signal])
 
     # at rest an output is as good at any time: as many of them as there were, so that none counts twice, and closer
     # at the beginning, where a dead time hides the first and the state has to be known
-    output = np.concatenate([np.full(count, np.nan), log.output])
+    output = np.concatenate([np.full(count, np.nan), y])
     output[count : count + still[-1] + 1] = np.nan
     places = (count + still[-1]) * np.linspace(0.0, 1.0, still.size) ** 2
     output[np.maximum(places.round().astype(int), np.arange(still.size))] = y[still]
