@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import importlib
 import inspect
+import pydoc
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -101,3 +102,11 @@ def test_the_public_names_are_found() -> None:
     paths = {path for path, _ in PUBLIC}
     assert {"replant.Identifier.update", "replant.signals.prbs", "replant.report.figures.draw_bode"} <= paths
     assert {f"replant.{name}" for name in replant.__all__ if inspect.isclass(getattr(replant, name))} <= paths
+
+
+def test_help_of_the_package_begins_with_what_most_programs_need() -> None:
+    """And it names nothing that there is not."""
+    shown = pydoc.plain(pydoc.render_doc(replant))
+    listed = re.findall(r"^ {8}(\w[\w, ]*?) {2,}", shown.partition(">>>")[0], re.MULTILINE)
+    assert listed[:4] == ["fit", "run", "Identifier", "Model"]
+    assert {name for entry in listed for name in entry.split(", ")} <= set(replant.__all__)

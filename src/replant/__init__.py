@@ -1,7 +1,23 @@
-"""Identify continuous-time transfer functions while the plant runs.
+"""Identify continuous-time transfer functions G(s) while the plant runs.
+
+What most programs need, in this order; help(rp.fit) and so on says more:
+
+    fit         G(s) of a whole record: fit(log, poles=1), or fit(u, y, dt, poles=1)
+    run         the same record sample by sample, as if the plant ran
+    Identifier  one sample at a time: update(u, y), then model and assess()
+    Model       what is kept: G(s) with uncertainty and verdict; step(), bode(), simulate(u), validate(log), save(path)
+    search      the numbers of poles and zeros and the dead time with the most evidence
+    compare     several models over one record
+    read_log    a record from a file: csv, mat, parquet and more; Log of arrays; examples.motor() for a first try
+    bandpass, decimate, detrend, from_rest, resample    a record conditioned before it is identified
+    load_model, load    what Model.save and Identifier.save have written
+    fleet       models of many rigs; those that are odd, those that drift
 
 >>> import replant as rp
->>> ident = rp.Identifier(rp.Structure(poles=1), dt=0.01)
+>>> log = rp.examples.motor()
+>>> fitted = rp.fit(log, poles=1, delay=0.01)
+>>> print(fitted.transfer_function, fitted.verdict.status)
+3721 / (s + 2.23) exp(-0.01 s) trusted
 """
 
 from typing import TYPE_CHECKING, Any
@@ -52,6 +68,7 @@ __all__ = [
     "UnsupportedDependencyError",
     "Validation",
     "__version__",
+    "bandpass",
     "compare",
     "decimate",
     "detrend",
@@ -60,6 +77,7 @@ __all__ = [
     "fit",
     "fit_percent",
     "fleet",
+    "from_rest",
     "load",
     "load_model",
     "read_log",

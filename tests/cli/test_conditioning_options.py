@@ -124,3 +124,32 @@ def test_progress_is_printed_in_lines_where_it_is_asked_for(capsys: pytest.Captu
     assert "identifying" not in model_of(capsys, "run", log)[1]
     with pytest.raises(SystemExit):
         model_of(capsys, "run", log, "--progress", "--quiet")
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_a_band_of_frequencies_is_as_in_python(capsys: pytest.CaptureFixture[str], log: Path, command: str) -> None:
+    answer, notes = model_of(capsys, command, log, "--band", "0.2:20Hz")
+    assert "0.2 to 20 Hz count" in notes
+    np.testing.assert_allclose(values_of(answer), [2.0, 4.0], rtol=0.01)
+    if command == "fit":
+        expected = rp.fit(rp.bandpass(rp.read_log(log, input="u", output="y"), 0.2, 20.0), poles=1)
+        assert values_of(answer) == expected.parameters.tolist()
+
+
+@every(
+    ("band", "words"),
+    [
+        ("0.1", "write 0.1:10"),
+        (":", "write 0.1:10"),
+        ("a:b", "write 0.1:10"),
+        ("5:1", "--band 5:1"),
+        (":60", "half the"),
+    ],
+)
+def test_a_band_that_is_none_is_refused_in_a_line(
+    capsys: pytest.CaptureFixture[str], log: Path, band: str, words: str
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["fit", str(log), *OPTIONS, "--band", band])
+    assert stop.value.code == 2
+    assert words in capsys.readouterr().err

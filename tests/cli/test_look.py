@@ -261,3 +261,30 @@ def test_quiet_leaves_out_the_notes_and_keeps_result_and_errors(capsys, log: Pat
     assert json.loads(quiet).keys() == json.loads(loud).keys()
     code, out, err = call(capsys, command, log, "-i", "nothing", *columns[2:], "--quiet")
     assert (code, out, err.count("\n")) == (2, "", 1)
+
+
+def test_the_response_of_a_step_test_is_seen(capsys, tmp_path: Path) -> None:
+    """One move of the input makes no correlation beyond chance: a model of one pole tells the dead time."""
+    u = np.where(np.arange(300) < 50, 40.0, 41.0)
+    y = TransferFunction([2 / 12], [1.0, 1 / 12], 3.0).simulate(u - 40.0, 0.5)
+    y += 0.02 * np.random.default_rng(2).standard_normal(300)
+    log = tmp_path / "step.csv"
+    log.write_text("t,valve,level\n" + "".join(f"{0.5 * k:.1f},{u[k]:g},{y[k]:.5f}\n" for k in range(300)))
+    code, out, _ = call(capsys, "look", log, "--json")
+    assert code == 0
+    found = json.loads(out)
+    assert found["response"] is None
+    assert abs(found["first_model"]["delay"] - 3.0) < 1.0
+    words = shlex.split(found["command"])
+    assert words[words.index("-p") + 1] == "1"
+    first, last, _ = map(float, words[words.index("--delay") + 1].split(":"))
+    assert first <= 3.0 <= last
+
+
+def test_of_a_step_that_moves_nothing_no_response_is_seen(capsys, tmp_path: Path) -> None:
+    y = np.random.default_rng(2).standard_normal(300)
+    log = tmp_path / "step.csv"
+    log.write_text("t,valve,level\n" + "".join(f"{k},{k // 50 > 0:d},{y[k]:.5f}\n" for k in range(300)))
+    code, out, _ = call(capsys, "look", log, "-i", "valve", "-o", "level", "--json")
+    assert code == 0
+    assert (json.loads(out)["first_model"], json.loads(out)["response"]) == (None, None)

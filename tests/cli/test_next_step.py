@@ -17,6 +17,7 @@ from replant.assessment.verdict import Assessment
 from replant.cli import next_step, output
 from replant.runs.result import Result
 from support.builders import binary
+from support.cases import every
 from support.places import ROOT
 
 ROWS = [
@@ -128,3 +129,28 @@ def test_quiet_and_validated_commands_say_nothing_next(capsys, log: Path) -> Non
         lines = of_log(capsys, log, "fit", "-p", 1, "--delay", 3, *more)
         assert not any(line.startswith("Next") for line in lines)
         assert "Verdict  trusted" in lines
+
+
+def test_of_a_step_test_the_rest_before_it_is_asked_for(capsys, tmp_path: Path) -> None:
+    """The step is at the second sample: the gain is hardly told from the offset, unless the plant began at rest."""
+    u = np.where(np.arange(150) < 1, 4.0, 8.0)
+    y = rp.TransferFunction([1.5 / 15], [1.0, 1 / 15], 4.0).simulate(u - 4.0, 1.0)
+    y += 30.0 + 0.05 * np.random.default_rng(5).standard_normal(150)
+    log = tmp_path / "step.csv"
+    log.write_text("t_s,u,y\n" + "".join(f"{k},{u[k]:g},{y[k]:.5f}\n" for k in range(150)))
+    lines = of_log(capsys, log, "fit", "-p", 1, "--delay", 4)
+    assert lines[-2] == "Next: say that it began at rest, if it did:"
+    code, out, _ = call(capsys, *shlex.split(lines[-1])[1:])
+    assert code == 0
+    assert "Verdict  trusted: keep the model" in out
+
+
+@every("command", ["fit", "run"])
+def test_of_a_lag_with_two_poles_one_is_tried_next(capsys, tmp_path: Path, command: str) -> None:
+    u = binary(3, 1500, 8)
+    y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(u, 0.05) + 1.0 * np.random.default_rng(5).standard_normal(1500)
+    log = tmp_path / "lag.csv"
+    log.write_text("t_s,u,y\n" + "".join(f"{0.05 * k:.2f},{u[k]:g},{y[k]:.5f}\n" for k in range(1500)))
+    lines = of_log(capsys, log, command, "-p", 2, "--zeros", 1)
+    assert lines[-2].endswith("try one pole:") or "or try one pole" in lines[-2]
+    assert call(capsys, *shlex.split(lines[-1].replace(next_step.OTHER_LOG, str(log)))[1:])[0] == 0

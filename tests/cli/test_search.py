@@ -39,7 +39,11 @@ def test_a_range_is_searched_and_the_table_names_the_choice(capsys, log: Path) -
     assert (code, err) == (0, "")
     (chosen,) = [line.split() for line in out.splitlines() if line.rstrip().endswith("chosen")]
     assert chosen[:3] == ["2", "0", "0.2"]
-    assert len([line for line in out.splitlines() if " s " in line and ("%" in line or "left early" in line)]) == 3 * 5
+    rows = [line.split() for line in out.partition("G(s)")[0].splitlines() if " s " in line and "%" in line]
+    assert {row[0] for row in rows} == {"1", "2", "3"}  # the best of each order
+    evidence = [float(next(cell for cell in reversed(row) if cell != "chosen")) for row in rows]
+    assert evidence == sorted(evidence, reverse=True)
+    assert f"{3 * 5 - len(rows)} more explain less" in out
 
 
 def test_json_is_the_chosen_model_and_the_candidates(capsys, log: Path) -> None:

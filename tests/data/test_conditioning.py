@@ -138,7 +138,16 @@ WORST = {
 
 
 @every("name", WORST)
-@every("change", [detrend, lambda log: decimate(log, 3), lambda log: resample(log, 0.1)])
+@every(
+    "change",
+    [
+        detrend,
+        rp.from_rest,
+        lambda log: decimate(log, 3),
+        lambda log: resample(log, 0.1),
+        lambda log: rp.bandpass(log, 1.0),
+    ],
+)
 def test_the_worst_signals_are_missing_or_refused(name: str, change: Callable[[rp.Log], rp.Log]) -> None:
     try:
         changed = change(log_of(*WORST[name], 0.1))

@@ -283,6 +283,22 @@ def test_the_page_has_all_rigs_and_needs_no_other_file(tmp_path: Path) -> None:
     assert "natural frequency 0.5" in text
 
 
+def test_an_odd_rig_leads_to_its_row_and_its_reason_is_read_on_a_telephone(tmp_path: Path) -> None:
+    rows = [*fleet(0, 40), row("slow", 2.0, 6.0, 0.4, SURE, np.random.default_rng(0))]
+    page = write_page(saved(tmp_path / "now", rows))
+    with chromium() as browser:
+        shown = new_page(browser, viewport={"width": 400, "height": 700})
+        shown.goto(page.as_uri())
+        shown.fill("#search", "rig0003")  # the row is not shown then
+        shown.click(".oddities a >> text=slow")
+        meant = shown.locator("tr.meant")
+        meant.wait_for()
+        assert meant.locator("th").inner_text() == "slow"
+        why = meant.locator("td.long").bounding_box()
+        assert why["x"] >= 0.0
+        assert why["x"] + why["width"] <= 400.0
+
+
 def test_the_page_of_a_fleet_without_a_trusted_rig_is_written(tmp_path: Path) -> None:
     page = write_page(saved(tmp_path / "now", [Row("a", FAILED, ("no",), "a.csv", 1)]))
     assert "Too few rigs are trusted" in page.read_text(encoding="utf-8")

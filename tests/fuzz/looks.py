@@ -38,6 +38,7 @@ def looked_at(thing: Any) -> list[Callable[[], Any]]:
             return [
                 lambda: rp.fit(thing, poles=1), lambda: rp.run(thing, poles=1), lambda: rp.decimate(thing, 2),
                 lambda: rp.detrend(thing), lambda: rp.resample(thing, 1.5 * thing.dt), lambda: model().validate(thing),
+                lambda: rp.bandpass(thing, 1.0), lambda: rp.from_rest(thing),
                 lambda: rp.search(thing, poles=(1,)), lambda: rp.fit([thing, thing], poles=1), *_read(thing),
             ]  # fmt: skip
         case rp.TransferFunction():

@@ -157,7 +157,9 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "Rig.measure": lambda: (rigs.motor_rig().measure, {"u": U, "seed": 3}),
     "Rig.crept": lambda: (rigs.deap_rig(creep=0.1).crept, {"samples": 100}),
     "decimate": lambda: (rp.decimate, {"log": LOG, "factor": 2}),
+    "bandpass": lambda: (rp.bandpass, {"log": LOG, "low": 0.5, "high": 2.0}),
     "detrend": lambda: (rp.detrend, {"log": LOG}),
+    "from_rest": lambda: (rp.from_rest, {"log": LOG}),
     "resample": lambda: (rp.resample, {"log": LOG, "dt": 0.15}),
     "fit": lambda: (rp.fit, {**RECORD, **STRUCTURE, "method": "auto", "t": T, "reference": U}),
     "fit by least squares": lambda: (

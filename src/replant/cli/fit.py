@@ -101,7 +101,7 @@ def _deliver(
     }  # fmt: skip
     more = {}
     if found is not None:
-        report["candidates"] = candidates.HEADINGS, candidates.rows_of(found)
+        report["candidates"] = candidates.HEADINGS, candidates.rows_of(found), found.rest
         more["candidates"] = candidates.as_json(found)
     result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
     deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)

@@ -34,7 +34,8 @@ NAMED = 5
 @fleet_options
 @click.option(
     "--by",
-    required=True,
+    default="file",
+    show_default=True,
     metavar="file|folder|COLUMN",
     help="What a rig is: a file, a folder, or the value of a column of Parquet files or of folders COLUMN=rig.",
 )

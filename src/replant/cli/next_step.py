@@ -8,7 +8,12 @@ import shlex
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import click
+import numpy as np
+
+from replant.arguments import FloatArray
 from replant.assessment.verdict import Verdict
+from replant.cli.conditioning_options import REST
 from replant.cli.typed_command import command_line
 from replant.data.inspection.influence import prepared, response
 from replant.data.inspection.inspect import rounded_up
@@ -17,7 +22,10 @@ from replant.runs.result import Result
 
 TRIED = 6
 """Dead times that a suggested range has beside 0 [count]."""
+STEPS_OF_A_TEST = 2
+"""Moves of the input in a step test: up, and down again [count]."""
 UNSURE = r"has a standard deviation|uncertainty of the estimate|cancel the poles?"
+FEWER = r"with fewer poles the record is likelier(?:: ask for (\d+|one) pole)?"
 COLUMN = r"^column (.+) explains"
 OTHER_LOG = "LOG2"  # stands for a log that is not there yet
 
@@ -107,8 +115,8 @@ def _move(situation: Situation) -> NextStep:
 
 
 def _keep(situation: Situation) -> NextStep:
-    unsure = any(re.search(UNSURE, reason) for reason in situation.result.verdict.reasons)
-    words = f"keep the model{f', or try {_counted(situation.poles - 1)}' if unsure and situation.poles > 1 else ''}"
+    likelier = [fewer for reason in situation.result.verdict.reasons if (fewer := _likelier(reason))]
+    words = f"keep the model{f', or try {_counted(likelier[0])}' if likelier else ''}"
     others = [found[1] for reason in situation.result.verdict.reasons if (found := re.search(COLUMN, reason))]
     words += f", knowing that column {others[0]} moves the output, too" if others else ""
     changed: dict[str, object] = {}
@@ -136,11 +144,31 @@ def _dead_time(situation: Situation) -> NextStep:
 
 def _fewer(situation: Situation) -> NextStep:
     if situation.poles > 1:
-        fewer = situation.poles - 1
+        fewer = _likelier(situation.reason) or situation.poles - 1
         return NextStep(f"try {_counted(fewer)}", _again("poles", "zeros", poles=fewer))
+    if _is_step_test(situation.log.input) and click.get_current_context().params.get("x0") != REST:
+        return NextStep("say that it began at rest, if it did", _again(x0=REST))
     words = shlex.split(_again("optimizer", "startup"))
     logs = ["replant", "fit", words[2], OTHER_LOG, *words[3:]]
     return NextStep("record more, and fit both logs", shlex.join(logs))
+
+
+def _is_step_test(u: FloatArray) -> bool:
+    """Return whether an input (K,) has moved from rest, and no more often than in a step test.
+
+    Examples
+    --------
+    >>> _is_step_test(np.array([0.0, 0.0, 1.0, 1.0])), _is_step_test(np.array([0.0, 1.0, 0.0, 2.0, 2.0]))
+    (True, False)
+    """
+    known = u[np.isfinite(u)]
+    return bool(0 < np.count_nonzero(np.diff(known)) <= STEPS_OF_A_TEST)
+
+
+def _likelier(reason: str) -> int:
+    """Return the fewer poles that a reason says are likelier; 0 where it does not."""
+    found = re.search(FEWER, reason)
+    return 0 if found is None or found[1] is None else 1 if found[1] == "one" else int(found[1])
 
 
 def _counted(poles: int) -> str:
@@ -193,6 +221,7 @@ def _wait(situation: Situation) -> NextStep:
 #: What reasons say, and what to do; the first that fits counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (COLUMN, _column),
+    (FEWER, _fewer),
     (r"the input is constant|has rested|hardly moves|came to rest", _move),
     (r"does not excite every coefficient", _fewer),
     (r"the output has only|explains almost nothing", _look),

@@ -66,6 +66,8 @@ def deliver(
     result = dataclasses.replace(result, model=kept(result.model, log))
     validations = keeping.validated(result.model)
     paths = []
+    asked = not (is_quiet() or validations)
+    step = _next(result, log, keeping, is_searched="candidates" in report) if asked else None
     if keeping.saved is not None:
         result.model.save(keeping.saved)
         paths.append(keeping.saved)
@@ -79,6 +81,7 @@ def deliver(
         with write_errors_reported(out):
             paths += save_figures(out, result, log.input, log.output, log.dt, **names)
             report["validations"] = validations
+            report["advice"] = None if step is None else (step.words, step.command)
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
         whole = result_as_json(result) | (more or {})
@@ -87,8 +90,6 @@ def deliver(
         click.echo(json.dumps(whole, allow_nan=False))
     else:
         console = Console()
-        asked = not (is_quiet() or validations)
-        step = _next(result, log, keeping, is_searched="candidates" in report) if asked else None
         record = record_line(len(log), log.dt, log.duration)
         print_result(console, result, record=record, lead="" if step is None else step.words)
         for name, each in validations:

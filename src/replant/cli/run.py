@@ -24,9 +24,9 @@ from replant.cli.progress import progress_bar
 from replant.cli.save_and_validate import Keeping, keeping_options
 from replant.data.logs import Recording
 from replant.runs.full_trace import FullTrace
-from replant.runs.other_columns import with_columns_named
 from replant.runs.result import Result
 from replant.runs.run import run_source
+from replant.runs.whole_log import judged_by_log
 from replant.settings import Request
 from replant.simulation.score import FITTED
 
@@ -66,7 +66,7 @@ def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: i
     if shown is not None:
         log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
     assert log is not None
-    result = with_columns_named(result, log)
+    result = judged_by_log(result, log)
     if full_trace is not None and not as_json:
         click.echo(f"wrote {full_trace}")
     deliver(result, log, keeping, as_json=as_json, out=out)

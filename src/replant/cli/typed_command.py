@@ -9,6 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from replant.cli.band_option import Band
 from replant.cli.optimizer_option import OptimizerChoice
 from replant.cli.ranges import Range
 from replant.cli.stretch_options import Stretch
@@ -36,7 +37,7 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
             words += map(str, value if isinstance(value, tuple) else (value,))
         elif value is True:
             words.append(parameter.opts[-1])
-        elif isinstance(parameter.type, Range | OptimizerChoice):
+        elif isinstance(parameter.type, Range | OptimizerChoice | Band):
             words += [parameter.opts[-1], parameter.type.written(value)]
         else:
             write = parameter.type.written if isinstance(parameter.type, Stretch) else str

@@ -43,7 +43,7 @@ def histogram(name: str, values: FloatArray, unit: str = "") -> str:
     )
     at = WIDTH * (middle - begin) / (end - begin)
     said = f"{name}: median {number(middle)}{f' {unit}' if unit else ''}"
-    more = f"; {beyond:,} rigs lie beyond the axis" if beyond else ""
+    more = f"; {'one rig lies' if beyond == 1 else f'{beyond:,} rigs lie'} beyond the axis" if beyond else ""
     picture = (
         f'<svg viewBox="0 0 {WIDTH} {HEIGHT + FOOT}" role="img" aria-label="{html.escape(said + more)}">{drawn}'
         f'<path class="axis" d="M0 {HEIGHT}h{WIDTH}"/><path class="middle" d="M{at:.1f} 0v{HEIGHT}"/>'

@@ -104,8 +104,9 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
             "into account, so that an uncertain rig is not an odd one."
         )
     rows = [row for row in found.order.tolist() if found.words[row] or verdicts[row] == FAILED][:MOST_LISTED]
+    ranks = {row: rank for rank, row in enumerate(found.order.tolist(), 1)}
     items = "".join(
-        f"<li><b>{_linked(fleet, rigs[row])}</b><span>"
+        f"<li><b>{_linked(fleet, rigs[row], ranks[row])}</b><span>"
         f"{words(found.words[row] or f'failed: {reasons[row]}')}</span></li>"
         for row in rows
     )
@@ -121,10 +122,11 @@ def _usual(quantity: Quantity, middle: float, ratio: float) -> str:
     return f"; {words(quantity.name)} {number(middle)}{unit}, spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
 
 
-def _linked(fleet: Fleet, rig: str) -> str:
+def _linked(fleet: Fleet, rig: str, rank: int) -> str:
+    """Return the name of a rig, as a link to its report, or where there is none to its row of the table."""
     path = report_path(rig)
-    name = heading(rig)
-    return f'<a href="{html.escape(path)}">{name}</a>' if (fleet.folder / path).exists() else name
+    target = html.escape(path) if (fleet.folder / path).exists() else f"#rig-{rank}"
+    return f'<a href="{target}">{heading(rig)}</a>'
 
 
 def _drift(drift: Drift, before: Fleet) -> str:

@@ -18,6 +18,7 @@ ZEROS = "zeros=1 is the number of zeros"
 DELAY = "delay=0.2 is the dead time in s, samples times dt"
 CLOCK = "dt=0.1 is the sampling time in s"
 SEARCH = "search(log, poles=range(1, 4)) chooses the structure"
+REST = "the initial state is estimated; fit(rp.from_rest(log), ...) takes it as at rest"
 LOG = "fit(u, y, dt, poles=2), or fit(frame, input='u', output='y', poles=2)"
 
 #: MATLAB and CONTSID, SIPPY, SysIdentPy, python-control.
@@ -30,6 +31,7 @@ WORDS = {
     **dict.fromkeys(("fs", "Fs", "rate"), f"{CLOCK}, 1 / fs"),
     **dict.fromkeys(("nc", "nd"), "the noise model needs no order: it is chosen by the method"),
     **dict.fromkeys(("na_range", "order_range", "IC", "nanbnk"), SEARCH),
+    **dict.fromkeys(("x0", "InitialState", "InitialCondition", "initial_state"), REST),
     **dict.fromkeys(("IO", "X", "data", "df"), LOG),
 }
 

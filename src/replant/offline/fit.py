@@ -340,6 +340,8 @@ def _refined_result(
         output = measured.copy()
         output[raw.made_use_of] -= error
         simulation = Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
+    answers = np.ones(raw.u.size, bool)  # what answers to inputs from before the record is in no fit
+    answers[raw.made_use_of] = solution.record.answers(structure.delay)
     outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
     return FitResult(
         structure,
@@ -350,7 +352,7 @@ def _refined_result(
         found.theta[: structure.size],
         found.covariance[: structure.size, : structure.size],
         found.condition(structure.size),
-        raw.fit(y, raw.one_step(y - simulation.output)),
+        raw.fit(y, raw.one_step(np.where(answers, y, np.nan) - simulation.output)),
         simulation,
         int(used.sum()),
         rejected | {"outlier": outliers.size, "stuck": stuck.size},

@@ -41,9 +41,8 @@ BETWEEN = 8
 Derivation: halving as often would find it to a 256th of a sample; tops of parabolas come as near in fewer steps.
 """
 
-
-SHOWN = 8
-"""Candidates that are shown at a prompt [count]."""
+SHOWN = 6
+"""Candidates within chance of the best that are shown, at the most [count]."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,12 +98,30 @@ class SearchResult:
     chosen: Candidate
     candidates: tuple[Candidate, ...]
 
+    @property
+    def likely(self) -> tuple[Candidate, ...]:
+        """Those worth reading, that of most evidence first: those within chance of it, and the best of each order."""
+        tried = sorted((each for each in self.candidates if each.was_tried), key=lambda each: each.criterion)
+        best = {each.structure.poles: each for each in reversed(tried)}
+        chance = [each for each in tried[:SHOWN] if each.criterion <= tried[0].criterion - 2.0 * math.log(ALPHA)]
+        worth = {id(each) for each in (*chance, *best.values(), self.chosen)}
+        return tuple(each for each in tried if id(each) in worth)
+
+    @property
+    def rest(self) -> str:
+        """What is to be said of the others, in one line; empty where there are none."""
+        more = len(self.candidates) - len(self.likely)
+        early = sum(not each.was_tried for each in self.candidates)
+        if not more:
+            return ""
+        return f"{more} more explain{'s' if more == 1 else ''} less" + (
+            f", {early} of them left early" if early else ""
+        )
+
     def __repr__(self) -> str:
-        tried = [each for each in self.candidates if each.was_tried]
-        best = sorted(tried, key=lambda each: each.criterion)[:SHOWN]
-        rows = [f"{each!r}, {0.5 * (self.chosen.criterion - each.criterion):+.1f} evidence" for each in best]
-        of = f"{len(self.candidates)} structures, {len(tried)} tried"
-        return "\n  ".join([f"<SearchResult of {of}: {self.best.model!r}", *rows]) + ">"
+        rows = [f"{each!r}, {0.5 * (self.chosen.criterion - each.criterion):+.1f} evidence" for each in self.likely]
+        of = f"<SearchResult of {len(self.candidates)} structures: {self.best.model!r}"
+        return "\n  ".join([of, *rows, *([self.rest] if self.rest else [])]) + ">"
 
     def _repr_html_(self) -> str:
         return f"<pre>{html.escape(repr(self))}</pre>{self.best._repr_html_()}"

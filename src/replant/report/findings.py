@@ -31,12 +31,15 @@ class Finding:
         In whole sentences.
     usable : bool
         False where the model must not be used for anything.
+    more : tuple of str
+        Further sentences, that are read after the others.
     """
 
     gravity: str
     headline: str
     text: str
     usable: bool = True
+    more: tuple[str, ...] = ()
 
 
 def without_reasons(status: str, *, excited: bool) -> str:
@@ -64,8 +67,9 @@ def _of_verdict(result: Result) -> list[Finding]:
         return [Finding(BAD, "No sample used", f"{why}: there is nothing to identify a model from.", usable=False)]
     if status != "diverged" and result.samples < FEW_SAMPLES * result.structure.size:
         return []  # of so few samples the verdict is meaningless: `_of_samples` says that they are few
-    text = " ".join([words.meaning, *map(_sentence, reasons)]).strip()
-    return [Finding(words.gravity, words.headline, text, words.usable)]
+    said = [*map(_sentence, reasons)]
+    text = " ".join([words.meaning, *said[:1]]).strip()
+    return [Finding(words.gravity, words.headline, text, words.usable, tuple(said[1:]))]
 
 
 def _of_samples(result: Result, total: int) -> list[Finding]:

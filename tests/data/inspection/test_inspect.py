@@ -86,6 +86,13 @@ def test_names_decide_where_they_tell(tmp_path: Path) -> None:
     assert "follows" not in found.roles.input.why
 
 
+def test_a_name_does_not_outweigh_what_the_samples_show(tmp_path: Path) -> None:
+    """The speed of a pump is its input: it moves in steps, and the flow follows it."""
+    record = open_loop(noise=0.05)
+    found = inspect(save(tmp_path / "pump.csv", {"t": record["t"], "speed": record["u"], "flow": record["y"]}))
+    assert (found.roles.input.column.name, found.roles.output.column.name) == ("speed", "flow")
+
+
 def test_a_column_that_is_given_is_taken(tmp_path: Path) -> None:
     path = save(tmp_path / "log.csv", open_loop())
     found = inspect(path, input="y")

@@ -342,6 +342,15 @@ def test_an_error_beyond_the_first_block_has_its_line(
         read_columns(write(end.join(["t,u,y", *rows]).encode())).column("u")
 
 
+def test_a_title_that_a_spreadsheet_filled_up_is_a_title(tmp_path: Path) -> None:
+    """Each line of an export has as many cells as the widest one."""
+    file = tmp_path / "export.csv"
+    file.write_text("Oven 3;12.11.2026;;\nt;u;pump;y\n[s];[%];[%];[degC]\n0;1,5;;20,1\n1;1,5;0;20,2\n2;1,5;0;\n")
+    table = read_columns(file)
+    assert table.names == ("t [s]", "u [%]", "pump [%]", "y [degC]")
+    np.testing.assert_array_equal(table.column("y [degC]"), [20.1, 20.2, np.nan])
+
+
 def test_a_title_above_the_names_is_left_out_and_said(tmp_path: Path) -> None:
     path = tmp_path / "log.csv"
     path.write_text("Motor test\n\nOperator;Smith\nt;u;y\ns;V;mm\n0;1;2\n1;3;4\n2;5;6\n3;7;8\n")

@@ -252,6 +252,9 @@ def test_without_scripts_the_pictures_stand_in(browser, uncertain, tmp_path) -> 
     path = write_report(tmp_path / "report.html", uncertain.result, uncertain.log)
     page = new_page(browser, java_script_enabled=False, viewport={"width": 1000, "height": 800})
     page.goto(path.as_uri())
+    assert page.locator("figure .still svg").filter(visible=True).count() == 7
+    for fold in page.locator(".fold > summary").all():
+        fold.click()
     assert page.locator("figure .still svg").filter(visible=True).count() == 9
     assert page.locator(".plot").filter(visible=True).count() == 0
     page.close()

@@ -97,6 +97,44 @@ def test_top_says_model_verdict_and_fit(good, uncertain) -> None:
         assert words in page.text
 
 
+def test_the_three_questions_come_first_and_what_few_look_for_is_folded(good) -> None:
+    """May I use it, how well does it follow, what is left; at most 600 words before anything is unfolded."""
+    text, _ = good
+    marks = ('class="verdict good"', "How well does it follow?", "What is left?", "Residual with itself", "Dynamics")
+    order = [text.index(mark) for mark in marks]
+    assert order == sorted(order)
+    body = text[text.index("<main>") : text.index("</main>")]
+    open_at_first = re.sub(r"(<summary>.*?</summary>).*?</details>", r"\1", body, flags=re.DOTALL)
+    open_at_first = re.sub(r"<svg.*?</svg>", "", open_at_first, flags=re.DOTALL)
+    read = Page(re.sub("<details[^>]*>", "", open_at_first)).text
+    assert len(re.findall(r"\w[^ ]*", read)) < 600
+    for words in ("off by", "SHA-256", "import replant as rp", "smallest eigenvalue", "Power spectral"):
+        assert words in body
+        assert words not in open_at_first
+
+
+def test_the_verdict_says_what_to_do_and_shows_one_reason(plain, tmp_path) -> None:
+    verdict = rp.assessment.Assessment("inconsistent", ("first of all", "then this", "and that"))
+    case = dataclasses.replace(plain, result=dataclasses.replace(plain.result, verdict=verdict))
+    text, _ = report(case, tmp_path, advice=("try one pole", "replant fit log.csv -p 1"))
+    shown, _, rest = text[text.index('class="verdict') :].partition("<details")
+    assert "Inconsistent: try one pole" in shown
+    assert "First of all." in shown
+    assert "Then this." not in shown
+    for words in ("2 more reasons, and the command", "Then this.", "And that.", "replant fit log.csv -p 1"):
+        assert words in rest
+
+
+def test_a_trusted_model_with_a_warning_is_called_trusted_and_coloured_by_the_warning(plain, tmp_path) -> None:
+    verdict = rp.assessment.Assessment("trusted", ("it fits",))
+    result = dataclasses.replace(plain.result, verdict=verdict, rejected={"no output": 2000})
+    text, _ = report(
+        dataclasses.replace(plain, result=result), tmp_path, advice=("keep the model", "replant show m.json")
+    )
+    shown = text[text.index('class="verdict warn"') :]
+    assert shown.index("Trusted: keep the model") < shown.index("Rejected samples.")
+
+
 def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
     _, page = good
     for words in (

@@ -34,6 +34,10 @@ CHANCE = 4.5
 """Correlation that is no chance at any of thousands of lags [standard deviations]."""
 WHITENING = 8
 """Order of the autoregression that whitens the input [count]."""
+ROUNDING = 1e-9
+"""Change of a prepared input that is rounding [its standard deviation].
+Derivation: some million times the precision of float64.
+"""
 
 
 def prepared(values: FloatArray) -> FloatArray:
@@ -163,7 +167,7 @@ def response(u: FloatArray, y: FloatArray) -> Response | None:
     (True, True)
     """
     changes = _whitened(u)
-    if not changes.any():
+    if not np.abs(changes).max(initial=0.0) > ROUNDING:  # all moves lie within the samples that foretell the others
         return None
     longest = min(u.size // 4, 50 + 5 * memory(y))
     now = changes[1:]

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from replant.assessment.other_columns import OtherColumn
 from replant.data.inspection.columns import Column, Contents, read_contents
+from replant.data.inspection.first_model import FirstModel, first_model
 from replant.data.inspection.influence import Response, prepared, response
 from replant.data.inspection.log_clock import Clock, find_clock
 from replant.data.inspection.other_columns import beside_first_model
@@ -49,6 +50,8 @@ class Inspection:
         Whether the time column was given.
     others : tuple of OtherColumn
         Further columns that explain a part of what a first model leaves of the output.
+    first : FirstModel or None
+        A model of one pole, where the input moves too seldom for a correlation, as in a step test.
     """
 
     table: Table
@@ -59,6 +62,7 @@ class Inspection:
     response: Response | None
     time_given: bool = False
     others: tuple[OtherColumn, ...] = ()
+    first: FirstModel | None = None
 
     @property
     def rows(self) -> int:
@@ -68,6 +72,8 @@ class Inspection:
     @property
     def delay(self) -> float | None:
         """Lag at which the response seems to begin, in s; None where it is not known."""
+        if self.first is not None:
+            return float(f"{self.first.delay:.2g}")
         if self.response is None or self.clock is None or math.isnan(self.clock.dt):
             return None
         return float(f"{self.response.delay * self.clock.dt:.2g}")
@@ -121,19 +127,27 @@ def inspect(
         u, y = (prepared(contents.values[role.column.number]) for role in (roles.input, roles.output))
         seen = response(u, y) if u.size == y.size else None
     found = Inspection(table, contents, record, clock, roles, seen, time is not None)
+    if seen is None and roles.input and roles.output:
+        u, y = (contents.values[role.column.number] for role in (roles.input, roles.output))
+        found = replace(found, first=first_model(u, y, _sampling_time(found)) if u.size == y.size else None)
     return replace(found, others=_others(found, signals))
 
 
 def _others(found: Inspection, signals: list[Column]) -> tuple[OtherColumn, ...]:
     """Return which of the other signals explain what a model of one pole leaves."""
     u, y, r = found.roles.input, found.roles.output, found.roles.reference
-    if found.response is None or u is None or y is None:
+    if (found.response is None and found.first is None) or u is None or y is None:
         return ()
     values, known = found.contents.values, {each.column.number for each in (u, y, r) if each is not None}
     others = {each.name: values[each.number] for each in signals if each.number not in known}
-    dt = 1.0 if found.clock is None or math.isnan(found.clock.dt) else found.clock.dt
-    delay = math.floor(found.response.delay) * dt
+    dt = _sampling_time(found)
+    delay = math.floor(found.response.delay) * dt if found.response is not None else found.first.delay  # type: ignore[union-attr]
     return beside_first_model(values[u.column.number], values[y.column.number], dt, delay, others)
+
+
+def _sampling_time(found: Inspection) -> float:
+    """Return the sampling time in s, or 1 where time is counted in samples."""
+    return 1.0 if found.clock is None or math.isnan(found.clock.dt) else found.clock.dt
 
 
 def _record(contents: Contents, clock: Clock | None, given: dict[str, int]) -> tuple[Column, ...]:
@@ -152,7 +166,8 @@ def options_of(found: Inspection) -> tuple[str, ...]:
     u, y, r = found.roles.input, found.roles.output, found.roles.reference
     if u is None or y is None:
         return ()
-    words = ["-i", key_of(found.table, u.column), "-o", key_of(found.table, y.column), "-p", str(POLES)]
+    poles = POLES if found.first is None else 1
+    words = ["-i", key_of(found.table, u.column), "-o", key_of(found.table, y.column), "-p", str(poles)]
     if r is not None:
         words += ["--reference", key_of(found.table, r.column)]
     return (*words, *clock_options(found), *_delay_options(found))
@@ -171,6 +186,9 @@ def clock_options(found: Inspection) -> tuple[str, ...]:
 def _delay_options(found: Inspection) -> tuple[str, ...]:
     """Return a range of dead times about that of the response, where this begins later than a plant without one."""
     seen, dt = found.response, 1.0 if found.clock is None else found.clock.dt
+    if found.first is not None and found.first.delay > 0.0:
+        step = rounded_up(1.5 * found.first.delay / (TRIED - 1))
+        return ("--delay", f"0:{step * (TRIED - 1):.6g}:{step:.6g}")
     if seen is None or math.isnan(dt) or seen.delay < max(CLEAR, DEAD * (seen.half - 1 - seen.delay)):
         return ()
     step = rounded_up(1.5 * seen.delay * dt / (TRIED - 1))

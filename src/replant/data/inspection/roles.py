@@ -21,6 +21,11 @@ BY_INFLUENCE, BY_SHAPE = 2.0, 1.0
 Origin: input and output come out right for the recorded logs of open loops, with their names and without.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
+BY_NAME = 2.0
+"""Weight of a name that tells a role: for it, and against another one [number].
+Origin: a pump's "speed" is its input where it moves in steps and the flow follows it; under a controller names decide.
+Sensitivity: halved, nothing changes on the recorded logs; doubled, the pump's speed is taken for its output.
+"""
 CLOSE = 0.5
 """Difference of the scores of both directions below which either may be the right one [number].
 Origin: a quarter of the weight of who follows whom.
@@ -164,18 +169,21 @@ class _Forces:
 
 
 def _candidates(signals: dict[int, Column], role: str, known: dict[str, int]) -> list[int]:
-    """Return the columns that may have a role: the one given, else those named so, else those not named otherwise.
+    """Return the columns that may have a role: the one given, else any but a reference.
 
-    Where all are named otherwise, any but a reference: two channels of one topic share its name.  Beside a column that
-    is given, a reference, too.
+    Where nothing else is left, or beside a column that is given, a reference, too.
     """
     if role in known:
         return [number for number in (known[role],) if number in signals]
     others = [column for number, column in signals.items() if number not in known.values()]
-    named = [column.number for column in others if role_by_name(column.name) == role]
-    unnamed = [column.number for column in others if role_by_name(column.name) is None]
     rest = [column.number for column in others if known or role_by_name(column.name) != REFERENCE]
-    return named or unnamed or rest
+    return rest if len(rest) > 1 or known else [column.number for column in others]
+
+
+def _fits(column: Column, role: str) -> float:
+    """Return whether a column's name tells a role, 1, or another one, -1; 0 where it tells none."""
+    told = role_by_name(column.name)
+    return 0.0 if told is None else 1.0 if told == role else -1.0
 
 
 def _score(a: Column, b: Column, forces: _Forces) -> float:
@@ -185,7 +193,8 @@ def _score(a: Column, b: Column, forces: _Forces) -> float:
     strength = there / (there + 0.1)
     quick, slow = forces.memory[a.number], forces.memory[b.number]
     smoother = (slow - quick) / max(1, slow + quick)  # a plant smooths: its output has the longer memory
-    return BY_INFLUENCE * (0.5 * direction + 0.5 * strength) + BY_SHAPE * (a.held - b.held + smoother)
+    names = _fits(a, INPUT) + _fits(b, OUTPUT)
+    return BY_INFLUENCE * (0.5 * direction + 0.5 * strength) + BY_SHAPE * (a.held - b.held + smoother) + BY_NAME * names
 
 
 def _input_beside(

@@ -126,7 +126,10 @@ def _suffix_of_folder(path: Path) -> str:
             return ".parquet"
         if any(part.suffix == ".db3" for part in path.iterdir()):
             raise LogError(f"{path}: a ROS 2 bag in SQLite; write it as MCAP with: ros2 bag convert")
-    raise LogError(f"{path}: a directory; give the log file inside it, or a folder of Parquet files")
+    raise LogError(
+        f"{path}: a directory; give the log file inside it, or a folder of Parquet files; `replant fleet` makes a "
+        "model of each file"
+    )
 
 
 @contextmanager

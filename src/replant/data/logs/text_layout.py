@@ -249,13 +249,27 @@ def _split_or_none(line: str, delimiter: str | None) -> list[str] | None:
 
 
 def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tuple[int, str]]:
-    """Return the rows from the names on: lines of fewer cells above a row of names are a title."""
-    widths = [len(_split_or_none(line, delimiter) or ()) for _, line in rows]
+    """Return the rows from the names on: lines of fewer cells above a row of names are a title.
+
+    Empty cells at the end of a line do not count: a spreadsheet fills up each line to the widest one.
+    """
+    widths = [_filled(_split_or_none(line, delimiter) or ()) for _, line in rows]
     usual = Counter(widths).most_common(1)[0][0]
     at = widths.index(usual)
     names = _split_or_none(rows[at][1], delimiter) or []
     is_title = at > 0 and max(widths[:at]) < usual and len(rows) > at + 1
     return rows[at:] if is_title and all(name[:1].isalpha() for name in names) else rows
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """Return how many cells there are up to the last that is not empty.
+
+    Examples
+    --------
+    >>> _filled(["Oven 3", "12.11.", "", ""]), _filled(["0", "", "1"])
+    (2, 3)
+    """
+    return max((number for number, cell in enumerate(cells, 1) if cell), default=0)
 
 
 def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Sequence[str]]) -> bool:

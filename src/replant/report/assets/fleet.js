@@ -4,6 +4,7 @@
   const PAGE = 100;
   const at = id => document.getElementById(id);
   const texts = rows.map(row => columns.map((column, k) => (column.text ? row[k] : "")).join("\n").toLowerCase());
+  const ranked = columns.findIndex(column => column.name === "rank");
   let found = rows.map((_, k) => k), first = 0, by = 0, down = false;
 
   const shown = value => {
@@ -28,12 +29,14 @@
     const element = document.createElement(kind);
     element.textContent = column.text ? value : shown(value);
     if (column.text) element.className = column.long ? "long" : "text";
+    element.dataset.name = column.name;
     return element;
   };
   const draw = () => {
     const page = found.slice(first, first + PAGE);
     at("body").replaceChildren(...page.map(k => {
       const line = document.createElement("tr"), row = rows[k];
+      line.id = "rig-" + row[ranked];
       columns.forEach((column, c) => {
         const element = cell(c === 0 ? "th" : "td", row[c], column);
         if (c === 0) {
@@ -73,9 +76,26 @@
     head.append(button);
     return head;
   }));
-  by = columns.findIndex(column => column.name === "rank");
+  by = ranked;
   at("search").addEventListener("input", find);
   at("back").addEventListener("click", () => { first -= PAGE; draw(); });
   at("on").addEventListener("click", () => { first += PAGE; draw(); });
   find();
+  // a link to a row: all rigs by rank, the page that the row is on
+  const follow = () => {
+    const rank = +(location.hash.match(/^#rig-(\d+)$/) || [])[1];
+    if (!rank) return;
+    at("search").value = "";
+    by = ranked;
+    down = false;
+    find();
+    first = Math.floor(found.findIndex(k => rows[k][ranked] === rank) / PAGE) * PAGE;
+    draw();
+    const line = at("rig-" + rank);
+    if (!line) return;
+    line.className = "meant";
+    line.scrollIntoView({ block: "center" });
+  };
+  addEventListener("hashchange", follow);
+  follow();
 })();

@@ -207,6 +207,7 @@
   }
   actions.all();
   for (const button of document.querySelectorAll("[data-do]")) button.addEventListener("click", () => actions[button.dataset.do]());
+  addEventListener("beforeprint", () => document.querySelectorAll(".fold").forEach(fold => { fold.open = true; }));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => made.forEach(chart => chart.redraw(false, true)));
   window.replantCharts = made;
 })();

@@ -43,7 +43,7 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
     if axes is None:
         axes = style.new_axes(1, 2, (9.6, 3.4))
     left, right = given_axes("axes", axes, 2)
-    left.set_title("autocorrelation of the residual", loc="left", color=style.INK, fontsize="medium")
+    left.set_title("residual with itself", loc="left", color=style.INK, fontsize="medium")
     right.set_title("input with later residual", loc="left", color=style.INK, fontsize="medium")
     for axis in (left, right):
         style.tidy(axis)

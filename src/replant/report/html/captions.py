@@ -24,7 +24,7 @@ def of_fit(material: Material) -> str:
     hidden = " Where the model's output is not visible, it lies outside the axes."
     beyond = hidden if material.result.simulation.fit < 0 else ""
     return (
-        f"Input, output and residual over time. The model, {material.result.simulation.how}, has a fit of {fit}; the "
+        f"The model, {material.result.simulation.how}, has a fit of {fit}; the "
         f"root mean square of the residual is {size}{' ' + unit if unit else ''}{_newest(material)}.{beyond}"
     )
 
@@ -110,9 +110,8 @@ def of_auto(material: Material) -> str:
     if found is None:
         return "Autocorrelation of the residual: too few samples, or a constant signal."
     return (
-        f"Autocorrelation of the residual: {number(100 * found.outside[0], 2)} % of the lags lie outside the 95 % "
-        "limits of white noise. Much more than 5 % means coloured noise, or dynamics that the model lacks; "
-        "whether that matters, the verdict says."
+        f"Residual with itself: {number(100 * found.outside[0], 2)} % of the lags lie outside the limits, 5 % by "
+        "chance. More: the noise is coloured, or dynamics are missing."
         + (" The value 1 at lag 0 lies outside the axes." if reach(found.auto, found.auto_std) else "")
         + _of_samples(material)
     )
@@ -131,9 +130,8 @@ def of_cross(material: Material) -> str:
     if found is None:
         return "Correlation of the input with the residual: too few samples, or a constant signal."
     return (
-        f"Correlation of the input with the later residual: {number(100 * found.outside[1], 2)} % of the lags from 0 "
-        "on lie outside the 95 % limits. Much more than 5 % means that the model misses part of the response; "
-        "how large a part, the verdict says." + _of_samples(material)
+        f"Input with the later residual: {number(100 * found.outside[1], 2)} % of the lags from 0 on lie outside the "
+        "limits, 5 % by chance. More: a part of the response is missing." + _of_samples(material)
     )
 
 

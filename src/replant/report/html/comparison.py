@@ -139,7 +139,7 @@ def _remarks(contenders: Sequence[Contender], samples: int) -> str:
         remarks += [(each.gravity != BAD, entry.name, each) for each in found]
     items = "".join(
         f"<li>{icon(each.gravity)}<div><b>{html.escape(name)}: {html.escape(each.headline.lower())}.</b> "
-        f"{_shortened(each.text)}</div></li>"
+        f"{_shortened(' '.join((each.text, *each.more)))}</div></li>"
         for _, name, each in sorted(remarks, key=lambda entry: entry[0])
     )
     return f'<ul class="remarks">{items}</ul>' if items else ""

@@ -106,6 +106,11 @@ def section(name: str, *parts: str, anchor: str = "") -> str:
     return f"<section{place}>{title}{''.join(parts)}</section>"
 
 
+def folded(name: str, content: str) -> str:
+    """Return what few readers look for, behind its name; printed, it is unfolded."""
+    return f'<details class="fold"><summary><h2>{html.escape(name)}</h2></summary>{content}</details>'
+
+
 def facts(rows: Iterable[tuple[str, str]]) -> str:
     """Return a list of terms and descriptions."""
     return "<dl>" + "".join(f"<dt>{html.escape(key)}</dt><dd>{html.escape(text)}</dd>" for key, text in rows) + "</dl>"

@@ -17,7 +17,7 @@ from replant.optimizers import RecursiveLeastSquares
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
 from replant.report.figures import style
-from replant.report.findings import BAD, Finding, findings
+from replant.report.findings import BAD, GOOD, WARN, Finding, findings
 from replant.report.html import (
     captions as words,
 )
@@ -25,6 +25,7 @@ from replant.report.html import other_logs, python_program, svg, tables
 from replant.report.html.page import (
     asset,
     code,
+    folded,
     heading,
     icon,
     today,
@@ -47,6 +48,10 @@ DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
 CONTRADICTED = '<p class="note">The samples contradict this model: see the verdict above.</p>'
 
 
+BESIDE = 3
+"""Poles up to which G(s) is short enough to stand beside the figures [count]."""
+
+
 def write_report(
     path: Path,
     result: Result,
@@ -58,8 +63,9 @@ def write_report(
     command: str = "",
     python: str = "",
     title: str = "",
-    candidates: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None,
+    candidates: tuple[Sequence[str], Sequence[Sequence[str]], str] | None = None,
     validations: Sequence[tuple[str, Validation]] = (),
+    advice: tuple[str, str] | None = None,
 ) -> Path:
     """Write the report of ``result`` into one self-contained HTML file, and return its path.
 
@@ -79,10 +85,12 @@ def write_report(
         settings of an online run.
     title : str
         By default the file's name.
-    candidates : (headings, rows), optional
-        The structures that a search has tried, in words.
+    candidates : (headings, rows, rest), optional
+        The structures that a search found worth reading, in words, and what is to be said of the others.
     validations : sequence of (str, Validation)
         The model's validations on other logs, by their names.
+    advice : (words, command), optional
+        What to do next.
 
     Raises
     ------
@@ -96,11 +104,13 @@ def write_report(
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     with np.errstate(all="ignore"):  # figures that are not finite are reported in words
         fields = _fields(material, title or log.path.name or "Simulated record", command, python)
+        fields["verdict"] = _verdict(findings(result, len(log)), advice)
     fields["candidates"] = ""
     if candidates is not None:
-        headings, rows = candidates
+        headings, rows, rest = candidates
         tried = tables.table(headings, rows, "Structures tried", "table wide")
-        fields["candidates"] = f"<section><h2>Structures tried</h2>{tried}</section>"
+        tried += f'<p class="note">{in_words(rest)}</p>' if rest else ""
+        fields["candidates"] = folded("Structures tried", tried)
     with svg.look(), np.errstate(all="ignore"):
         fields["other_logs"] = other_logs.section(validations)
     page = Template(asset("report.html")).substitute(fields)
@@ -118,15 +128,15 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "heading": heading(title),
         "lede": html.escape(_lede(material)),
         "date": today(),
-        "verdict": _verdict(found),
         "model_note": _note(found),
+        "long": " long" if material.result.structure.poles > BESIDE else "",
         "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
         **_sections(material, plots),
-        "coefficients": tables.coefficients(material),
+        "coefficients": folded("Coefficients", tables.coefficients(material)),
         "pole_table": tables.poles(material),
-        "reproduce": _reproduce(command, python),
-        "origin": tables.origin(material),
+        "reproduce": folded("How to reproduce this", _reproduce(command, python)),
+        "origin": folded("Record and versions", tables.origin(material)),
         "uplot_css": style_sheet,
         "css": page_style(),
         "uplot_js": script.replace("</script", "<\\/script"),
@@ -145,7 +155,7 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
             said, drawn = words.of_transients(material), svg.transient_pictures(material)
             transients = f"<h3>Parameter estimates</h3>{_figure(said, ''.join(drawn), plots['parameters'])}"
         said = words.of_excitation(material)
-        excitation = f"<h3>Excitation</h3>{_figure(said, svg.excitation_picture(material), plots['excitation'])}"
+        excitation = folded("Excitation", _figure(said, svg.excitation_picture(material), plots["excitation"]))
         auto, cross = svg.correlation_pictures(material)
         return {
             "fit": fit,
@@ -156,7 +166,9 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
             "step": _figure(words.of_step(material), svg.step_picture(material)),
             "auto": _figure(words.of_auto(material), auto),
             "cross": _figure(words.of_cross(material), cross),
-            "spectrum": _figure(words.of_spectrum(material), svg.spectrum_picture(material)),
+            "spectrum": folded(
+                "Spectrum of what is left", _figure(words.of_spectrum(material), svg.spectrum_picture(material))
+            ),
         }
 
 
@@ -204,17 +216,29 @@ def _method(settings: Settings) -> str:
     return type(settings.optimizer).__name__ + (" with instruments" if settings.instruments else "")
 
 
-def _verdict(found: Sequence[Finding]) -> str:
-    first, *others = found
+def _verdict(found: Sequence[Finding], advice: tuple[str, str] | None) -> str:
+    """Return whether the model may be used, what to do next, and the reasons: the first, and the others folded."""
+    first = found[0]
+    # of a trusted model the warnings are read behind that, but colour it
+    lead = next((each for each in found if each.gravity == GOOD), first) if first.gravity == WARN else first
+    others = [each for each in found if each is not lead]
     more = "".join(
         f'<li class="{other.gravity}">{icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
         f"{in_words(other.text)}</span></li>"
         for other in others
     )
+    reasons = "".join(f"<p>{in_words(each)}</p>" for each in lead.more)
+    count = "one more reason" if len(lead.more) == 1 else f"{len(lead.more)} more reasons"
+    headline = lead.headline
+    if advice is not None:
+        headline += f": {advice[0]}"
+        reasons += code("shell", advice[1])
+        count = f"{count}, and the command" if lead.more else "the command"
     return (
         f'<section class="verdict {first.gravity}" aria-label="Verdict">{icon(first.gravity)}<div>'
-        f"<h2>{html.escape(first.headline)}</h2><p>{in_words(first.text)}</p>"
+        f"<h2>{html.escape(headline)}</h2><p>{in_words(lead.text)}</p>"
         + (f"<ul>{more}</ul>" if more else "")
+        + (f'<details class="fold"><summary>{count.capitalize()}</summary>{reasons}</details>' if reasons else "")
         + "</div></section>"
     )
 

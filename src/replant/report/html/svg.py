@@ -117,7 +117,7 @@ def step_picture(material: Material) -> str:
 
 def correlation_pictures(material: Material) -> tuple[str, str]:
     """Return the residual's autocorrelation, and its cross-correlation with the input."""
-    left, right = (blank_figure(HALF, 2.9).subplots() for _ in range(2))
+    left, right = (blank_figure(HALF, 2.3).subplots() for _ in range(2))
     draw_correlations(material.correlations, material.dt, axes=(left, right))
     return svg(left.figure, "auto"), svg(right.figure, "cross")
 

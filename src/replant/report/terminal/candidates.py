@@ -1,4 +1,4 @@
-"""The structures that a search has tried: as rows of a table, as JSON, and on the terminal."""
+"""The structures that a search has tried: those worth reading as rows of a table, all as JSON."""
 
 from __future__ import annotations
 
@@ -14,19 +14,26 @@ CHOSEN = "chosen"
 
 
 def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
-    """Return a row of cells for each structure, its evidence beside the most of the grid; the chosen one is marked."""
+    """Return a row for each structure worth reading, its evidence beside the most; the chosen one is marked."""
     rows: list[tuple[str, ...]] = []
-    least = min(candidate.criterion for candidate in found.candidates)
-    for candidate in found.candidates:
+    for candidate in found.likely:
         structure = candidate.structure
         size = (str(structure.poles), str(structure.zeros), f"{structure.delay:g} s")
-        figures = ("", "", "")
-        if candidate.was_tried:
-            evidence = 0.5 * (least - candidate.criterion)
-            figures = (percent(candidate.fit), f"± {share(candidate.uncertainty)}", f"{evidence:.1f}")
-        mark = CHOSEN if candidate is found.chosen else "" if candidate.was_tried else "left early"
-        rows.append((*size, *figures, mark))
+        evidence = 0.5 * (found.likely[0].criterion - candidate.criterion)
+        figures = (percent(candidate.fit), _known(candidate.uncertainty), f"{evidence:.1f}")
+        rows.append((*size, *figures, CHOSEN if candidate is found.chosen else ""))
     return rows
+
+
+def _known(uncertainty: float) -> str:
+    """Return how well the least known coefficient is known.
+
+    Examples
+    --------
+    >>> _known(0.021), _known(52.0)
+    ('± 2.1 %', 'unknown')
+    """
+    return f"± {share(uncertainty)}" if uncertainty < 1.0 else "unknown"
 
 
 def as_json(found: SearchResult) -> list[dict[str, Any]]:
@@ -58,6 +65,10 @@ def print_candidates(console: Any, found: SearchResult) -> None:
     for row in rows_of(found):
         table.add_row(*row, style="bold" if row[-1] == CHOSEN else None)
     console.print(table)
+    if found.rest:
+        console.print(found.rest, highlight=False)
+    if found.likely[0] is not found.chosen:
+        console.print("Orders are compared with the dead time found between the points of the grid", highlight=False)
     delay = found.best.structure.delay
     if delay != found.chosen.structure.delay:
         console.print(f"\nThe dead time between the points of the grid: {delay:.4g} s", highlight=False)

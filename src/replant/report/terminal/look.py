@@ -68,6 +68,11 @@ def as_json(found: Inspection) -> dict[str, Any]:
             "delay_samples": seen.delay,
             "correlation": seen.correlation,
         },
+        "first_model": None if found.first is None else {
+            "delay": finite(found.first.delay),
+            "time_constant": finite(found.first.time_constant),
+            "fit": finite(found.first.fit),
+        },
         "others": [{"column": other.name, "explains": finite(other.left)} for other in found.others],
         "command": command_of(found) or None,
     }  # fmt: skip
@@ -249,8 +254,15 @@ def _response(found: Inspection) -> str:
     assert roles.input is not None
     assert roles.output is not None
     pair = f"{roles.output.column.name} to changes of {roles.input.column.name}"
+    if found.first is not None:
+        first = found.first
+        dead = f"begins after {interval(float(f'{first.delay:.2g}'))}" if first.delay > 0.0 else "begins at once"
+        return (
+            f"of {pair}: {dead}, with a time constant of {interval(float(f'{first.time_constant:.2g}'))}; a model of "
+            f"one pole explains the output to {share(first.fit / 100.0)}"
+        )
     if seen is None:
-        return f"no response of {pair} stands out in the cross-correlation"
+        return f"no response of {pair} stands out in the cross-correlation, nor does a model of one pole explain it"
     known = found.clock is not None and not math.isnan(found.clock.dt)
     dt = found.clock.dt if known and found.clock is not None else math.nan
 

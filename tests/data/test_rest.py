@@ -1,0 +1,71 @@
+"""A record that begins at rest: the gain of a step test is known from the first samples on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from support.cases import every
+
+G = rp.TransferFunction([2.0], [12.0, 1.0])
+DT = 0.5
+
+
+def step_test(seed: int, begin: int, level: float = 3.0) -> rp.Log:
+    u = np.where(np.arange(150) < begin, level, level + 1.0)
+    noise = 0.05 * np.random.default_rng(seed).standard_normal(150)
+    return rp.Log(u, 5.0 + G.simulate(u - level, DT) + noise, DT)
+
+
+@every("begin", [1, 5, 40])
+def test_the_gain_is_better_known_and_within_what_is_promised(begin: int) -> None:
+    """Of 20 records: the mean square of what it is off by, in its standard deviations, is 1 within a factor of 2."""
+    off, spread = [], []
+    for seed in range(20):
+        log = step_test(seed, begin)
+        found, plain = rp.fit(rp.from_rest(log), poles=1), rp.fit(log, poles=1)
+        std = found.uncertainty.dc_gain_std
+        off.append((found.transfer_function.dc_gain - 2.0) / std)
+        spread.append(std / plain.uncertainty.dc_gain_std)
+    assert np.median(spread) < (0.1 if begin == 1 else 1.0)
+    assert np.mean(np.square(off)) < 2.0
+
+
+def test_what_is_put_before_is_at_rest() -> None:
+    log = step_test(0, 5)
+    log = rp.Log(log.input, log.output, DT, 7.0 + DT * np.arange(150), others={"pump": np.arange(150.0)})
+    longer = rp.from_rest(log)
+    assert (longer.input[:155] == 3.0).all()
+    # the output at the step has not moved yet: six samples at rest, of which none is lost or counts twice
+    places = [0, 6, 25, 56, 99, 155]
+    assert np.flatnonzero(np.isfinite(longer.output[:156])).tolist() == places
+    np.testing.assert_array_equal(longer.output[places], log.output[:6])
+    np.testing.assert_array_equal(longer.output[156:], log.output[6:])
+    np.testing.assert_allclose(np.diff(longer.time), DT)
+    assert longer.stamps is None
+    assert (longer.others["pump"][:151] == 0.0).all()
+
+
+def test_without_an_output_before_the_first_move_it_is_refused() -> None:
+    log = step_test(0, 5)
+    y = log.output.copy()
+    y[:6] = np.nan
+    with pytest.raises(rp.InvalidArgumentError, match="at rest cannot be told"):
+        rp.from_rest(rp.Log(log.input, y, DT))
+
+
+def test_the_word_of_other_tools_is_answered() -> None:
+    log = step_test(0, 5)
+    with pytest.raises(rp.ArgumentTypeError, match="from_rest"):
+        rp.fit(log, poles=1, x0="zero")
+
+
+def test_a_dead_time_does_not_hide_the_rest() -> None:
+    u = np.where(np.arange(150) < 5, 3.0, 4.0)
+    late = rp.TransferFunction([2.0], [12.0, 1.0], 6.0)
+    y = 5.0 + late.simulate(u - 3.0, DT) + 0.05 * np.random.default_rng(3).standard_normal(150)
+    found = rp.fit(rp.from_rest(rp.Log(u, y, DT)), poles=1, delay=6.0)
+    assert found.transfer_function.dc_gain == pytest.approx(2.0, abs=4.0 * found.uncertainty.dc_gain_std)
+    assert found.uncertainty.dc_gain_std < 0.05
+    assert found.one_step > 80.0
