@@ -84,7 +84,7 @@ fuzz: $(READY)   ## mutants of checkpoints and files, calls and command lines wi
 faults: $(READY)  ## let every call of a live session fail that can, one a session: an hour; needs gcc
 	$(BIN)/python tests/failing $(ARGS)
 
-accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
+accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md, its tables and out/accuracy; ARGS="--scenario K" renews one
 	$(BIN)/python benchmarks/accuracy $(ARGS)
 
 campaign: $(READY)  ## the default on 1,000 random plants, and 500 field records; SEED=2 gives others
