@@ -105,12 +105,9 @@ sensitivity: $(READY)  ## halve and double each tuned constant on a battery of r
 mutants: $(READY)  ## lines changed one at a time, which the tests have to notice: an hour; ARGS="--sample 20 --areas logs"
 	$(BIN)/python tools/mutants.py $(ARGS)
 
-pages: $(READY)  ## what is made from the source: picture of the folders, pages of modules, state, constants, the closed loop
+pages: $(READY)  ## what is made from the source: picture of the folders, page of the tuned constants
 	$(BIN)/python tools/architecture.py --picture docs/pictures/architecture.svg
-	$(BIN)/python tools/state_page.py
 	$(BIN)/python tools/constants_page.py
-	$(BIN)/python tools/modules_page.py
-	$(BIN)/python tools/closed_loop_pictures.py
 
 clean:           ## remove everything that was generated
 	rm -rf $(VENV) $(UPLOT) src/replant/kernels/compiled out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

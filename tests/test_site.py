@@ -22,7 +22,6 @@ DOCS = ROOT / "docs"
 PAGES = sorted(path.relative_to(ROOT).as_posix() for path in DOCS.rglob("*.md"))
 WRITTEN = [*PAGES, "README.md", "CHANGELOG.md", "CONTRIBUTING.md"]
 #: Pages whose blocks other tests run: all of them as they stand.
-RUN_ELSEWHERE = {"docs/closed-loop.md": "tests/test_closed_loop_page.py"}
 #: Blocks that a test finds by what is in them.
 RUN_BY_NAME = {"docs/live.md": ("import paho.mqtt.client",)}
 FENCE = re.compile(r"^(?P<mark>`{3,})(?P<kind>[^\n`]*)\n(?P<text>.*?)^(?P=mark)\s*$", re.DOTALL | re.MULTILINE)
