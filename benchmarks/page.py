@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -17,6 +19,9 @@ compared. Both sides of a ratio are measured alternately in the same run; it is 
 quartiles in brackets.
 
 """
+EVERY_ROW = "Every row: {{download}}`{0}.csv <performance/{0}.csv>`."
+#: Members whose rows the page shows; the table has all.
+SHOWN_MEMBERS = (1, 16, 64, 1024)
 LIMITS = """
 ## What bounds an update
 
@@ -51,44 +56,57 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
 
 
+def between(rows: Sequence[Figures], key: str, form: str) -> str:
+    """Return the least and the greatest of a figure."""
+    values = [row[key] for row in rows]
+    return f"{min(values):{form}}" if len(rows) == 1 else f"{min(values):{form}} to {max(values):{form}}"
+
+
 def ratio(row: Figures) -> str:
     low, high = row["ratio_quartiles"]
     return f"{row['ratio']:.2f} ({low:.2f}..{high:.2f})"
 
 
 def kernels(figures: Figures) -> str:
-    alone = [row for row in figures["rows"] if not row["replay"]]
-    replayed = [row for row in figures["rows"] if row["replay"]]
-    rows = [
-        [
-            one["optimizer"], str(one["entries"]), f"{one['sample']:.0f}", f"{one['sample_c']:.0f}", ratio(one),
-            f"{many['update']:.1f}", f"{many['sample_c'] / many['updates_per_sample']:.1f}", ratio(many),
-        ]
-        for one, many in zip(alone, replayed, strict=True)
-    ]  # fmt: skip
+    """One line an optimizer, over all numbers of parameters."""
+    lines = []
+    for optimizer in dict.fromkeys(row["optimizer"] for row in figures["rows"]):
+        mine = [row for row in figures["rows"] if row["optimizer"] == optimizer]
+        alone, replayed = ([row for row in mine if bool(row["replay"]) == replay] for replay in (False, True))
+        lines.append(
+            [
+                optimizer, between(alone, "sample", ".0f"), between(alone, "ratio", ".2f"),
+                between(replayed, "update", ".1f"), between(replayed, "ratio", ".2f"),
+            ]
+        )  # fmt: skip
     worst = max(figures["rows"], key=lambda row: row["ratio"])
+    entries = [row["entries"] for row in figures["rows"]]
     text = (
         "Time of one sample through filters, regressor, buffer and update, compared with a C program of the same "
         "arithmetic (`benchmarks/reference.c`, gcc -O3 -march=native) that begins at the same state and ends at the "
-        "same numbers; with replay there are 20 updates a sample. Times are in nanoseconds. IntegralCost prefetches "
-        "all drawn rows, which the C program leaves to the processor.\n\n"
+        "same numbers; with replay there are 20 updates a sample. Times are in nanoseconds, from the least to the "
+        f"greatest of {min(entries)} to {max(entries)} parameters. IntegralCost prefetches all drawn rows, which the "
+        "C program leaves to the processor.\n\n"
     )
-    head = ["optimizer", "P", "sample", "C", "ratio", "with replay: an update", "C", "ratio"]
-    largest = f"\nLargest ratio {worst['ratio']:.2f} ({worst['optimizer']}, P = {worst['entries']}).\n"
-    return text + table(head, rows) + largest
+    head = ["optimizer", "a sample", "beside C", "with replay: an update", "beside C"]
+    largest = f"\nLargest ratio {worst['ratio']:.2f} ({worst['optimizer']}, P = {worst['entries']}). {EVERY_ROW}\n"
+    return text + table(head, lines) + largest.format("kernels")
 
 
 def parts(figures: Figures) -> str:
-    rows = [
-        [row["part"], str(row["entries"]), f"{row['sample']:.0f}", f"{row['sample_c']:.0f}", ratio(row)]
-        for row in sorted(figures["rows"], key=lambda row: row["part"])
-    ]
+    """One line a part, over all numbers of parameters."""
+    lines = []
+    for part in sorted({row["part"] for row in figures["rows"]}):
+        mine = [row for row in figures["rows"] if row["part"] == part]
+        entries = [row["entries"] for row in mine]
+        size = f"{min(entries)} to {max(entries)}" if len(mine) > 1 else str(entries[0])
+        lines.append([part, size, between(mine, "sample", ".0f"), between(mine, "ratio", ".2f")])
     text = (
         "The parts of the default method (regressor and instruments from the refined filter, recursive least squares "
         "on the factors U D U') and the Kalman filter, compared with `benchmarks/parts.c`. Times are in nanoseconds "
         "a sample. One kernel serves every structure, clock and dead time.\n\n"
     )
-    return text + table(["part", "P", "ours", "C", "ratio"], rows)
+    return text + table(["part", "P", "a sample", "beside C"], lines) + f"\n{EVERY_ROW}\n".format("parts")
 
 
 def default(figures: Figures) -> str:
@@ -154,7 +172,9 @@ def ensembles(figures: Figures) -> str:
         "last-level cache or only into memory. Longer chunks, more members, separate buffers, and other programs "
         "that use that cache therefore reduce the ratio.\n\n"
     )
-    alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, figures["one_thread"]))
+    shown = [row for row in figures["one_thread"] if row["members"] in SHOWN_MEMBERS]
+    alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, shown))
+    alone += f"\n{EVERY_ROW}\n".format("ensembles")
     several = [
         [*cells(row)[:2], str(row["threads"]), *cells(row)[2:], f"{row['processors']:.2f}", f"{row['efficiency']:.2f}"]
         for row in figures["threads"]
@@ -219,6 +239,34 @@ def starting(figures: Figures) -> str:
     )
     yardstick = ['`python -c "import numpy"`', f"{figures['numpy']:.0f}", "1"]
     return text + table(["command", "ms", "ratio"], [yardstick, *rows])
+
+
+def tables(figures: Figures) -> dict[str, list[Figures]]:
+    """Return every row of the sections of which the page shows some, for CSV."""
+    return {
+        "kernels": figures["kernels"]["rows"],
+        "parts": figures["parts"]["rows"],
+        "ensembles": figures["ensembles"]["one_thread"],
+    }
+
+
+def as_csv(rows: Sequence[Figures]) -> str:
+    """Return rows as CSV; quartiles as two columns."""
+    lines = []
+    for row in rows:
+        flat: Figures = {}
+        for key, value in row.items():
+            flat |= (
+                {f"{key}_{end}": each for end, each in zip(("low", "high"), value, strict=True)}
+                if "quartiles" in key
+                else {key: value}
+            )
+        lines.append(flat)
+    out = io.StringIO()
+    writer = csv.DictWriter(out, list(lines[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    return out.getvalue()
 
 
 SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
