@@ -1,4 +1,23 @@
-"""The page docs/performance.md: the figures of one run as tables, with what bounds them counted by hand."""
+"""The page docs/performance.md: the figures of one run as tables.
+
+What bounds them.  Estimated by hand for one update of AMSGrad with five parameters:
+
+* Dependent operations. The next update needs the parameters of this one, so that latencies add up: the
+  prediction (one product, then five sums in their order: about 24 cycles), the error and its weight (8), the gradient
+  (4), its square into v (12), the maximum (4), the square root (19), the sum and the division (17), the new parameter
+  (4): about 90 cycles. This is the limit that the kernels reach. The operations themselves (14 multiplications and sums
+  an entry, a square root and a division for four entries at a time) would take about 30 cycles.
+* One update a sample. Without replay a sample takes about 450 instructions (650 with Adam). A processor reorders
+  about three hundred, so that samples hardly overlap, and the latency from the input through filters, regressor and row
+  of the buffer to the parameters counts. A number that is stored and loaded again on this path costs nine cycles more,
+  a number that is stored alone and loaded as part of a vector twenty-seven.
+* Memory. A row is P + 2 numbers, 56 bytes, one or two cache lines: regressor, output and 1/m^2 lie side by side.
+  The rows that a sample draws are known before the first of them is learned, so that the processor loads them while the
+  chain above runs. A buffer in the second-level cache costs nothing; one in main memory costs the latency of memory
+  over the number of loads in flight.
+* One call from Python. Most of its time is that of the interpreter and of passing arguments; the kernel is a small
+  part. `update_many` has this cost once for a group of samples.
+"""
 
 from __future__ import annotations
 
@@ -21,28 +40,8 @@ quartiles in brackets.
 """
 EVERY_ROW = "Every row: {{download}}`{0}.csv <performance/{0}.csv>`."
 #: Members whose rows the page shows; the table has all.
-SHOWN_MEMBERS = (1, 16, 64, 1024)
+SHOWN_MEMBERS = (64,)
 LIMITS = """
-## What bounds an update
-
-Estimated by hand for one update of AMSGrad with five parameters:
-
-* **Dependent operations.** The next update needs the parameters of this one, so that latencies add up: the
-  prediction (one product, then five sums in their order: about 24 cycles), the error and its weight (8), the gradient
-  (4), its square into v (12), the maximum (4), the square root (19), the sum and the division (17), the new parameter
-  (4): about 90 cycles. This is the limit that the kernels reach. The operations themselves (14 multiplications and sums
-  an entry, a square root and a division for four entries at a time) would take about 30 cycles.
-* **One update a sample.** Without replay a sample takes about 450 instructions (650 with Adam). A processor reorders
-  about three hundred, so that samples hardly overlap, and the latency from the input through filters, regressor and row
-  of the buffer to the parameters counts. A number that is stored and loaded again on this path costs nine cycles more,
-  a number that is stored alone and loaded as part of a vector twenty-seven.
-* **Memory.** A row is P + 2 numbers, 56 bytes, one or two cache lines: regressor, output and 1/m^2 lie side by side.
-  The rows that a sample draws are known before the first of them is learned, so that the processor loads them while the
-  chain above runs. A buffer in the second-level cache costs nothing; one in main memory costs the latency of memory
-  over the number of loads in flight.
-* **One call from Python.** Most of its time is that of the interpreter and of passing arguments; the kernel is a small
-  part. `update_many` has this cost once for a group of samples.
-
 ## Measured once
 
 A log of 10^8 rows (`python benchmarks/streaming.py --rows 1e8 --repeats 1`, 2026-11-20) takes as little memory as one
@@ -176,14 +175,13 @@ def ensembles(figures: Figures) -> str:
     alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, shown))
     alone += f"\n{EVERY_ROW}\n".format("ensembles")
     several = [
-        [*cells(row)[:2], str(row["threads"]), *cells(row)[2:], f"{row['processors']:.2f}", f"{row['efficiency']:.2f}"]
+        [*cells(row)[:2], str(row["threads"]), *cells(row)[2:], f"{row['efficiency']:.2f}"]
         for row in figures["threads"]
     ]
-    head = ["", "members", "threads", "10^6 updates/s", "ratio to one thread", "processors had", "efficiency"]
+    head = ["", "members", "threads", "10^6 updates/s", "ratio to one thread", "efficiency"]
     explained = (
-        '\nOn several threads, by wall-clock time, which needs an idle machine. "processors had" is the number of '
-        'processors that the process had in the meantime, "efficiency" its processor time on one thread over that '
-        "on several.\n\n"
+        '\nOn several threads, by wall-clock time, which needs an idle machine. "efficiency" is the processor time on one '
+        "thread over that on several.\n\n"
     )
     return text + alone + explained + table(head, several)
 

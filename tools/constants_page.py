@@ -28,7 +28,10 @@ FIELDS = ("Level", "Derivation", "Origin", "Sensitivity")
 NOT_MEASURED = "not measured"
 
 NOT_RECORDED = "not recorded"
-NOTHING = "halved or doubled, nothing changes on these records."
+NOTHING = (
+    "halved or doubled, nothing changes on these records.",
+    "halved or doubled, no verdict changes, and no error by a quarter.",
+)
 
 _HEAD = """# The tuned constants
 
@@ -41,8 +44,8 @@ ones the origin is not recorded. `make pages` makes this page of these strings.
 `make sensitivity` halves and doubles a constant on records of one kind each (noise, outliers, failing and coarse
 sensors, gaps, jitter, changes, an input that rests, plants that are not linear or of higher order), of a number between
 0.5 and 1.5 its distance from one. An effect is another verdict, another time at which a failure is noticed, an error
-that grows or shrinks by a quarter. Where none is named, every verdict and figure of these records stays the same to the
-last bit: no decision of theirs lies between the values. {unmeasured} are not measured.
+that grows or shrinks by a quarter. Where none is named, none was seen, of most not in the last bit: no decision of
+these records lies between the values. {unmeasured} are not measured.
 """
 
 
@@ -175,7 +178,7 @@ def _count(found: list[Constant]) -> int:
 def _line(one: Constant) -> str:
     names = ", ".join(f"`{name}`" for name in one.names)
     effect = one.paragraphs.get("Sensitivity", "")
-    words = "" if effect == NOTHING else f" {effect[:1].upper()}{effect[1:]}"
+    words = "" if effect in NOTHING else f" {effect[:1].upper()}{effect[1:]}"
     return f": {names} = {one.value} [{one.unit}]: {one.meaning}.{words}"
 
 
