@@ -180,8 +180,8 @@ def ensembles(figures: Figures) -> str:
     ]
     head = ["", "members", "threads", "10^6 updates/s", "ratio to one thread", "efficiency"]
     explained = (
-        '\nOn several threads, by wall-clock time, which needs an idle machine. "efficiency" is the processor time on one '
-        "thread over that on several.\n\n"
+        '\nOn several threads, by wall-clock time, which needs an idle machine. "efficiency" is the processor time on '
+        "one thread over that on several.\n\n"
     )
     return text + alone + explained + table(head, several)
 
