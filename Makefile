@@ -1,10 +1,10 @@
 # Each target does all set-up on a fresh machine: a virtual environment, the pinned packages, then the work.
 PYTHON ?= python3
 VENV   := .venv
-BIN    := $(VENV)/bin
+BIN    := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 READY  := $(VENV)/.ready
 
-.PHONY: demo build wheels wheels-test test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity mutants pages clean help
+.PHONY: demo build wheels wheels-test release test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity mutants pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -32,6 +32,9 @@ wheels: $(VENV)/.wheels  ## wheels for Linux, macOS and Windows, from this machi
 wheels-test: $(VENV)/.wheels  ## install the wheel of this system without a compiler, and identify a plant with it; that for ARM under QEMU
 	$(BIN)/python tools/wheels.py --try
 
+release: $(VENV)/.wheels  ## VERSION=0.2.0: version, changelog, tests, wheels, commit and tag; nothing is uploaded
+	$(BIN)/python tools/release.py $(VERSION)
+
 demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo
 	$(BIN)/replant demo
 
@@ -51,9 +54,17 @@ docs-serve: docs ## the same on http://127.0.0.1:8000
 slow: $(READY)   ## the tests that take longer: all cases of which `make test` runs some, Dask, kills, the built site
 	$(BIN)/pytest -n 3 --dist worksteal -m slow
 
-lint: $(READY)   ## ruff: style and format
+lint: $(READY)   ## style, format, spelling, imports, docstrings, pages; seconds
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/typos docs/ src *.md
+	$(BIN)/lint-imports --no-cache --no-logo
+	$(BIN)/python tools/imports.py
+	$(BIN)/python tools/docstrings.py
+	$(BIN)/python tools/pages.py
+	$(BIN)/python tools/constants_page.py --check
+	$(BIN)/python tools/architecture.py --check
+	$(BIN)/python tools/release.py --check
 
 types: $(READY)  ## mypy strict
 	$(BIN)/mypy

@@ -23,7 +23,7 @@ from support.cases import every
 from support.places import ROOT
 from support.waiting import PATIENCE
 
-#: It takes half a minute of processor time to build it; test_site.py checks the sources, their links among them.
+#: It takes half a minute of processor time to build it; `make lint` checks the sources, their links among them.
 pytestmark = pytest.mark.slow
 MADE = ROOT / "out" / "docs" / "html"
 #: Where a page loads something by itself: element and attribute.
