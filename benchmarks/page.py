@@ -167,9 +167,8 @@ def ensembles(figures: Figures) -> str:
     text = (
         "`Ensemble` steps eight members in the lanes of one SIMD vector. The table has the updates/s of all "
         "members together on one thread, and their ratio to one identifier in the same run, with chunks of the same "
-        "length. The data of one identifier fit into the first-level caches, those of many members into the "
-        "last-level cache or only into memory. Longer chunks, more members, separate buffers, and other programs "
-        "that use that cache therefore reduce the ratio.\n\n"
+        "length. Longer chunks, more members, separate buffers, and other programs that use the last-level cache "
+        "reduce the ratio.\n\n"
     )
     shown = [row for row in figures["one_thread"] if row["members"] in SHOWN_MEMBERS]
     alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, shown))

@@ -41,11 +41,10 @@ _HEAD = """# The tuned constants
 facts. The string below each constant in the source says what it means and where it comes from; of {unrecorded} tuned
 ones the origin is not recorded. `make pages` makes this page of these strings.
 
-`make sensitivity` halves and doubles a constant on records of one kind each (noise, outliers, failing and coarse
-sensors, gaps, jitter, changes, an input that rests, plants that are not linear or of higher order), of a number between
-0.5 and 1.5 its distance from one. An effect is another verdict, another time at which a failure is noticed, an error
-that grows or shrinks by a quarter. Where none is named, none was seen, of most not in the last bit: no decision of
-these records lies between the values. {unmeasured} are not measured.
+`make sensitivity` halves and doubles a constant, of a number between 0.5 and 1.5 its distance from one, on records with
+noise, outliers, failing sensors, gaps, jitter, changes and plants of other kinds. An effect is another verdict, another
+time at which a failure is noticed, an error that grows or shrinks by a quarter. Where none is named, none was seen, of
+most not in the last bit. {unmeasured} are not measured.
 """
 
 
