@@ -78,8 +78,8 @@ def measured(promise: str, texts: Sequence[str]) -> str:
 
     Examples
     --------
-    >>> measured("std at most 1, 2", ["a0 0.8, b0 1.4", "a0 0.5, b0 1.8"])
-    'b0 1.8'
+    >>> measured("std at most 1, 2", ["a0 0.8, b0 1.4", "a0 0.5, b0 1.8"]), measured("mean within 2 %", ["a0 -1.5"])
+    ('b0 1.8', 'a0 -1.5 %')
     >>> measured("", ["3 of 4", "5 of 5"]), measured("", ["1.05 (of 9)", "0.9"]), measured("", ["91.0 to 92.5 %"])
     ('8 of 9', '0.9 to 1.05', '91.0 to 92.5 %')
     """
@@ -88,7 +88,9 @@ def measured(promise: str, texts: Sequence[str]) -> str:
         return f"{sum(int(each[1]) for each in counts if each)} of {sum(int(each[2]) for each in counts if each)}"
     plain = [re.sub(r" \(.*?\)", "", text) for text in texts]
     if "at least" in promise or not plain[0][0].isalpha():
-        return between([number for text in plain for number in re.findall(_NUMBER, text)]) + " %" * ("%" in plain[0])
+        name = re.match(r"[a-z]+ |", plain[0])
+        span = between([number for text in plain for number in re.findall(_NUMBER, text)])
+        return (name[0] if name else "") + span + " %" * ("%" in plain[0])
     near = " % of " in promise  # "std within 20 % of ..": as far above as below
     limits = [float(each) for each in re.findall(_NUMBER, promise.split(" % of ")[-1])]
     found = []
@@ -97,7 +99,8 @@ def measured(promise: str, texts: Sequence[str]) -> str:
         own = limits if len(limits) == len(figures) else limits[:1] * len(figures)
         shares = [abs(float(each.split()[-1]) / limit - near) for each, limit in zip(figures, own, strict=True)]
         found += zip(shares, figures, strict=True)
-    return max(found)[1]
+    in_percent = re.search(r"within [^a-z]*%", promise) and not near
+    return max(found)[1] + " %" * bool(in_percent)
 
 
 def between(numbers: Sequence[str]) -> str:

@@ -276,7 +276,7 @@ def test_a_run_of_some_scenarios_renews_their_rows_alone(tmp_path: Path) -> None
         assert list(dict.fromkeys(row["experiment"] for row in renewed[name])) == list(
             dict.fromkeys(row["experiment"] for row in rows)
         )
-    assert "each run within 0.1 % | 8 of 8 | a0 0.05 |" in (tmp_path / "accuracy.md").read_text(encoding="utf-8")
+    assert "each run within 0.1 % | 8 of 8 | a0 0.05 % |" in (tmp_path / "accuracy.md").read_text(encoding="utf-8")
 
 
 def test_the_page_is_made_of_the_tables_and_tells_what_is_not_kept() -> None:
