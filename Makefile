@@ -1,10 +1,10 @@
 # Each target does all set-up on a fresh machine: a virtual environment, the pinned packages, then the work.
 PYTHON ?= python3
 VENV   := .venv
-BIN    := $(VENV)/bin
+BIN    := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 READY  := $(VENV)/.ready
 
-.PHONY: demo build wheels wheels-test test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity mutants pages clean help
+.PHONY: demo build wheels wheels-test release test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity mutants pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -32,6 +32,9 @@ wheels: $(VENV)/.wheels  ## wheels for Linux, macOS and Windows, from this machi
 wheels-test: $(VENV)/.wheels  ## install the wheel of this system without a compiler, and identify a plant with it; that for ARM under QEMU
 	$(BIN)/python tools/wheels.py --try
 
+release: $(VENV)/.wheels  ## VERSION=0.2.0: version, changelog, tests, wheels, commit and tag; nothing is uploaded
+	$(BIN)/python tools/release.py $(VERSION)
+
 demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo
 	$(BIN)/replant demo
 
@@ -51,9 +54,17 @@ docs-serve: docs ## the same on http://127.0.0.1:8000
 slow: $(READY)   ## the tests that take longer: all cases of which `make test` runs some, Dask, kills, the built site
 	$(BIN)/pytest -n 3 --dist worksteal -m slow
 
-lint: $(READY)   ## ruff: style and format
+lint: $(READY)   ## style, format, spelling, imports, docstrings, pages; seconds
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/typos docs/ src *.md
+	$(BIN)/lint-imports --no-cache --no-logo
+	$(BIN)/python tools/imports.py
+	$(BIN)/python tools/docstrings.py
+	$(BIN)/python tools/pages.py
+	$(BIN)/python tools/constants_page.py --check
+	$(BIN)/python tools/architecture.py --check
+	$(BIN)/python tools/release.py --check
 
 types: $(READY)  ## mypy strict
 	$(BIN)/mypy
@@ -84,7 +95,7 @@ fuzz: $(READY)   ## mutants of checkpoints and files, calls and command lines wi
 faults: $(READY)  ## let every call of a live session fail that can, one a session: an hour; needs gcc
 	$(BIN)/python tests/failing $(ARGS)
 
-accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md and out/accuracy
+accuracy: $(READY)  ## accuracy, Monte Carlo beside what is promised; writes docs/accuracy.md, its tables and out/accuracy; ARGS="--scenario K" renews one
 	$(BIN)/python benchmarks/accuracy $(ARGS)
 
 campaign: $(READY)  ## the default on 1,000 random plants, and 500 field records; SEED=2 gives others
@@ -105,12 +116,9 @@ sensitivity: $(READY)  ## halve and double each tuned constant on a battery of r
 mutants: $(READY)  ## lines changed one at a time, which the tests have to notice: an hour; ARGS="--sample 20 --areas logs"
 	$(BIN)/python tools/mutants.py $(ARGS)
 
-pages: $(READY)  ## what is made from the source: picture of the folders, pages of modules, state, constants, the closed loop
+pages: $(READY)  ## what is made from the source: picture of the folders, page of the tuned constants
 	$(BIN)/python tools/architecture.py --picture docs/pictures/architecture.svg
-	$(BIN)/python tools/state_page.py
 	$(BIN)/python tools/constants_page.py
-	$(BIN)/python tools/modules_page.py
-	$(BIN)/python tools/closed_loop_pictures.py
 
 clean:           ## remove everything that was generated
 	rm -rf $(VENV) $(UPLOT) src/replant/kernels/compiled out build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

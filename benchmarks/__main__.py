@@ -18,7 +18,7 @@ from rich.console import Console
 
 from drawing import draw_scaling
 from kernels import FLAGS, describe_machine
-from page import SECTIONS, page, section
+from page import SECTIONS, as_csv, page, section, tables
 
 ROOT = Path(__file__).parents[1]
 
@@ -42,8 +42,10 @@ def main() -> int:
     (folder / "bench.json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     if chosen == list(SECTIONS):
         (ROOT / "docs" / "performance.md").write_text(page(figures), encoding="utf-8")
+        for name, rows in tables(figures).items():
+            (ROOT / "docs" / "performance" / f"{name}.csv").write_text(as_csv(rows), encoding="utf-8")
         draw_scaling(figures["scaling"]["rows"], ROOT / "docs" / "pictures" / "scaling.svg")
-        console.print("wrote docs/performance.md, its picture and out/bench/bench.json")
+        console.print("wrote docs/performance.md, its tables, its picture and out/bench/bench.json")
     missed = [name for name in chosen if not figures[name].get("holds", True)]
     if missed:
         console.print(f"not as fast as it should be: {', '.join(missed)}")

@@ -1,7 +1,28 @@
-"""The page docs/performance.md: the figures of one run as tables, with what bounds them counted by hand."""
+"""The page docs/performance.md: the figures of one run as tables.
+
+What bounds them.  Estimated by hand for one update of AMSGrad with five parameters:
+
+* Dependent operations. The next update needs the parameters of this one, so that latencies add up: the
+  prediction (one product, then five sums in their order: about 24 cycles), the error and its weight (8), the gradient
+  (4), its square into v (12), the maximum (4), the square root (19), the sum and the division (17), the new parameter
+  (4): about 90 cycles. This is the limit that the kernels reach. The operations themselves (14 multiplications and sums
+  an entry, a square root and a division for four entries at a time) would take about 30 cycles.
+* One update a sample. Without replay a sample takes about 450 instructions (650 with Adam). A processor reorders
+  about three hundred, so that samples hardly overlap, and the latency from the input through filters, regressor and row
+  of the buffer to the parameters counts. A number that is stored and loaded again on this path costs nine cycles more,
+  a number that is stored alone and loaded as part of a vector twenty-seven.
+* Memory. A row is P + 2 numbers, 56 bytes, one or two cache lines: regressor, output and 1/m^2 lie side by side.
+  The rows that a sample draws are known before the first of them is learned, so that the processor loads them while the
+  chain above runs. A buffer in the second-level cache costs nothing; one in main memory costs the latency of memory
+  over the number of loads in flight.
+* One call from Python. Most of its time is that of the interpreter and of passing arguments; the kernel is a small
+  part. `update_many` has this cost once for a group of samples.
+"""
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -17,27 +38,10 @@ compared. Both sides of a ratio are measured alternately in the same run; it is 
 quartiles in brackets.
 
 """
+EVERY_ROW = "Every row: {{download}}`{0}.csv <performance/{0}.csv>`."
+#: Members whose rows the page shows; the table has all.
+SHOWN_MEMBERS = (64,)
 LIMITS = """
-## What bounds an update
-
-Estimated by hand for one update of AMSGrad with five parameters:
-
-* **Dependent operations.** The next update needs the parameters of this one, so that latencies add up: the
-  prediction (one product, then five sums in their order: about 24 cycles), the error and its weight (8), the gradient
-  (4), its square into v (12), the maximum (4), the square root (19), the sum and the division (17), the new parameter
-  (4): about 90 cycles. This is the limit that the kernels reach. The operations themselves (14 multiplications and sums
-  an entry, a square root and a division for four entries at a time) would take about 30 cycles.
-* **One update a sample.** Without replay a sample takes about 450 instructions (650 with Adam). A processor reorders
-  about three hundred, so that samples hardly overlap, and the latency from the input through filters, regressor and row
-  of the buffer to the parameters counts. A number that is stored and loaded again on this path costs nine cycles more,
-  a number that is stored alone and loaded as part of a vector twenty-seven.
-* **Memory.** A row is P + 2 numbers, 56 bytes, one or two cache lines: regressor, output and 1/m^2 lie side by side.
-  The rows that a sample draws are known before the first of them is learned, so that the processor loads them while the
-  chain above runs. A buffer in the second-level cache costs nothing; one in main memory costs the latency of memory
-  over the number of loads in flight.
-* **One call from Python.** Most of its time is that of the interpreter and of passing arguments; the kernel is a small
-  part. `update_many` has this cost once for a group of samples.
-
 ## Measured once
 
 A log of 10^8 rows (`python benchmarks/streaming.py --rows 1e8 --repeats 1`, 2026-11-20) takes as little memory as one
@@ -51,44 +55,57 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)]) + "\n"
 
 
+def between(rows: Sequence[Figures], key: str, form: str) -> str:
+    """Return the least and the greatest of a figure."""
+    values = [row[key] for row in rows]
+    return f"{min(values):{form}}" if len(rows) == 1 else f"{min(values):{form}} to {max(values):{form}}"
+
+
 def ratio(row: Figures) -> str:
     low, high = row["ratio_quartiles"]
     return f"{row['ratio']:.2f} ({low:.2f}..{high:.2f})"
 
 
 def kernels(figures: Figures) -> str:
-    alone = [row for row in figures["rows"] if not row["replay"]]
-    replayed = [row for row in figures["rows"] if row["replay"]]
-    rows = [
-        [
-            one["optimizer"], str(one["entries"]), f"{one['sample']:.0f}", f"{one['sample_c']:.0f}", ratio(one),
-            f"{many['update']:.1f}", f"{many['sample_c'] / many['updates_per_sample']:.1f}", ratio(many),
-        ]
-        for one, many in zip(alone, replayed, strict=True)
-    ]  # fmt: skip
+    """One line an optimizer, over all numbers of parameters."""
+    lines = []
+    for optimizer in dict.fromkeys(row["optimizer"] for row in figures["rows"]):
+        mine = [row for row in figures["rows"] if row["optimizer"] == optimizer]
+        alone, replayed = ([row for row in mine if bool(row["replay"]) == replay] for replay in (False, True))
+        lines.append(
+            [
+                optimizer, between(alone, "sample", ".0f"), between(alone, "ratio", ".2f"),
+                between(replayed, "update", ".1f"), between(replayed, "ratio", ".2f"),
+            ]
+        )  # fmt: skip
     worst = max(figures["rows"], key=lambda row: row["ratio"])
+    entries = [row["entries"] for row in figures["rows"]]
     text = (
         "Time of one sample through filters, regressor, buffer and update, compared with a C program of the same "
         "arithmetic (`benchmarks/reference.c`, gcc -O3 -march=native) that begins at the same state and ends at the "
-        "same numbers; with replay there are 20 updates a sample. Times are in nanoseconds. IntegralCost prefetches "
-        "all drawn rows, which the C program leaves to the processor.\n\n"
+        "same numbers; with replay there are 20 updates a sample. Times are in nanoseconds, from the least to the "
+        f"greatest of {min(entries)} to {max(entries)} parameters. IntegralCost prefetches all drawn rows, which the "
+        "C program leaves to the processor.\n\n"
     )
-    head = ["optimizer", "P", "sample", "C", "ratio", "with replay: an update", "C", "ratio"]
-    largest = f"\nLargest ratio {worst['ratio']:.2f} ({worst['optimizer']}, P = {worst['entries']}).\n"
-    return text + table(head, rows) + largest
+    head = ["optimizer", "a sample", "beside C", "with replay: an update", "beside C"]
+    largest = f"\nLargest ratio {worst['ratio']:.2f} ({worst['optimizer']}, P = {worst['entries']}). {EVERY_ROW}\n"
+    return text + table(head, lines) + largest.format("kernels")
 
 
 def parts(figures: Figures) -> str:
-    rows = [
-        [row["part"], str(row["entries"]), f"{row['sample']:.0f}", f"{row['sample_c']:.0f}", ratio(row)]
-        for row in sorted(figures["rows"], key=lambda row: row["part"])
-    ]
+    """One line a part, over all numbers of parameters."""
+    lines = []
+    for part in sorted({row["part"] for row in figures["rows"]}):
+        mine = [row for row in figures["rows"] if row["part"] == part]
+        entries = [row["entries"] for row in mine]
+        size = f"{min(entries)} to {max(entries)}" if len(mine) > 1 else str(entries[0])
+        lines.append([part, size, between(mine, "sample", ".0f"), between(mine, "ratio", ".2f")])
     text = (
         "The parts of the default method (regressor and instruments from the refined filter, recursive least squares "
         "on the factors U D U') and the Kalman filter, compared with `benchmarks/parts.c`. Times are in nanoseconds "
         "a sample. One kernel serves every structure, clock and dead time.\n\n"
     )
-    return text + table(["part", "P", "ours", "C", "ratio"], rows)
+    return text + table(["part", "P", "a sample", "beside C"], lines) + f"\n{EVERY_ROW}\n".format("parts")
 
 
 def default(figures: Figures) -> str:
@@ -150,20 +167,20 @@ def ensembles(figures: Figures) -> str:
     text = (
         "`Ensemble` steps eight members in the lanes of one SIMD vector. The table has the updates/s of all "
         "members together on one thread, and their ratio to one identifier in the same run, with chunks of the same "
-        "length. The data of one identifier fit into the first-level caches, those of many members into the "
-        "last-level cache or only into memory. Longer chunks, more members, separate buffers, and other programs "
-        "that use that cache therefore reduce the ratio.\n\n"
+        "length. Longer chunks, more members, separate buffers, and other programs that use the last-level cache "
+        "reduce the ratio.\n\n"
     )
-    alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, figures["one_thread"]))
+    shown = [row for row in figures["one_thread"] if row["members"] in SHOWN_MEMBERS]
+    alone = table(["", "members", "10^6 updates/s", "ratio"], map(cells, shown))
+    alone += f"\n{EVERY_ROW}\n".format("ensembles")
     several = [
-        [*cells(row)[:2], str(row["threads"]), *cells(row)[2:], f"{row['processors']:.2f}", f"{row['efficiency']:.2f}"]
+        [*cells(row)[:2], str(row["threads"]), *cells(row)[2:], f"{row['efficiency']:.2f}"]
         for row in figures["threads"]
     ]
-    head = ["", "members", "threads", "10^6 updates/s", "ratio to one thread", "processors had", "efficiency"]
+    head = ["", "members", "threads", "10^6 updates/s", "ratio to one thread", "efficiency"]
     explained = (
-        '\nOn several threads, by wall-clock time, which needs an idle machine. "processors had" is the number of '
-        'processors that the process had in the meantime, "efficiency" its processor time on one thread over that '
-        "on several.\n\n"
+        '\nOn several threads, by wall-clock time, which needs an idle machine. "efficiency" is the processor time on '
+        "one thread over that on several.\n\n"
     )
     return text + alone + explained + table(head, several)
 
@@ -219,6 +236,34 @@ def starting(figures: Figures) -> str:
     )
     yardstick = ['`python -c "import numpy"`', f"{figures['numpy']:.0f}", "1"]
     return text + table(["command", "ms", "ratio"], [yardstick, *rows])
+
+
+def tables(figures: Figures) -> dict[str, list[Figures]]:
+    """Return every row of the sections of which the page shows some, for CSV."""
+    return {
+        "kernels": figures["kernels"]["rows"],
+        "parts": figures["parts"]["rows"],
+        "ensembles": figures["ensembles"]["one_thread"],
+    }
+
+
+def as_csv(rows: Sequence[Figures]) -> str:
+    """Return rows as CSV; quartiles as two columns."""
+    lines = []
+    for row in rows:
+        flat: Figures = {}
+        for key, value in row.items():
+            flat |= (
+                {f"{key}_{end}": each for end, each in zip(("low", "high"), value, strict=True)}
+                if "quartiles" in key
+                else {key: value}
+            )
+        lines.append(flat)
+    out = io.StringIO()
+    writer = csv.DictWriter(out, list(lines[0]), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(lines)
+    return out.getvalue()
 
 
 SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {

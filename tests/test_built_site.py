@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from functools import cache
 from html.parser import HTMLParser
 from pathlib import Path
-from urllib.parse import unquote
+from urllib.parse import quote, unquote
 
 import pytest
 
@@ -23,7 +23,7 @@ from support.cases import every
 from support.places import ROOT
 from support.waiting import PATIENCE
 
-#: It takes half a minute of processor time to build it; test_site.py checks the sources, their links among them.
+#: It takes half a minute of processor time to build it; `make lint` checks the sources, their links among them.
 pytestmark = pytest.mark.slow
 MADE = ROOT / "out" / "docs" / "html"
 #: Where a page loads something by itself: element and attribute.
@@ -139,3 +139,37 @@ def test_the_search_finds_a_page_offline(browser, site: Path) -> None:
     page.wait_for_selector("#search-results li a", timeout=1000 * PATIENCE)
     assert any("erdict" in text for text in page.locator("#search-results li a").all_inner_texts())
     page.close()
+
+
+#: What people look for, and a page that answers it.
+SEARCHES = {
+    "verdict": "verdict",
+    "memory of a rig": "questions",
+    "RAM": "questions",
+    "Raspberry Pi": "questions",
+    "ARM": "questions",
+    "cite": "questions",
+    "PLC": "questions",
+    "jitter": "how-to/irregular-clocks",
+    "licence": "questions",
+    "add optimizer": "reference/contributing",
+    "SysIdentPy": "questions",
+    "several inputs": "questions",
+    "step test": "questions",
+    "PlotJuggler": "live",
+    "dither": "how-to/set-point",
+}
+
+
+@every(("words", "page"), SEARCHES.items(), ids=list(SEARCHES))
+def test_the_search_leads_to_the_answer(browser, site: Path, words: str, page: str) -> None:
+    """Among the first ten results: those that are seen without scrolling far."""
+    tab = new_page(browser)
+    tab.goto((site / "search.html").as_uri() + f"?q={quote(words)}")
+    tab.wait_for_function(
+        "document.querySelector('.search-summary')?.innerText.includes('ound')", timeout=1000 * PATIENCE
+    )
+    tab.wait_for_selector("#search-results li a", timeout=1000 * PATIENCE)
+    found = tab.locator("#search-results ul.search > li > a").evaluate_all("all => all.map(each => each.href)")
+    tab.close()
+    assert any(f"/{page}.html" in href for href in found[:10]), found[:10]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import pydoc
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -120,3 +122,11 @@ def test_the_installed_command_and_the_module_are_the_same() -> None:
     ]
     assert outputs[0] == outputs[1]
     assert replant.__version__ in outputs[0]
+
+
+def test_help_of_the_package_begins_with_what_most_programs_need() -> None:
+    """And it names nothing that there is not."""
+    shown = pydoc.plain(pydoc.render_doc(replant))
+    listed = re.findall(r"^ {8}(\w[\w, ]*?) {2,}", shown.partition(">>>")[0], re.MULTILINE)
+    assert listed[:4] == ["fit", "run", "Identifier", "Model"]
+    assert {name for entry in listed for name in entry.split(", ")} <= set(replant.__all__)

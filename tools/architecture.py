@@ -1,6 +1,6 @@
 """The architecture as the imports tell it: folders, levels, arrows; and the picture in docs/architecture.md.
 
-    python tools/architecture.py [--source src/replant] [--picture docs/pictures/architecture.svg]
+    python tools/architecture.py [--source src/replant] [--picture docs/pictures/architecture.svg | --check]
 
 A *room* is a folder of the package, or a module at its top.  An *arrow* leads from a room to one that it imports.  The
 *level* of a room is the length of the longest chain of arrows below it.
@@ -18,11 +18,12 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = ROOT / "src" / "replant"
+PICTURE = ROOT / "docs" / "pictures" / "architecture.svg"
 
 Graph = Mapping[str, set[str]]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Package:
     """The modules of a package, by their names below it: ``kernels.schema``, ``report`` for its ``__init__``."""
 
@@ -225,8 +226,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--source", type=Path, default=SOURCE, help="the package's folder")
     parser.add_argument("--picture", type=Path, help="write the SVG here")
+    parser.add_argument("--check", action="store_true", help="whether the picture of the docs is the present one")
     options = parser.parse_args()
     package = Package.read(options.source)
+    if options.check:
+        if PICTURE.read_text(encoding="utf-8") != picture(package):
+            raise SystemExit(f"{PICTURE.relative_to(ROOT)} is not the present one: make pages")
+        return
     for what, how_much in figures(package):
         print(f"{what}: {how_much}")
     if options.picture:

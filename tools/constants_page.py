@@ -1,4 +1,4 @@
-"""docs/constants.md: every numeric constant of a module, from the string that stands below it.
+"""docs/constants.md: the tuned constants, from the string that stands below each numeric constant of a module.
 
 The string's first paragraph says what the number means, and ends with its unit in brackets.  Lines may follow:
 
@@ -6,12 +6,15 @@ The string's first paragraph says what the number means, and ends with its unit 
     Derivation: ...   how it follows from something else
     Origin: ...       how a tuned number was chosen
     Sensitivity: ...  what changes when it is halved and doubled, as `make sensitivity` measures it
+
+`--check` compares the page with the source, and says which constant lacks a part of its string.
 """
 
 from __future__ import annotations
 
 import ast
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -24,24 +27,24 @@ PAGE = ROOT / "docs" / "constants.md"
 FIELDS = ("Level", "Derivation", "Origin", "Sensitivity")
 NOT_MEASURED = "not measured"
 
-_HEAD = """# The constants
+NOT_RECORDED = "not recorded"
+NOTHING = (
+    "halved or doubled, nothing changes on these records.",
+    "halved or doubled, no verdict changes, and no error by a quarter.",
+)
 
-*Which numbers were chosen, why so, and what happens if they are others?*
+_HEAD = """# The tuned constants
 
-This page is made from the strings below the
-constants by `make pages`; `make sensitivity` measures what is said of halving and doubling.
+*Which numbers were chosen, and what happens if they are others?*
 
-The experiment: records of one kind each (white and slow noise, outliers, failing and coarse sensors, gaps, jitter,
-changes of gain, a load step, an input that rests, plants that are not linear or of higher order, a short record) are
-identified with one constant halved, and doubled; of a number between 0.5 and 1.5 the distance from one is. Noted is
-which estimates are trusted, when a failure or change is noticed, which samples are held against a record without
-reason, and errors that grow or shrink by a quarter and more. One record stands for each kind, so a single one that is
-trusted or not may be chance. "Nothing changes on these records" says that
-each verdict and figure of theirs stays the same to the last bit: no decision of theirs lies between the values, which
-does not say that none does elsewhere.
+{tuned} constants are tuned; {derived} others follow from something else or stand for a level, and {facts} are plain
+facts. The string below each constant in the source says what it means and where it comes from; of {unrecorded} tuned
+ones the origin is not recorded. `make pages` makes this page of these strings.
 
-{tuned} constants are tuned, {unmeasured}; {derived} follow from something else or stand for a
-level; {facts} are plain facts: sizes, formats, time-outs.
+`make sensitivity` halves and doubles a constant, of a number between 0.5 and 1.5 its distance from one, on records with
+noise, outliers, failing sensors, gaps, jitter, changes and plants of other kinds. An effect is another verdict, another
+time at which a failure is noticed, an error that grows or shrinks by a quarter. Where none is named, none was seen, of
+most not in the last bit. {unmeasured} are not measured.
 """
 
 
@@ -153,51 +156,42 @@ def _value(source: str) -> Any:
 def page() -> str:
     """Return the page."""
     found = constants()
-    by_kind = {kind: [one for one in found if one.kind == kind] for kind in ("tuned", "derived", "fact")}
-    left = _count([one for one in by_kind["tuned"] if one.paragraphs.get("Sensitivity") == f"{NOT_MEASURED}."])
+    tuned = [one for one in found if one.kind == "tuned"]
     head = _HEAD.format(
-        tuned=_count(by_kind["tuned"]),
-        unmeasured=f"{left} of them not measured" if left else "all of them halved and doubled",
-        derived=_count(by_kind["derived"]),
-        facts=_count(by_kind["fact"]),
+        tuned=_count(tuned),
+        derived=_count([one for one in found if one.kind == "derived"]),
+        facts=_count([one for one in found if one.kind == "fact"]),
+        unrecorded=_count([one for one in tuned if one.paragraphs.get("Origin", "").startswith(NOT_RECORDED)]),
+        unmeasured=_count([one for one in tuned if one.paragraphs.get("Sensitivity") == f"{NOT_MEASURED}."]),
     )
-    return "\n".join(
-        [
-            head,
-            "## Tuned\n",
-            *_table(by_kind["tuned"], ("Origin", "Sensitivity")),
-            "\n## Derived, or of a stated level\n",
-            *_table(by_kind["derived"], ("Level", "Derivation", "Sensitivity")),
-            "\n## Plain facts\n",
-            *_table(by_kind["fact"], ()),
-            "",
-        ]
-    )
+    lines = [head]
+    for module in dict.fromkeys(one.module for one in tuned):
+        lines += [f"`{module}`", *(_line(one) for one in tuned if one.module == module), ""]
+    return "\n".join(lines)
 
 
 def _count(found: list[Constant]) -> int:
     return sum(len(one.names) for one in found)
 
 
-def _table(found: list[Constant], fields: tuple[str, ...]) -> Iterator[str]:
-    """Yield the lines of a table, a module after the other."""
-    columns = ["constant", "value", "meaning", "unit"]
-    if fields:
-        columns += ["origin", "halved, doubled"]
-    yield f"| {' | '.join(columns)} |"
-    yield "|---" * len(columns) + "|"
-    module = ""
-    for one in found:
-        if one.module != module:
-            module = one.module
-            yield f"| **{module.replace('.', '/')}** |" + " |" * (len(columns) - 1)
-        said = one.paragraphs
-        cells = [", ".join(f"`{name}`" for name in one.names), f"`{one.value}`", one.meaning, one.unit]
-        if fields:
-            cells.append(" ".join(said[field] for field in fields[:-1] if field in said))
-            cells.append(said.get("Sensitivity", ""))
-        yield f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"
+def _line(one: Constant) -> str:
+    names = ", ".join(f"`{name}`" for name in one.names)
+    effect = one.paragraphs.get("Sensitivity", "")
+    words = "" if effect in NOTHING else f" {effect[:1].upper()}{effect[1:]}"
+    return f": {names} = {one.value} [{one.unit}]: {one.meaning}.{words}"
+
+
+def faults() -> list[str]:
+    """Return what is to be mended, a line each."""
+    lacking = [one for one in constants() if not one.is_complete]
+    found = [f"{one.module}, line {one.line}: {', '.join(one.names)} lacks meaning, unit, Origin or Sensitivity"
+             for one in lacking]  # fmt: skip
+    if PAGE.read_text(encoding="utf-8") != page():
+        found.append(f"{PAGE.relative_to(ROOT)} is not the present one: make pages")
+    return found
 
 
 if __name__ == "__main__":
+    if sys.argv[1:] == ["--check"]:
+        sys.exit("\n".join(faults()) or 0)
     PAGE.write_text(page(), encoding="utf-8")

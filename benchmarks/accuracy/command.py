@@ -1,6 +1,7 @@
-"""`make accuracy`: Monte Carlo over scenarios and methods; one page of Markdown, one file of JSON.
+"""`make accuracy`: Monte Carlo over scenarios and methods; tables, one page of Markdown, one file of JSON.
 
-A whole run writes docs/accuracy.md and the measured table of docs/methods.md; a part of it writes beside its JSON.
+A run of some scenarios renews their rows in docs/accuracy/*.csv, and from the tables docs/accuracy.md and the measured
+table of docs/methods.md.  With fewer runs of each the page and its tables lie beside the JSON.
 Exit code 1 says that a promise is not kept, 2 that there was nothing to measure.
 """
 
@@ -16,15 +17,14 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from accuracy import guide, work
-from accuracy.report import MARK, promised, write
+from accuracy import guide, report, results, work
 from accuracy.rigs import data_folder
-from accuracy.scenarios import LETTERS, VERDICTS, chosen
+from accuracy.scenarios import LETTERS, VERDICTS, chosen, experiments
 from accuracy.summary import summarise
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE, GUIDE = ROOT / "docs/accuracy.md", ROOT / "docs/methods.md"
-PARTIAL, DATA = "accuracy.md", "accuracy.json"
+DOCS, GUIDE = ROOT / "docs", "methods.md"
+PAGE, TABLES, DATA = "accuracy.md", "accuracy", "accuracy.json"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -41,16 +41,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
             console.print(f"left out, no recorded logs at {data_folder()} (set REPLANT_DATA): {', '.join(left_out)}")
     if not asked and VERDICTS not in letters:
         return 2
-    results = work.carry_out(asked, options.runs, VERDICTS in letters, options.on)
-    summaries = [summarise(each, results.figures[each.key]) for each in asked]
-    whole = not options.scenario and not options.runs
-    page = PAGE if whole else options.out / PARTIAL
-    write(summaries, results.verdicts, page, options.out / DATA)
-    if whole:
-        guide.insert(GUIDE, summaries)
-    met = show(console, list(promised(summaries, results.verdicts)))
-    console.print(f"wrote {page} and {options.out / DATA}")
+    done = work.carry_out(asked, options.runs, VERDICTS in letters, options.on)
+    summaries = [summarise(each, done.figures[each.key]) for each in asked]
+    measured = results.tabulated(summaries, done.verdicts)
+    results.write_json(summaries, done.verdicts, options.out / DATA)
+    folder = options.out if options.runs else DOCS
+    write(measured, folder, results.in_order(list(experiments())))
+    met = show(console, measured["promises"])
+    console.print(f"wrote {folder / PAGE}, {folder / TABLES} and {options.out / DATA}")
     return 0 if met else 1
+
+
+def write(measured: results.Tables, folder: Path, order: Sequence[str]) -> None:
+    """Renew the tables of a folder, and the pages that are made of them."""
+    tables = results.renewed(results.read(folder / TABLES), measured, order)
+    results.write(tables, folder / TABLES)
+    (folder / PAGE).write_text(report.page(tables), encoding="utf-8")
+    if (folder / GUIDE).is_file() and any(row["experiment"] in guide.EXPERIMENTS for row in measured["figures"]):
+        guide.insert(folder / GUIDE, tables["figures"])
 
 
 def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -66,12 +74,13 @@ def read_options(arguments: Sequence[str] | None) -> argparse.Namespace:
     return parser.parse_args(arguments)
 
 
-def show(console: Console, rows: Sequence[Sequence[str]]) -> bool:
+def show(console: Console, rows: Sequence[results.Row]) -> bool:
     """Print what is promised beside what was measured; return whether all of it is kept."""
     shown = Table(box=box.SIMPLE)
-    for column in ("experiment", "method", "bound", "measured", ""):
+    for column in results.COLUMNS["promises"]:
         shown.add_column(column)
+    broken = [row for row in rows if row["kept"] == "no" and not row["beside"]]
     for row in rows:
-        shown.add_row(*(cell.replace("**", "") for cell in row), style="red" if row[-1] == MARK[False] else None)
+        shown.add_row(*row.values(), style="red" if row in broken else None)
     console.print(shown)
-    return all(row[-1] != MARK[False] for row in rows)
+    return not broken

@@ -199,10 +199,7 @@ def _bias(promised: Promised, seen: Outcome) -> Line:
         allowed = max(promised.bias, promised.standard_errors * seen.standard_error[name])
         return seen.failed == 0 and abs(seen.bias[name]) <= allowed
 
-    parts = []
-    for name, bias in seen.bias.items():
-        text = f"{name} {bias:.2f} (se {seen.standard_error[name]:.2f})"
-        parts.append(text if is_kept(name) else f"**{text}**")
+    parts = [f"{name} {bias:.2f} (se {seen.standard_error[name]:.2f})" for name, bias in seen.bias.items()]
     words = f"bias within {promised.bias:g} %"
     if promised.standard_errors:
         words += f" or {promised.standard_errors:g} standard errors"

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from accuracy.bounds import Statistics
 from accuracy.linear import DEFAULT, LEAST_SQUARES, OFFLINE
-from accuracy.report import number, table
+from accuracy.results import Row, number
 from accuracy.rigs import KALMAN
-from accuracy.summary import Summary
 
 BEGIN, END = "<!-- measured: begin -->", "<!-- measured: end -->"
 
@@ -37,50 +35,48 @@ LINES: dict[str, tuple[str, ...]] = {
 }
 CONSTANT = {"A prbs": "A, 2nd order, 10 dB", "B 10dB": "B, 4th order, 10 dB", "D actuator": "D, the actuator"}
 CHANGING = "C hold-10"
+EXPERIMENTS = (*CONSTANT, CHANGING)
+COEFFICIENT = r"(?:rms )?[ab]\d+"
 
 
-def insert(page: Path, summaries: Sequence[Summary]) -> None:
+def insert(page: Path, figures: Sequence[Row]) -> None:
     """Put the table between its marks in the page."""
     text = page.read_text(encoding="utf-8")
     head, rest = text.split(BEGIN)
     _, tail = rest.split(END)
-    page.write_text("\n".join([head + BEGIN, "", *lines(summaries), "", END + tail]), encoding="utf-8")
+    page.write_text("\n".join([head + BEGIN, "", *lines(figures), "", END + tail]), encoding="utf-8")
 
 
-def lines(summaries: Sequence[Summary]) -> list[str]:
+def lines(figures: Sequence[Row]) -> list[str]:
     """Return the table as Markdown."""
     header = ["method"]
     header += [f"{words}: bias" for words in CONSTANT.values()]
     header += [f"{words}: RMSE" for words in CONSTANT.values()]
-    return table([*header, "C, changing: RMSE of a1, a0, b0", "coverage, A"], _rows(summaries))
+    header += ["C, changing: RMSE of a1, a0, b0", "coverage, A"]
+    return [
+        f"| {' | '.join(header)} |",
+        f"|{'---|' * len(header)}",
+        *(f"| {' | '.join(row)} |" for row in _rows(figures)),
+    ]
 
 
-def _rows(summaries: Sequence[Summary]) -> Iterator[Sequence[str]]:
-    tables = {each.experiment.key: each for each in summaries}
+def _rows(figures: Sequence[Row]) -> Iterator[Sequence[str]]:
     for words, names in LINES.items():
-        constant = [_find(tables.get(key), names) for key in CONSTANT]
-        bias = [_largest({name: abs(each.bias_percent) for name, each in found.items()}) for found in constant]
-        rmse = [
-            _largest({name: 100.0 * each.rmse / abs(each.truth) for name, each in found.items()}) for found in constant
-        ]
-        changing = _find(tables.get(CHANGING), names)
-        tracked = ", ".join(number(each.mean, 2) for name, each in changing.items() if name.startswith("rms"))
-        inside = [each.coverage for each in constant[0].values() if math.isfinite(each.coverage)]
+        constant = [_find(figures, key, names) for key in CONSTANT]
+        bias = [_largest(abs(float(row["bias_percent"])) for row in found) for found in constant]
+        rmse = [_largest(100.0 * float(row["rmse"]) / abs(float(row["truth"])) for row in found) for found in constant]
+        tracked = [row["mean"] for row in _find(figures, CHANGING, names) if row["figure"].startswith("rms")]
+        inside = [float(row["coverage_percent"]) for row in constant[0] if row["coverage_percent"]]
         coverage = f"{min(inside):.0f} to {max(inside):.0f} %" if inside else "-"
-        yield words, *bias, *rmse, tracked or "-", coverage
+        yield words, *bias, *rmse, ", ".join(number(float(mean), 2) for mean in tracked) or "-", coverage
 
 
-def _find(summary: Summary | None, names: Sequence[str]) -> Mapping[str, Statistics]:
-    """Return the figures of the first of these methods that an experiment has; of those with a truth the parameters."""
-    if summary is None:
-        return {}
-    for name in names:
-        if name in summary.table:
-            asked = summary.experiment.structure.names
-            figures = summary.table[name]
-            return {figure: figures[figure] for figure in asked} if summary.experiment.truth else figures
-    return {}
+def _find(figures: Sequence[Row], experiment: str, names: Sequence[str]) -> list[Row]:
+    """Return the coefficients, or the errors, that the first of these methods has in an experiment."""
+    rows = [row for row in figures if row["experiment"] == experiment and re.fullmatch(COEFFICIENT, row["figure"])]
+    found = ([row for row in rows if row["method"] == name] for name in names)
+    return next(filter(None, found), [])
 
 
-def _largest(percent: Mapping[str, float]) -> str:
-    return f"{number(max(percent.values()), 2)} %" if percent else "-"
+def _largest(percent: Iterable[float]) -> str:
+    return next((f"{number(each, 2)} %" for each in sorted(percent, reverse=True)), "-")

@@ -27,7 +27,7 @@ from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
-from accuracy import command, linear, records, scenarios, tracking, verdicts
+from accuracy import command, linear, records, report, results, scenarios, tracking, verdicts
 from accuracy.bounds import Bound, statistics
 from accuracy.methods import Offline, Online, figures_of
 from accuracy.summary import summarise
@@ -250,16 +250,44 @@ def test_the_plants_can_be_told_from_their_records(rig: verdicts.Rig) -> None:
 # --- the command
 
 
-def test_the_command_writes_a_page_and_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_command_writes_a_page_its_tables_and_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert command.main(["--scenario", "E", "--runs", "1", "--on", "processes:1", "--out", str(tmp_path)]) == 0
-    page = (tmp_path / "accuracy.md").read_text(encoding="utf-8")
-    assert "| E order-1 | default | each run within 0.1 % |" in page
-    assert "not met" not in page.split("## Every figure")[0].replace("not met beside", "")
+    assert "default: each run within 0.1 % | 8 of 8 |" in (tmp_path / "accuracy.md").read_text(encoding="utf-8")
+    tables = results.read(tmp_path / "accuracy")
+    assert {row["kept"] for row in tables["promises"]} == {"yes"}
+    assert {row["experiment"] for row in tables["figures"]} == {key for key in EXPERIMENTS if key.startswith("E")}
     assert '"E order-4"' in (tmp_path / "accuracy.json").read_text(encoding="utf-8")
     assert "each run within" in capfd.readouterr().out
 
 
-@pytest.mark.parametrize("name", ["bounds", "experiment", "report"])
+def test_a_run_of_some_scenarios_renews_their_rows_alone(tmp_path: Path) -> None:
+    kept = results.read(ROOT / "docs" / "accuracy")
+    results.write(kept, tmp_path / "accuracy")
+    key = "E order-1"
+    summary = summarise(EXPERIMENTS[key], [EXPERIMENTS[key].run(0)])
+    measured = results.tabulated([summary], {})
+    measured["promises"][0]["measured"] = "a0 0.05"
+    command.write(measured, tmp_path, results.in_order(list(EXPERIMENTS)))
+    renewed = results.read(tmp_path / "accuracy")
+    for name, rows in kept.items():
+        assert [row for row in renewed[name] if row["experiment"] != key] == [
+            row for row in rows if row["experiment"] != key
+        ]
+        assert list(dict.fromkeys(row["experiment"] for row in renewed[name])) == list(
+            dict.fromkeys(row["experiment"] for row in rows)
+        )
+    assert "each run within 0.1 % | 8 of 8 | a0 0.05 % |" in (tmp_path / "accuracy.md").read_text(encoding="utf-8")
+
+
+def test_the_page_is_made_of_the_tables_and_tells_what_is_not_kept() -> None:
+    tables = results.read(ROOT / "docs" / "accuracy")
+    page = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
+    assert page == report.page(tables)
+    broken = [row for row in tables["promises"] if row["kept"] == "no"]
+    assert all(f"* {row['experiment']}, {row['method']}: {row['promise']}" in page for row in broken)
+
+
+@pytest.mark.parametrize("name", ["bounds", "experiment", "report", "results"])
 def test_examples_in_docstrings(name: str) -> None:
     module: ModuleType = importlib.import_module(f"accuracy.{name}")
     assert doctest.testmod(module).failed == 0

@@ -19,7 +19,7 @@ from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
-from accuracy import controlled, linear, records, report
+from accuracy import controlled, linear, records, results
 from accuracy.feedback import TRUSTED, Feedback, Outcome, Promised, compared, outcome, sizes
 from accuracy.information import cramer_rao
 from accuracy.loops import Controller, Disturbance, KnowsTheController, Loop, discretised, whitening_filter
@@ -255,10 +255,11 @@ def test_a_run_with_the_reference_beside_the_anchor() -> None:
     families = {controlled.ONLINE_R: controlled.ALL_WITH_R}
     feedback = replace(experiment.feedback, promised=controlled.WITH_R, families=families)
     some = replace(experiment, methods=asked, feedback=feedback)
-    page = report.markdown([summarise(some, [found])], {})
-    assert f"| K lag white-10 | {controlled.ONLINE_R} | bias within 2 % or 2 standard errors |" in page
-    assert "| K, all with r |" in page
-    assert "## K: plants under a controller" in page
+    tables = results.tabulated([summarise(some, [found])], {})
+    promised = {(row["experiment"], row["method"], row["promise"]) for row in tables["promises"]}
+    assert ("K lag white-10", controlled.ONLINE_R, "bias within 2 % or 2 standard errors") in promised
+    assert any(experiment == "K all with r" for experiment, _, _ in promised)
+    assert [row["method"] for row in tables["loops"]] == list(some.methods)
 
 
 @pytest.mark.parametrize("name", ["feedback", "information", "loops"])

@@ -5,6 +5,6 @@ in five arrays, listed in `schema`.  A few flat arrays instead of many small one
 and no model order needs its own compilation.
 
 A reader starts with `step.gradient.take`: what happens to one sample, from its arrival to the new estimate.  `native`
-says how Python calls them; docs/architecture.md, what of Python they may use.
+says how Python calls them; tools/translator/__init__.py, what of Python they may use.
 benchmarks/kernels.py measures them beside C.
 """

@@ -1,4 +1,4 @@
-"""The schema of an identifier's state: each number declared once, for kernels, checkpoint and documentation.
+"""The schema of an identifier's state: each number declared once, for kernels and checkpoint.
 
 An identifier's state is five arrays: ``ints`` (int64), ``reals`` (float64), three filter banks, the replay buffer and
 the newest raw samples.  `StateSlots` lists what lies in the first two.  From the list come
@@ -7,7 +7,7 @@ the newest raw samples.  `StateSlots` lists what lies in the first two.  From th
   ``reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]``;
 * the properties of `replant.engine.state.State`, by the lower-case name: ``state.alarm``, ``state.error``,
   ``state.theta``;
-* the layout and the check of a checkpoint, and docs/state.md.
+* the layout and the check of a checkpoint: the ranges are checked when one is loaded.
 
 To add a number, add a line.  Dimensions of blocks:
 

@@ -1,4 +1,4 @@
-"""What docs/live.md says about wiring a rig works as it stands: the sketch, the Simulink block, the MQTT script."""
+"""What the pages say about wiring a rig works as it stands: the sketch, the Simulink block, the MQTT script."""
 
 from __future__ import annotations
 
@@ -23,13 +23,15 @@ from support.places import ROOT
 from support.wires import Reading
 
 PAGE = (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
+HOW_TO = ROOT / "docs" / "how-to"
 BOARD = Path(__file__).parent / "arduino"
 
 
-def block(language: str) -> str:
-    """The only block of code in this language in the part on wiring."""
-    (code,) = re.findall(rf"```{language}\n(.*?)```", PAGE.partition("# Wiring a rig")[2], re.DOTALL)
-    return str(code)
+def block(language: str, page: str) -> str:
+    """The first block of code in this language on a page."""
+    found = re.search(rf"```{language}\n(.*?)```", (HOW_TO / page).read_text(encoding="utf-8"), re.DOTALL)
+    assert found
+    return found[1]
 
 
 def first_order(reading: Reading, dt: float) -> tuple[float, float]:
@@ -47,7 +49,7 @@ def test_the_arduino_sketch(tmp_path: Path, read: Callable[..., Reading]) -> Non
         pytest.skip("no C++ compiler to compile the sketch with")
     board = pytest.importorskip("data.streams.test_serial_port", reason="pyserial or pseudo-terminals are missing")
     sketch, program = tmp_path / "sketch.cpp", tmp_path / "sketch"
-    sketch.write_text('#include <cstdint>\n#include "Arduino.h"\n' + block("cpp"))
+    sketch.write_text('#include <cstdint>\n#include "Arduino.h"\n' + block("cpp", "arduino.md"))
     subprocess.run([compiler, "-Wall", "-Werror", f"-I{BOARD}", "-o", str(program), str(sketch)], check=True)
     lines = subprocess.run([str(program), "4000"], capture_output=True, check=True).stdout
 
@@ -67,12 +69,12 @@ def test_the_arduino_sketch(tmp_path: Path, read: Callable[..., Reading]) -> Non
 
 
 def test_the_sketch_is_thirty_lines() -> None:
-    assert len([line for line in block("cpp").splitlines() if line]) <= 30
+    assert len([line for line in block("cpp", "arduino.md").splitlines() if line]) <= 30
 
 
 def test_the_simulink_block(read: Callable[..., Reading]) -> None:
     """Byte Pack of three doubles with alignment 1, as UDP Send puts it on the wire."""
-    (url,) = re.findall(r'replant live "(udp://[^"]*)"', PAGE)
+    (url,) = re.findall(r'replant live "(udp://[^"]*)"', (HOW_TO / "simulink.md").read_text(encoding="utf-8"))
     reading = read(opened("?" + url.partition("?")[2]))
     expected = np.random.default_rng(12).normal(size=(50, 3))
     with Device(reading.source) as model:
@@ -86,12 +88,12 @@ def test_the_simulink_block(read: Callable[..., Reading]) -> None:
 @pytest.mark.skipif(MOSQUITTO is None, reason="no mosquitto on the path: install Debian's package")
 def test_the_mqtt_script(tmp_path: Path, read: Callable[..., Reading]) -> None:
     pytest.importorskip("paho.mqtt.client", reason="paho-mqtt is not installed")
-    (url,) = re.findall(r"replant live (mqtt://\S+)", PAGE)
+    (url,) = re.findall(r"replant live (mqtt://\S+)", (HOW_TO / "broker.md").read_text(encoding="utf-8"))
     broker = Broker(tmp_path)
     try:
         reading = read(open_source(url.replace("1883", str(broker.port))))
         reading.wait_state("connected")
-        script = block("python").replace("1883", str(broker.port))
+        script = block("python", "broker.md").replace("1883", str(broker.port))
         subprocess.run([sys.executable, "-W", "error", "-c", script], check=True)
         reading.wait_for(1000)
         reading.stop()

@@ -1,4 +1,4 @@
-// As much of a board as the sketch in docs/live.md needs, in a time of its own, with a plant between its pins:
+// As much of a board as the sketch in docs/how-to/arduino.md needs, in a time of its own, with a plant between its pins:
 // 0.3 s dy/dt = 4 u - y.  What it prints goes to standard output.
 #include <cmath>
 #include <cstdio>
