@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -234,17 +235,35 @@ def test_another_plant_has_to_be_sure_and_so_has_that_there_is_none() -> None:
 def test_a_change_counts_beside_how_differently_any_stretch_is_fitted() -> None:
     """Its evidence is the logarithm of the chance that an F distribution of 2 and n gives what it explains."""
     contest = dispersed(4.0, 16.0)
-    load, change, other = (
-        Claim(each, contest, likelihood)
-        for each, likelihood in ((Supposition.LOAD, 10.0), (Supposition.PART, 90.0), (Supposition.PLANT, 60.0))
-    )
-    found = weighed([load, change, other])
-    assert found[0] is load
-    assert found[1].fair - 10.0 == pytest.approx(-f.logsf((90.0 - 10.0) / 4.0, 2, 16.0))
-    # another change is as much less likely than the best as that tells of what it leaves
-    assert found[1].fair - found[2].fair == pytest.approx(-f.logsf((90.0 - 60.0) / 4.0, 2, 16.0))
-    worse = weighed([load, replace(change, likelihood=6.0)])[1]
-    assert 10.0 - worse.fair == pytest.approx(-f.logsf((10.0 - 6.0) / 4.0, 2, 16.0))
+    load, change = (Claim(each, contest, fair) for each, fair in ((Supposition.LOAD, 10.0), (Supposition.PART, 90.0)))
+    assert weighed([load, change])[0] is load
+    evidence = weighed([load, change])[1].fair - 10.0
+    assert evidence == pytest.approx(-f.logsf((90.0 - 10.0) / 4.0, 2, 16.0))
+    worse = replace(change, likelihood=6.0)
+    assert weighed([load, worse])[1].fair == pytest.approx(9.0)  # what is open stays open
+
+
+@every("dispersion", [1.0, 4.0])
+def test_another_change_is_less_likely_by_what_it_leaves(dispersion: float) -> None:
+    """Two changes that are far from none are told from each other by their own distance."""
+    contest = dispersed(dispersion, math.inf)
+    contest.differ = lambda model, other: bool((model != other).any())  # type: ignore[method-assign]
+    far, limit = 1e4, -dispersion * math.log(ALPHA)
+    best = Claim(Supposition.PLANT, contest, far, model=np.ones(2))
+    for left, sure in ((0.9 * limit, False), (1.1 * limit, True)):
+        other = Claim(Supposition.PART, contest, far - left, model=np.zeros(2))
+        assert is_sure([best, other], best) == sure
+        assert is_sure([best, replace(other, model=np.ones(2))], best)  # that says the same of G(s)
+
+
+def test_a_load_is_sure_only_where_another_plant_is_not_as_likely_with_its_numbers_free() -> None:
+    contest = dispersed(1.0, math.inf)
+    contest.known = SimpleNamespace(mean=np.ones(2))  # type: ignore[assignment]
+    contest.differ = lambda model, other: bool((model != other).any())  # type: ignore[method-assign]
+    load = Claim(Supposition.LOAD, contest, 50.0)
+    for price, sure in ((5.0, True), (30.0, False)):
+        plant = Claim(Supposition.PLANT, contest, 30.0 + price, price=price, model=np.zeros(2))
+        assert is_sure([load, plant], load) == sure
 
 
 def test_columns_beside_a_fit_are_estimated_with_it() -> None:

@@ -158,7 +158,7 @@ def test_a_gain_that_the_noise_hides_from_the_alarm_is_found(seed: int) -> None:
     y = np.where(np.arange(samples) < samples // 2, low, high)
     y = y + 0.25 * high.std() * np.random.default_rng(seed).standard_normal(samples)
     ident = rp.Identifier(rp.Structure(1), 0.1)
-    looks = round(1500 * GROWTH**2)  # the last look has 337 samples since the change, or more
+    looks = round(1500 * GROWTH**2)  # the last look has 375 samples since the change, or more
     ident.update_many(u[:looks], y[:looks])
     assert ident.transfer_function.dc_gain == pytest.approx(2.6, rel=0.1)
     ident.update_many(u[looks:], y[looks:])

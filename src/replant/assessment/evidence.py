@@ -105,9 +105,9 @@ class Evidence:
     missing : int
         Newest samples in a row that came without an output.
     stuck : bool
-        Whether the sensor was found stuck or saturated within the newest samples.
+        Whether the sensor is stuck or saturated, or was just now.
     left_out : int
-        Outputs of a solved record that it was solved without, because the sensor was stuck or at its limit.
+        Outputs that neither the estimate nor the verdict is made from, as the sensor was stuck or at its limit.
     input_zero : float
         The record's input where that of the actuator is zero.
     slowness : float

@@ -118,12 +118,11 @@ class Claim:
         """The logarithm of the evidence over that of NOTHING."""
         return self.fair + self.odds
 
-    def weighed(self, base: float, top: float) -> Claim:
-        """Return the claim as `weighed` has it, beside the claims of one G(s) and the one that explains most."""
+    def weighed_beside(self, base: float) -> Claim:
+        """Return the claim with its evidence beyond that of one G(s) as `weighed` has it."""
         if not self.supposition.is_of_plant:
             return self
-        fair = base + self.contest.evidence(top - base) - self.contest.evidence(top - self.fair)
-        return replace(self, likelihood=fair + self.price)
+        return replace(self, likelihood=base + self.contest.weighed(self.fair - base) + self.price)
 
 
 def odds_of(supposition: Supposition) -> float:
@@ -138,27 +137,34 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
     an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
     raise an alarm again explains nothing: it stays open, unless an output that answers to nothing is likelier.
     """
-    claims = weighed(claims)
-    best = max(claims, key=lambda claim: claim.evidence)
-    if best.supposition is Supposition.CUT:
-        return best
-    if best.left > UNEXPLAINED:
-        likeliest = max(claims, key=lambda claim: claim.fair)
+    told = dict(zip(claims, weighed(claims), strict=True))
+    found = max(claims, key=lambda claim: told[claim].evidence)
+    if found.supposition is Supposition.CUT:
+        return found
+    if found.left > UNEXPLAINED:
+        likeliest = max(claims, key=lambda claim: told[claim].fair)
         return likeliest if likeliest.supposition is Supposition.CUT else None
-    rivals = [claim for claim in claims if not best.supposition.is_of_plant or claim.supposition is Supposition.CUT]
+    rivals = [claim for claim in claims if not found.supposition.is_of_plant or claim.supposition is Supposition.CUT]
     sure = [-math.log(ALPHA) if claim.supposition is Supposition.CUT else 0.0 for claim in rivals]
-    return None if any(claim.fair + more > best.fair for claim, more in zip(rivals, sure, strict=True)) else best
+    least = [told[claim].fair + more for claim, more in zip(rivals, sure, strict=True)]
+    return None if any(each > told[found].fair for each in least) else found
 
 
 def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
-    """Return whether none but the best claim could hold that says something else of G(s).
+    """Return whether none but the best of the claims could hold that says something else of G(s).
 
-    A load leaves G(s) as it was known, whatever the samples since tell of it.  That is sure once they tell G(s) by
-    themselves: no model of another G(s) may then be as likely, its numbers being free.
+    How much less likely another one is follows from what it leaves, in multiples of the dispersion.  A load leaves G(s)
+    as it was known, whatever the samples since tell of it.  That is sure once they tell G(s) by themselves: no model of
+    another G(s) may then be as likely, its numbers being free.
     """
-    if best.supposition is Supposition.LOAD:
-        claims = [replace(claim, price=0.0) if claim.supposition.is_of_plant else claim for claim in claims]
-    close = [claim for claim in weighed(claims) if claim.fair > best.fair + math.log(ALPHA)]
+
+    def less_likely(claim: Claim) -> float:
+        is_free = best.supposition is Supposition.LOAD and claim.supposition.is_of_plant
+        left = best.fair - (claim.likelihood if is_free else claim.fair)
+        of_plant = next((each for each in (claim, best) if each.supposition.is_of_plant), None)
+        return left if of_plant is None else of_plant.contest.weighed(left)
+
+    close = [claim for claim in claims if less_likely(claim) < -math.log(ALPHA)]
     return not any(best.contest.differ(claim.theta, best.theta) for claim in close)
 
 
@@ -166,13 +172,11 @@ def weighed(claims: Sequence[Claim]) -> list[Claim]:
     """Return claims in which a change of G(s) counts beside how differently a model fits any stretch of the record.
 
     What such a change explains beyond every claim of one G(s) is in the mean the dispersion of the stretches before,
-    times chance.  That is known from n numbers, so that the evidence x of a chi-square of two becomes that of an F
-    distribution of 2 and n (`Contest.evidence`).  It tells each claim from the one that explains most, which leaves x
-    less: so does every claim of one G(s), and by how much another change is less likely follows in the same way.
+    times chance (`Contest.weighed`).
     """
-    base = max((claim.fair for claim in claims if not claim.supposition.is_of_plant), default=0.0)
-    top = max(base, *(claim.fair for claim in claims))
-    return [claim.weighed(base, top) for claim in claims]
+    same = [claim for claim in claims if not (claim.supposition.is_of_plant or claim.supposition is Supposition.CUT)]
+    base = max((claim.fair for claim in same), default=0.0)
+    return [claim.weighed_beside(base) for claim in claims]
 
 
 class Contest:
@@ -229,10 +233,15 @@ class Contest:
                 found.append(claim)
         return found if again else [*found, *self._cuts(models)]
 
-    def evidence(self, more: float) -> float:
-        """Return the evidence of what is explained by so much more: (n / 2) ln(1 + (2 / n) more / dispersion)."""
+    def weighed(self, more: float) -> float:
+        """Return the evidence of what another G(s) explains more, which for a right model were a chi-square of two.
+
+        The dispersion is known from n numbers, so that it becomes that of an F distribution of 2 and n:
+
+            P{F > f} = (1 + 2 f / n)^(-n / 2),   evidence = (n / 2) ln(1 + (2 / n) more / dispersion)
+        """
         dispersion, numbers = self.dispersion
-        if math.isinf(numbers):
+        if more <= 0.0 or math.isinf(numbers):
             return more / dispersion
         return 0.5 * numbers * math.log1p(2.0 * more / (numbers * dispersion))
 

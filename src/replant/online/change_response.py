@@ -134,8 +134,6 @@ def reconsider(old: State, settings: Settings) -> State | None:
     if found is None:
         return None
     undecided = not is_sure(claims, found)
-    if undecided and found.solution is not None:  # one model of all samples forgets that there may have been a change
-        return None
     if undecided and found.supposition is old.change is Supposition.LOAD:  # the same, and no better known
         old.undecided = True
         return None
@@ -230,7 +228,7 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
         begin = old.samples - contest.record.u.size
         new = restart_at(old, settings, found.solution, begin)
         new.change, new.changed_at, new.before_began, new.revised_from = Supposition.NOTHING, 0, 0, 0
-        new.undecided = False
+        new.undecided = undecided
         new.gap_at = min(old.gap_at, begin)
     else:
         refined, begin = contest.estimate(found), old.samples - contest.since.u.size

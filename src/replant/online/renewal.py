@@ -29,9 +29,12 @@ EVERY = RECENT // 2
 Derivation: half of the newest samples: as far back as the past estimates reach.
 """
 
-GROWTH = math.sqrt(AGAIN)
+GROWTH = 1.25
 """Growth of the record after which it is asked whether one model holds for it [ratio of lengths].
-Derivation: once between two solutions, and at each.
+Origin: three looks between two solutions; on a chirp the last solution of 3,799 samples was at 2,000, and of another
+plant.
+Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of 'stuck, coarse scale' times 2.4;
+doubled, no verdict changes, and no error by a quarter.
 """
 
 
@@ -74,7 +77,11 @@ def renew(old: State, settings: Settings) -> State | None:
     if found is not None:
         return believed(old, settings, found[0], undecided=not is_sure(found[1], found[0]))
     usable = is_whole and _is_usable(solution, settings, old.physical)
-    return restart_at(old, settings, solution, began) if usable else None
+    if not usable:
+        return None
+    new = restart_at(old, settings, solution, began)
+    new.undecided = False  # the record has grown by half, and one model explains it still
+    return new
 
 
 def _is_usable(solution: Solution, settings: Settings, present: FloatArray) -> bool:
