@@ -194,14 +194,14 @@ def _clock(situation: Situation) -> NextStep:
 def _column(situation: Situation) -> NextStep:
     found = re.search(COLUMN, situation.reason)
     name = "" if found is None else found[1]
-    words = f"record with column {name} held still; what it does by itself"
+    words = f"record with column {name} held still; or try it as the input"
     return NextStep(words, _again("input", "reference", "delay", input=name))
 
 
 def _reference(situation: Situation) -> NextStep:
     if situation.poles > 1 and "unstable" in situation.reason:
         return _fewer(situation)
-    words = "give the set-point as --reference; which column it may be"
+    words = "give the set-point as --reference; look which column it is"
     return NextStep(words, _look(situation).command)
 
 

@@ -129,9 +129,8 @@ def loads(written: str | bytes) -> dict[str, Any]:
     try:
         read = json.loads(written, parse_constant=_refuse, object_pairs_hook=_without_repeats)
     except (ValueError, RecursionError) as error:  # also of bytes that are no text
-        raise ModelFileError(
-            _in_one_line(f"it is no model that --save has written: it is not JSON: {error}")
-        ) from error
+        at = f"line {error.lineno}, column {error.colno}" if isinstance(error, json.JSONDecodeError) else str(error)
+        raise ModelFileError(_in_one_line(f"it is no model that --save has written: it is not JSON: {at}")) from error
     return fields_of(read)
 
 
