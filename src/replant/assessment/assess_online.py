@@ -82,7 +82,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     in_use = _in_use(RecentSamples.of(state, STORED if finished else RECENT).cleaned(), state)
     kept = in_use if finished else in_use.since_last_gap(dt)
     record = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True)
-    is_well = finished or not kept.is_stuck[-outliers.CALM :].any()  # what is over is left out, and said
+    is_well = finished or _is_well(kept)  # what is over is left out, and said
     if is_well and kept.is_stuck.any():
         record = replace(record, measured=record.is_measured & ~kept.is_stuck)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
@@ -115,7 +115,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         disagreement=state.disagreement if finished else 0.0,
         input_zero=-state.input_offset,
         missing=_missing(in_use),
-        stuck=not is_well,
+        stuck=not finished and bool(kept.is_stuck[-outliers.CALM :].any()),
         left_out=state.stuck if finished else int(kept.is_stuck.sum()) if is_well else 0,
         usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
         # a solution of the whole record has left out what the sensor did not measure
@@ -141,6 +141,22 @@ def _is_after_alarm(state: State, in_use: RecentSamples, kept: RecentSamples, dt
     began = len(kept) == len(in_use) == state.samples - state.gap_at
     began = began and state.gap_at > max(state.record_began, state.changed_at)
     return began and bool(in_use.interval[0] <= GAP * dt)
+
+
+def _is_well(kept: RecentSamples) -> bool:
+    """Return whether a sensor that was stuck has shown since that it is well.
+
+    It has given other outputs for as long, on both sides of those at which it was stuck: an end of its scale may be
+    there, where it is stuck again as soon as the output comes near.
+    """
+    from replant.kernels.monitoring import outliers
+
+    stuck = np.flatnonzero(kept.is_stuck)
+    if not stuck.size:
+        return True
+    held, since = kept.output[stuck], kept.output[stuck[-1] + 1 :]
+    lasted = max(outliers.CALM, stuck[-1] - stuck[0])
+    return bool(since.size >= lasted and np.nanmin(since) < held.min() and held.max() < np.nanmax(since))
 
 
 def _missing(kept: RecentSamples) -> int:
