@@ -156,7 +156,7 @@ def _is_well(kept: RecentSamples) -> bool:
         return True
     held, since = kept.output[stuck], kept.output[stuck[-1] + 1 :]
     lasted = max(outliers.CALM, stuck[-1] - stuck[0])
-    return bool(since.size >= lasted and np.nanmin(since) < held.min() and held.max() < np.nanmax(since))
+    return bool(since.size >= lasted and (since < held.min()).any() and (since > held.max()).any())
 
 
 def _missing(kept: RecentSamples) -> int:

@@ -57,10 +57,7 @@ def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Name the actuator's fault that explains a part of the residual most surely, if it is more than chance."""
     run, rows = runs.now, evidence.known
     power, whole = power_of(evidence, evidence.record.y[rows]), evidence.record.joined
-    v, before = (
-        _scaled(whole.u - evidence.input_zero),
-        whole.u.size - evidence.samples,
-    )  # what acts comes through the actuator, too
+    v, before = _scaled(whole.u - evidence.input_zero), whole.u.size - evidence.samples  # all that acts comes through
     error, nuisances = run.error[rows], run.nuisances[rows]
     linear = np.hstack([run.zeta[rows], dynamics(evidence, run)])
     residual = residual_of(evidence, error, np.hstack([nuisances, linear]))

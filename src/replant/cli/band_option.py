@@ -18,16 +18,6 @@ class Band(click.ParamType[Edges]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Edges:
         """Return the two edges in Hz.
 
-        Parameters
-        ----------
-        value : str or tuple
-        param : click.Parameter or None
-            The option, for the message.
-        ctx : click.Context or None
-            The command's context, for the message.
-
-        Examples
-        --------
         >>> Band().convert("0.1:10", None, None), Band().convert(":10Hz", None, None)
         ((0.1, 10.0), (None, 10.0))
         """

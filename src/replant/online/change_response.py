@@ -70,15 +70,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
     record = kept.record(settings.dt, settings.filter.input_hold)
-    present = Known.before(
-        settings.structure,
-        record,
-        earliest,
-        old.physical,
-        _information(old, settings),
-        _usual(old, settings),
-        filters=old.noise.filters > 0.0,
-    )
+    present = _known(old, settings, record, earliest, old.physical, _information(old, settings))
     if present is None:
         return old, later
     if old.alarm == Alarm.FLOATS:
@@ -150,15 +142,7 @@ def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | N
     if begin <= 0:
         return None
     record = kept.record(settings.dt, settings.filter.input_hold)
-    known = Known.before(
-        settings.structure,
-        record,
-        begin,
-        old.prior[0].copy(),
-        old.prior[1:].copy(),
-        _usual(old, settings),
-        filters=old.noise.filters > 0.0,
-    )
+    known = _known(old, settings, record, begin, old.prior[0].copy(), old.prior[1:].copy())
     if known is None:
         return None
     return Contest(settings.structure, record, begin, known, parted - first if parted else None)
@@ -202,6 +186,14 @@ def kept_since(state: State, first: int) -> tuple[RecentSamples, int]:
         kept.doubt[since][gross] = Doubt.MISSING
     kept = kept[max(len(kept) - (state.samples - first), 0) :]
     return kept, state.samples - len(kept)
+
+
+def _known(
+    state: State, settings: Settings, record: Record, begin: int, mean: FloatArray, information: FloatArray
+) -> Known | None:
+    """Return what a model (T,) and the information (T, T) about it tell before a sample of a record."""
+    filters, usual = state.noise.filters > 0.0, _usual(state, settings)
+    return Known.before(settings.structure, record, begin, mean, information, usual, filters=filters)
 
 
 def _information(state: State, settings: Settings) -> FloatArray:
