@@ -33,8 +33,9 @@ def said(**changes: object) -> str:
 def test_a_copy_takes_a_constant_wherever_it_is_used(tmp_path: Path) -> None:
     make_copy(ROOT / "src" / "replant", tmp_path, measurable())
     look = """
-from replant.assessment import estimate_tests, fewer_poles
+from replant.assessment import estimate_tests
 from replant.kernels.monitoring import outliers
+from replant.offline import fewer_poles
 from replant.online import change_response
 print(estimate_tests.MOST_UNCERTAIN, fewer_poles.MOST_UNCERTAIN)
 print(change_response.BEGINS, outliers.GATE)

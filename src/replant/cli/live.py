@@ -38,16 +38,6 @@ class Time(click.ParamType[float]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """Return the length of time in s.
 
-        Parameters
-        ----------
-        value : str
-        param : click.Parameter or None
-            The option, for the message.
-        ctx : click.Context or None
-            The command's context, for the message.
-
-        Examples
-        --------
         >>> Time().convert("10min", None, None)
         600.0
         """

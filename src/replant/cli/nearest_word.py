@@ -34,16 +34,6 @@ class Choice(click.Choice[str]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """Return the word as the option knows it.
 
-        Parameters
-        ----------
-        value : str
-        param : click.Parameter or None
-            The option, for the message.
-        ctx : click.Context or None
-            The command's context, for the message.
-
-        Examples
-        --------
         >>> Choice(["srivc", "least_squares"]).convert("least-squares", None, None)
         'least_squares'
         """

@@ -21,16 +21,6 @@ class OptimizerChoice(click.ParamType["str | Optimizer"]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | Optimizer:
         """Return the name as `Request` knows it, or the optimizer with the settings that were given.
 
-        Parameters
-        ----------
-        value : str or Optimizer
-        param : click.Parameter or None
-            The option, for the message.
-        ctx : click.Context or None
-            The command's context, for the message.
-
-        Examples
-        --------
         >>> OptimizerChoice().convert("amsgrad:step_size=0.001", None, None)
         AMSGrad(step_size=0.001, beta1=0.9, beta2=0.999, epsilon=1e-08)
         >>> OptimizerChoice().convert("AMSGrad", None, None)

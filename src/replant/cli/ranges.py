@@ -19,16 +19,6 @@ class Range(click.ParamType[tuple[Any, ...]]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
         """Return every number of the range, including the last.
 
-        Parameters
-        ----------
-        value : str or tuple
-        param : click.Parameter or None
-            The option, for the message.
-        ctx : click.Context or None
-            The command's context, for the message.
-
-        Examples
-        --------
         >>> Whole().convert("1:4", None, None)
         (1, 2, 3, 4)
         """

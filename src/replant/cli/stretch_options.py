@@ -26,16 +26,6 @@ class Stretch(click.ParamType[tuple[float, float]]):
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
         """Return begin and end in s from the first sample.
 
-        Parameters
-        ----------
-        value : str or tuple
-        param : click.Parameter or None
-            The option, for the message.
-        ctx : click.Context or None
-            The command's context, for the message.
-
-        Examples
-        --------
         >>> Stretch().convert("12s:1.5min", None, None), Stretch().convert("60:", None, None)
         ((12.0, 90.0), (60.0, inf))
         """

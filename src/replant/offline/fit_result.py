@@ -12,7 +12,6 @@ import numpy as np
 from replant.arguments import FloatArray, IntArray, vector
 from replant.assessment import Assessment, Simulation, assess_record
 from replant.assessment.assess_offline import MOST_SAMPLES
-from replant.assessment.fewer_poles import is_asked_for, with_fewer_poles
 from replant.assessment.other_columns import OtherColumn, other_columns, with_other_columns
 from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
@@ -27,7 +26,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.change_search import find_change
 from replant.offline.contest import Claim
-from replant.offline.fewer_poles import fewer_poles
+from replant.offline.fewer_poles import is_asked_for, with_fewer_poles
 from replant.offline.reference_use import ReferenceUse
 from replant.regressor.filters import Filter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess
@@ -140,9 +139,8 @@ class FitResult:
             left_out=self.stuck.size,
             since_change=0 if change is None else change.contest.since.u.size,
         )
-        if self.method == "srivc" and is_asked_for(verdict, self.structure.poles) and not self.structure.feedthrough:
-            fewer = fewer_poles(self.structure, self.parameters, self.record.last(MOST_SAMPLES))
-            verdict = verdict if fewer is None else with_fewer_poles(verdict, fewer)
+        if self.method == "srivc" and is_asked_for(verdict, self.structure):
+            verdict = with_fewer_poles(verdict, self.structure, self.parameters, self.record)
         verdict = with_other_columns(verdict, self.other_columns)
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
