@@ -17,6 +17,8 @@ ROWS = [line.split("|")[1].strip() for line in (ROOT / "docs" / "verdict.md").re
         if line.startswith("| ") and not line.startswith("| reason")]  # fmt: skip
 
 
+PACKAGE = ROOT / "src" / "replant"
+SOURCES = [*sorted((PACKAGE / "assessment").glob("*.py")), PACKAGE / "offline" / "fewer_poles.py"]
 ADVICE = {"ADVICE", "REMEDY"}  # constants that stand within reasons
 UNKNOWN = "@"  # a figure, or words that are made elsewhere
 
@@ -28,9 +30,9 @@ def pieces(row: str) -> list[str]:
 
 @cache
 def said() -> str:
-    """Every string of the assessment, figures left out, in one line."""
+    """Every string of what gives reasons, figures left out, in one line."""
     parts = []
-    for path in sorted((ROOT / "src" / "replant" / "assessment").glob("*.py")):
+    for path in SOURCES:
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):
             if isinstance(node, ast.JoinedStr):
                 parts.append("".join(str(v.value) if isinstance(v, ast.Constant) else "@" for v in node.values))
@@ -80,7 +82,7 @@ def texts(node: ast.expr, names: Names) -> list[str]:
 
 def reasons_given() -> Iterator[tuple[str, str]]:
     """Yield where a reason is given, and its text: those of findings, and those that are kept as constants."""
-    for path in sorted((ROOT / "src" / "replant" / "assessment").glob("*.py")):
+    for path in SOURCES:
         tree = ast.parse(path.read_text("utf-8"))
         at_the_top = ast.Module([node for node in tree.body if isinstance(node, ast.Assign)], [])
         constants = assigned(at_the_top, sys.maxsize)

@@ -1,6 +1,7 @@
 """docs/constants.md: the tuned constants, from the string that stands below each numeric constant of a module.
 
-The string's first paragraph says what the number means, and ends with its unit in brackets.  Lines may follow:
+The string's first paragraph says what the number means, and ends with its unit in brackets; of a plain fact a comment
+on its line may say it.  Lines may follow:
 
     Level: ...        of a statistical test or quantile
     Derivation: ...   how it follows from something else
@@ -38,7 +39,7 @@ _HEAD = """# The tuned constants
 *Which numbers were chosen, and what happens if they are others?*
 
 {tuned} constants are tuned; {derived} others follow from something else or stand for a level, and {facts} are plain
-facts. The string below each constant in the source says what it means and where it comes from; of {unrecorded} tuned
+facts. The string below a constant in the source says what it means and where it comes from; of {unrecorded} tuned
 ones the origin is not recorded. `make pages` makes this page of these strings.
 
 `make sensitivity` halves and doubles a constant, of a number between 0.5 and 1.5 its distance from one, on records with
@@ -115,6 +116,8 @@ def _of_module(path: Path) -> Iterator[Constant]:
         value = getattr(node, "value", None)
         if names and value is not None and _is_numeric(value):
             said = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else ""
+            _, mark, comment = text.splitlines()[node.end_lineno - 1].partition("  # ")
+            said = said or (f"{comment}." if mark else "")
             shown = re.sub(r"\s+", " ", ast.get_source_segment(text, value) or "")
             yield Constant(module, names, shown, node.lineno, said if isinstance(said, str) else "")
 

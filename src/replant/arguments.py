@@ -23,26 +23,6 @@ def keep(instance: object, name: str, check: Callable[..., Any], *limits: Any, c
     The object never holds the value that the caller passed: a narrow integer would wrap in arithmetic, and an array
     could be changed later.
 
-    Parameters
-    ----------
-    instance : object
-        A frozen dataclass, in its ``__post_init__``.
-    name : str
-        Name of the field.
-    check : callable
-        Called with the argument's name, its value, ``limits`` and ``how``; returns the value to keep, or raises.
-    *limits, **how
-        Further arguments of ``check``.
-    called : str, optional
-        The argument's name in messages, if it is not that of the field.
-
-    Raises
-    ------
-    InvalidArgumentError, ArgumentTypeError
-        If the check fails.
-
-    Examples
-    --------
     >>> from dataclasses import dataclass
     >>> @dataclass(frozen=True)
     ... class Clock:
@@ -59,15 +39,6 @@ def keep(instance: object, name: str, check: Callable[..., Any], *limits: Any, c
 def number(name: str, value: Any) -> float:
     """Return ``value`` as a float; ``name`` is its name in messages, here and in all checks below.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If the value is text, None, an array or a complex number.
-    InvalidArgumentError
-        If it is outside of the range of float64.
-
-    Examples
-    --------
     >>> number("dt", 1)
     1.0
     """
@@ -87,15 +58,6 @@ def number(name: str, value: Any) -> float:
 def finite(name: str, value: Any) -> float:
     """Return ``value`` as a finite float.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number.
-    InvalidArgumentError
-        If it is not finite.
-
-    Examples
-    --------
     >>> finite("gain", -2)
     -2.0
     """
@@ -108,15 +70,6 @@ def finite(name: str, value: Any) -> float:
 def positive(name: str, value: Any) -> float:
     """Return ``value`` as a finite float above zero.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number.
-    InvalidArgumentError
-        If it is not finite, or not above zero.
-
-    Examples
-    --------
     >>> positive("dt", 0.0)
     Traceback (most recent call last):
     replant.errors.InvalidArgumentError: dt must be greater than 0, got 0
@@ -130,15 +83,6 @@ def positive(name: str, value: Any) -> float:
 def not_negative(name: str, value: Any) -> float:
     """Return ``value`` as a finite float of at least zero.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number.
-    InvalidArgumentError
-        If it is not finite, or negative.
-
-    Examples
-    --------
     >>> not_negative("noise", 0)
     0.0
     """
@@ -151,25 +95,6 @@ def not_negative(name: str, value: Any) -> float:
 def between(name: str, value: Any, low: float, high: float, *, closed: str = "left") -> float:
     """Return ``value`` as a float in an interval.
 
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for messages.
-    value : object
-    low, high : float
-        Bounds of the interval.
-    closed : {"left", "both"}
-        [low, high) or [low, high].
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number.
-    InvalidArgumentError
-        If it lies outside.
-
-    Examples
-    --------
     >>> between("forgetting_factor", 0.99, 0.0, 1.0)
     0.99
     """
@@ -184,25 +109,6 @@ def between(name: str, value: Any, low: float, high: float, *, closed: str = "le
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
     """Return ``value`` as an int; neither 2.0 nor True is accepted.
 
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for messages.
-    value : object
-    least : int
-        The smallest value allowed.
-    most : int, optional
-        The largest one.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a whole number.
-    InvalidArgumentError
-        If it is less than ``least`` or more than ``most``.
-
-    Examples
-    --------
     >>> whole("poles", np.int8(2), 1)
     2
     """
@@ -222,21 +128,6 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
 def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
     """Return ``value``, which must be one of several words.
 
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for messages.
-    value : object
-    choices : sequence of str
-        The words allowed.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is none of them.
-
-    Examples
-    --------
     >>> one_of("method", "srivc", ("srivc", "least_squares"))
     'srivc'
     """
@@ -249,13 +140,6 @@ def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
 def truth(name: str, value: Any) -> bool:
     """Return ``value`` as a bool; 1 and 0 are not accepted.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a bool.
-
-    Examples
-    --------
     >>> truth("bias", np.True_)
     True
     """
@@ -267,13 +151,6 @@ def truth(name: str, value: Any) -> bool:
 def text(name: str, value: Any) -> str:
     """Return ``value`` as a plain str.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a str.
-
-    Examples
-    --------
     >>> text("input_name", np.str_("voltage [V]"))
     'voltage [V]'
     """
@@ -285,21 +162,6 @@ def text(name: str, value: Any) -> str:
 def instance(name: str, value: Any, *kinds: Any) -> Any:
     """Return ``value`` if it is an instance of a class, or equal to a word or None.
 
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for messages.
-    value : object
-    *kinds : class, str or None
-        The classes and values allowed.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is none of them.
-
-    Examples
-    --------
     >>> instance("replay", "auto", dict, "auto", None)
     'auto'
     """
@@ -318,13 +180,6 @@ def instance(name: str, value: Any, *kinds: Any) -> Any:
 def array_of_reals(name: str, value: Any) -> FloatArray:
     """Return ``value`` as a contiguous float64 array of its own shape; entries that are masked are NaN.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it holds text, None or complex numbers, or has no regular shape.
-
-    Examples
-    --------
     >>> array_of_reals("A", [[1, 2], [3, 4]])
     array([[1., 2.],
            [3., 4.]])
@@ -345,15 +200,6 @@ def array_of_reals(name: str, value: Any) -> FloatArray:
 def vector(name: str, value: Any) -> FloatArray:
     """Return ``value`` as a contiguous float64 vector (K,).
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it does not hold real numbers.
-    InvalidArgumentError
-        If it has another shape, such as (K, 1) or ().
-
-    Examples
-    --------
     >>> vector("u", [1, 2])
     array([1., 2.])
     """
@@ -366,15 +212,6 @@ def vector(name: str, value: Any) -> FloatArray:
 def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
     """Return input and output as vectors (K,) of equal length.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If one of them does not hold real numbers.
-    InvalidArgumentError
-        If one of them is not a vector, or their lengths differ.
-
-    Examples
-    --------
     >>> record([1, 2], [0, 1])
     (array([1., 2.]), array([0., 1.]))
     """
@@ -389,15 +226,6 @@ def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
 def coefficients(name: str, value: Any) -> FloatArray:
     """Return polynomial coefficients, in descending powers, as a finite read-only vector of at least one entry.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If they are not real numbers.
-    InvalidArgumentError
-        If there is none, or one is not finite.
-
-    Examples
-    --------
     >>> coefficients("den", [1, 4, 3])
     array([1., 4., 3.])
     """
@@ -424,23 +252,6 @@ def numbers(name: str, value: Any) -> tuple[float, ...]:
 def owned(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
     """Return a read-only copy of ``value`` as a float64 array.
 
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for messages.
-    value : array_like
-    shape : tuple of int
-        The shape that it must have.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it does not hold real numbers.
-    InvalidArgumentError
-        If it has another shape.
-
-    Examples
-    --------
     >>> owned("covariance", [[1, 0], [0, 1]], (2, 2)).flags.writeable
     False
     """

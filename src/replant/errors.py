@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 import reprlib
 
-LONGEST = 400
-"""Longest message of an error, whatever names and values it repeats [characters]."""
-SHOWN = 60
-"""Longest text of one value within a message [characters]."""
+LONGEST = 400  # longest message of an error, whatever names and values it repeats [characters]
+SHOWN = 60  # longest text of one value within a message [characters]
 
 
 class ReplantError(Exception):

@@ -11,8 +11,7 @@ import numpy as np
 from replant.arguments import FloatArray, iterable, not_negative, positive, vector, whole
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 
-MOST_TRIED = 1000
-"""Values of a grid, each of which is tried [count]."""
+MOST_TRIED = 1000  # values of a grid, each of which is tried [count]
 
 SHORTEST, LONGEST = 1e-30, 1e30
 """Shortest and longest time that is one [s].
@@ -24,15 +23,6 @@ holds the number of samples within any time.
 def duration(name: str, value: Any) -> float:
     """Return ``value`` as a float, a time in s that is neither as short nor as long as no time of a plant is.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number.
-    InvalidArgumentError
-        If it does not lie between 1e-30 and 1e30 s.
-
-    Examples
-    --------
     >>> duration("dt", 1)
     1.0
     """
@@ -45,15 +35,6 @@ def duration(name: str, value: Any) -> float:
 def dead_time(name: str, value: Any) -> float:
     """Return ``value`` as a float, a dead time in s: zero, or as `duration`.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number.
-    InvalidArgumentError
-        If it is negative, or neither zero nor between 1e-30 and 1e30 s.
-
-    Examples
-    --------
     >>> dead_time("delay", 0), dead_time("delay", 0.5)
     (0.0, 0.5)
     """
@@ -64,15 +45,6 @@ def dead_time(name: str, value: Any) -> float:
 def stamps_of(t: Any, samples: int) -> FloatArray:
     """Return time stamps as a vector (K,), one for each of K ``samples``.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If they are not real numbers.
-    InvalidArgumentError
-        If there are more or fewer.
-
-    Examples
-    --------
     >>> stamps_of([0.0, 0.1], samples=2)
     array([0. , 0.1])
     """
@@ -85,14 +57,6 @@ def stamps_of(t: Any, samples: int) -> FloatArray:
 def increasing(t: Any, samples: int) -> FloatArray:
     """Return time stamps as a vector (K,), finite and strictly increasing, one for each of K ``samples``.
 
-    Raises
-    ------
-    ArgumentTypeError, InvalidArgumentError
-        See `stamps_of`; also if one is not finite, repeats or goes back: the message names the first such
-        sample; or if one lies beyond 1e30 s.
-
-    Examples
-    --------
     >>> increasing([0.0, 0.1], samples=2)
     array([0. , 0.1])
     """
@@ -110,25 +74,6 @@ def increasing(t: Any, samples: int) -> FloatArray:
 def count(name: str, value: Any, least: int, numbers: int = 1) -> int:
     """Return ``value`` as an int, a number of things for which the system has memory.
 
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for messages.
-    value : object
-    least : int
-        The smallest value allowed.
-    numbers : int
-        How many numbers of eight bytes each of them needs.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a whole number.
-    InvalidArgumentError
-        If it is less than ``least``, or so large that the system does not grant the memory.
-
-    Examples
-    --------
     >>> count("samples", 100, 0)
     100
     >>> count("samples", 10**18, 0)
@@ -160,15 +105,6 @@ def granted(what: str, numbers: int) -> None:
 def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[Any, ...]:
     """Return the values of an iterable, each checked; a single one stands for itself.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is text, or neither iterable nor one value.
-    InvalidArgumentError
-        If a value is refused, or there are more than a thousand.
-
-    Examples
-    --------
     >>> several("delays", [0, 0.5], not_negative), several("delays", 1, not_negative)
     ((0.0, 0.5), (1.0,))
     """
@@ -183,13 +119,6 @@ def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[A
 def file_path(name: str, value: Any) -> str:
     """Return the path of a file or folder as text.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is neither text nor a path.
-
-    Examples
-    --------
     >>> file_path("path", "model.json")
     'model.json'
     """

@@ -23,8 +23,7 @@ from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 
 AUTO = "auto"
-LONGEST_DELAY = 1_000_000
-"""Longest dead time; the inputs of the whole dead time are kept [sampling times]."""
+LONGEST_DELAY = 1_000_000  # longest dead time; the inputs of the whole dead time are kept [sampling times]
 DEFAULT_OPTIMIZER = "recursive-least-squares"
 NO_USE_OF_REFERENCE = (
     "only the refined filter with recursive least squares uses a reference: give no r, or leave filter, optimizer "

@@ -25,14 +25,11 @@ _TAPS = {
     17: (17, 14), 18: (18, 11),
 }  # fmt: skip
 
-LARGEST_RMS = 1e300
-"""Largest standard deviation of noise that stays within float64 [the signal's unit]."""
+LARGEST_RMS = 1e300  # largest standard deviation of noise that stays within float64 [the signal's unit]
 
-LONGEST_STEP = 40.0
-"""Longest step, longer than any signal in memory [logarithm of samples]."""
+LONGEST_STEP = 40.0  # longest step, longer than any signal in memory [logarithm of samples]
 
-MOST_TURNS = 1e15
-"""Turns of a sine of which float64 still tells the angle [turns]."""
+MOST_TURNS = 1e15  # turns of a sine of which float64 still tells the angle [turns]
 
 
 def square(samples: int, period: float, dt: float, amplitude: float = 1.0) -> FloatArray:

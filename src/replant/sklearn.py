@@ -31,8 +31,7 @@ try:
 except ImportError as cause:
     raise MissingDependencyError("replant.sklearn needs scikit-learn: pip install 'replant[sklearn]'") from cause
 
-RECENT = 10_000
-"""Samples kept by `partial_fit`: the working point of the output is that of these [samples]."""
+RECENT = 10_000  # samples kept by `partial_fit`: the working point of the output is that of these [samples]
 METHODS = ("auto", "srivc", "least_squares")
 
 

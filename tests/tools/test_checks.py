@@ -208,3 +208,11 @@ def test_a_constant_with_all_parts_is_on_the_page(tmp_path: Path, monkeypatch: p
 def test_the_constants_of_the_estimators_are_found() -> None:
     found = {(one.module, name) for one in constants_page.constants() for name in one.names}
     assert {("kernels.monitoring.outliers", "GATE"), ("assessment.alternatives", "LARGEST_PART")} <= found
+
+
+def test_a_comment_says_what_a_plain_fact_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "module.py").write_text("PORT = 1883  # port of a broker [number]\nBARE = 2\n", encoding="utf-8")
+    monkeypatch.setattr(constants_page, "SOURCE", tmp_path)
+    port, bare = constants_page.constants.__wrapped__()
+    assert (port.meaning, port.unit, port.is_complete) == ("port of a broker", "number", True)
+    assert not bare.is_complete

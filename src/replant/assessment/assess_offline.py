@@ -11,8 +11,7 @@ from replant.assessment.verdict import Assessment
 from replant.engine.record import Record
 from replant.model.structure import Structure
 
-MOST_SAMPLES = 50_000
-"""Samples of a record that the verdict looks at, the newest of them [samples]."""
+MOST_SAMPLES = 50_000  # samples of a record that the verdict looks at, the newest of them [samples]
 
 
 def assess_record(
@@ -31,32 +30,6 @@ def assess_record(
 ) -> Assessment:
     """Return the verdict on a model by a record.
 
-    Parameters
-    ----------
-    structure : Structure
-    parameters : (P,) array
-        In the order of ``structure.names``.
-    record : Record
-        The record that it was fitted to, or another one, made ready.
-    dt : float
-        Nominal sampling time in s.
-    covariance : (P, P) array, optional
-        Of the parameters.
-    instruments : bool
-        False for least squares, which noise biases.
-    unseen : bool
-        Whether the record is another one, which the model was not fitted to.
-    usual_interval : float, optional
-        Median interval of the time stamps in s; by default that of the record, in which unusable samples are missing.
-    disagreement : float
-        By how much two estimates of the record differ that a right structure makes equal, see `Refined.disagreement`.
-    left_out : int
-        Outputs that were left out because the sensor was stuck or at its limit.
-    since_change : int
-        Samples since the plant has changed within the record; 0 where one model explains it.
-
-    Examples
-    --------
     >>> from replant.model.transfer_function import TransferFunction
     >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
     >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)

@@ -39,20 +39,7 @@ def assess_starting(
     solved: int = 0,
     uncertainty: float = math.nan,
 ) -> Assessment:
-    """Return the verdict during start-up.
-
-    Parameters
-    ----------
-    request : Request
-    kept : RecentSamples
-        Collected so far.
-    wanted : int
-        How many measured outputs the first model needs by now.
-    solved : int
-        How many of them the provisional model is made from; 0 while there is none.
-    uncertainty : float
-        Of the provisional model: its largest relative uncertainty.
-    """
+    """Return the verdict during start-up."""
     if not len(kept):
         return NO_SAMPLE
     u, there = kept.input, kept.is_measured

@@ -65,15 +65,6 @@ def growth_finding(
 
     In a loop a load that drifts makes the residual large at times.  With a reference it must have grown once it is
     whitened, too: a change of the plant shows in what the reference explains of it.
-
-    Parameters
-    ----------
-    evidence : Evidence
-    runs : Runs
-    figures : dict
-        Gets "growth", the ratio of the residual's power after to that before.
-    referenced : bool
-        Whether there is a reference.
     """
     if evidence.follows:
         return []

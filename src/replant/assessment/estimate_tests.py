@@ -129,17 +129,7 @@ class Certainty:
     def of(
         cls, evidence: Evidence, runs: Runs, closed: bool = False, by_reference: FloatArray | None = None
     ) -> Certainty:
-        """Test the estimate.
-
-        Parameters
-        ----------
-        evidence : Evidence
-        runs : Runs
-        closed : bool
-            Whether a controller moves the input.
-        by_reference : (K,) array, optional
-            What a reference explains of the output.
-        """
+        """Test the estimate."""
         size, speeds = evidence.coefficients, Speeds.of(evidence, closed, by_reference)
         if evidence.instruments:
             away = distance_of(runs.now, evidence.known, ALPHA)
@@ -200,16 +190,7 @@ class Speeds:
 
     @classmethod
     def of(cls, evidence: Evidence, closed: bool, by_reference: FloatArray | None = None) -> Speeds:
-        """Return the speeds of the estimate's poles.
-
-        Parameters
-        ----------
-        evidence : Evidence
-        closed : bool
-            Whether a controller moves the input.
-        by_reference : (K,) array, optional
-            What a reference explains of the output.
-        """
+        """Return the speeds of the estimate's poles."""
         least = 1.0 / evidence.record.span
         if not (closed and evidence.modes):
             poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))

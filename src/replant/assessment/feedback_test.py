@@ -82,20 +82,7 @@ NONE = Answer(0.0, False)
 
 
 def answer(run: ModelRun, rows: slice, signal: FloatArray, first: int = 0, past: FloatArray | None = None) -> Answer:
-    """Return how a signal answers a run's residual.
-
-    Parameters
-    ----------
-    run : ModelRun
-    rows : slice
-        The samples tested.
-    signal : (K,) array
-        The input, or a reference.
-    first : int
-        Number of samples j that the first answer looked for comes later.
-    past : (K, C) array, optional
-        More of what the signal's past up to the same sample tells.
-    """
+    """Return how a signal answers a run's residual."""
     error, x = run.error[rows] - run.error[rows].mean(), signal[rows] - signal[rows].mean()
     states = run.states[rows] - run.states[rows].mean(axis=0)
     count = error.size - PAST - LATEST - LAGS

@@ -47,8 +47,7 @@ Derivation: a tenth of the amplitude is what matters.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-SEGMENT = 1024
-"""Length of a segment of Welch's spectrum [samples]."""
+SEGMENT = 1024  # length of a segment of Welch's spectrum [samples]
 
 SLOWEST = 0.1
 """Lowest of the frequencies that are added below the spectrum's [part of the slowest pole's magnitude].
@@ -56,8 +55,7 @@ Derivation: a decade below the slowest pole abs G is that at rest.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-SLOW_FREQUENCIES = 8
-"""Frequencies that are added below the spectrum's [count]."""
+SLOW_FREQUENCIES = 8  # frequencies that are added below the spectrum's [count]
 
 LENGTHS = (1, 2, 4, 8, 16)
 """Lengths of the newest samples over which a change is looked for [numbers of samples that say something].
@@ -80,15 +78,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 
 def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray, alone: FloatArray) -> list[Finding]:
-    """Say where abs G is not known well enough, and where the newest samples contradict it.
-
-    Parameters
-    ----------
-    evidence : Evidence
-    runs : Runs
-    covariance, alone : (n + m + 1, n + m + 1) arrays
-        Of the estimate's coefficients, and of those that these samples alone would give.
-    """
+    """Say where abs G is not known well enough, and where the newest samples contradict it."""
     omega = excited_frequencies(evidence)
     std = _uncertainty(evidence, covariance).response(omega)[0]
     findings = [] if evidence.in_sample else _contradiction(evidence, runs, omega)

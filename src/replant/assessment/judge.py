@@ -64,8 +64,7 @@ output's amplitude].
 Derivation: half of the amplitude that matters.
 """
 
-WORST_FIT = -1000.0
-"""Simulated fit below which fits are not told apart in words [%]."""
+WORST_FIT = -1000.0  # simulated fit below which fits are not told apart in words [%]
 
 RESTING = 1e-12
 """Movement of the input that is rounding [part of its largest magnitude].

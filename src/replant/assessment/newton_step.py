@@ -66,17 +66,7 @@ class Distance:
 
 
 def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
-    """Return the Gauss-Newton step from an estimate towards the one that a record gives, with its significance.
-
-    Parameters
-    ----------
-    run : ModelRun
-        The estimate run over the record.
-    rows : slice
-        The samples that count.
-    false_alarm : float
-        Probability that the statistic of a correct estimate exceeds 1.
-    """
+    """Return the Gauss-Newton step from an estimate towards the one that a record gives, with its significance."""
     nuisances = np.hstack([run.nuisances[rows], np.ones((len(run.error[rows]), 1))])
     noise = _noise_of(run, rows, nuisances)
     nuisances = noise.whiten(nuisances)
@@ -137,14 +127,6 @@ def newest_distances(run: ModelRun, counts: Iterable[int], false_alarm: float) -
     by them (generalised least squares).  Where the few samples leave more power, that is used.  Slow noise makes steps
     scatter more than this says: by how much is measured on earlier stretches of the same length.  (The scatter of the
     estimate's path is no measure of it: the path moves after a change, which would so excuse itself.)
-
-    Parameters
-    ----------
-    run : ModelRun
-    counts : iterable of int
-        Numbers of newest samples, ascending; larger ones than the run has are left out.
-    false_alarm : float
-        Chance that a statistic exceeds 1 where the estimate is right.
     """
     noise = Autoregression.of(run.error - run.error.mean())
     white = noise.whiten(run.error)

@@ -80,21 +80,7 @@ def other_columns(
     *,
     in_sample: bool = True,
 ) -> tuple[OtherColumn, ...]:
-    """Return the columns that explain a part of the residual that matters and is no chance, that with most first.
-
-    Parameters
-    ----------
-    structure : Structure
-    parameters : (P,) array
-    record : Record
-        Made ready.
-    dt : float
-        Nominal sampling time in s.
-    others : mapping of str to (K,) array
-        Further signals over the samples of the record, by name.
-    in_sample : bool
-        Whether the model was made from these samples.
-    """
+    """Return the columns that explain a part of the residual that matters and is no chance, that with most first."""
     whole = record.u.size
     record = record.last(MOST_SAMPLES).answering(structure.delay)
     rows = slice(whole - record.u.size, whole)

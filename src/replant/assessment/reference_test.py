@@ -140,15 +140,7 @@ class Reference:
         return answer(ranked, rows, _ranked(r), first=int(run.is_direct)).found
 
     def fit(self, error: FloatArray, rows: slice) -> float:
-        """Return the fit in percent of what the reference makes of the output: what it explains of the error spoils it.
-
-        Parameters
-        ----------
-        error : (K,) array
-            Of the model.
-        rows : slice
-            The samples that count.
-        """
+        """Return the fit [%] of what the reference makes of the output: what it explains of the error spoils it."""
         functions = np.column_stack([self.states[rows], np.ones(error[rows].size)])
         left, made = math.sqrt(explained_power(functions, error[rows])), float(self.output[rows].std())
         return 100.0 * (1.0 - left / made) if made > 0.0 else float("nan")

@@ -122,19 +122,7 @@ class Residual:
     def of(
         cls, error: FloatArray, known: FloatArray, past: IntArray, used: BoolArray, noise: Autoregression | None = None
     ) -> Residual:
-        """Return that of an error (K,) and known columns (K, N); a constant is always known.
-
-        Parameters
-        ----------
-        error : (K,) array
-        known : (K, N) array
-        past : (K,) array of int
-            How many samples in a row before each are used, up to LAGS.
-        used : (K,) array of bool
-            The samples whose output was measured.
-        noise : Autoregression, optional
-            By default that of the error.
-        """
+        """Return that of an error (K,) and known columns (K, N); a constant is always known."""
         known = np.column_stack([known, np.ones(error.size)])
         lengths = lengths_of(known)
         known = known / lengths
@@ -162,14 +150,7 @@ class Residual:
         return np.asarray(self.from_known @ (self.from_known.T @ along) / self.lengths[:, None])
 
     def explained(self, columns: FloatArray, spent: int = 0) -> Explained:
-        """Return what columns (K, C) could explain of it.
-
-        Parameters
-        ----------
-        columns : (K, C) array
-        spent : int
-            Degrees of freedom that an estimate by instruments made from these columns has used up.
-        """
+        """Return what columns (K, C) could explain of it."""
         weights = np.zeros(columns.shape[1])
         columns = columns - columns[self.used].mean(axis=0)
         filtered = self._whitened(columns)

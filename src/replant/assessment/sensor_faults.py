@@ -124,13 +124,6 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -
 
     How far the model should be there follows from how it goes with the output elsewhere.  Where an output turns round,
     however coarse its scale, the model is as far; where it is cut off, the model is farther out than rounding explains.
-
-    Parameters
-    ----------
-    y, modelled : (K,) arrays
-        Measured and modelled output, of the recent past.
-    unit : float
-        Unit of the outputs, in the user's unit.
     """
     values, counts = np.unique(y, return_counts=True)
     tied = values[counts >= TIES]
@@ -160,15 +153,6 @@ def end_finding(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float
 
     The constant is none that the output takes elsewhere.  The output jumps there, other than the model's, or the input
     rests for longer than ever before.
-
-    Parameters
-    ----------
-    u, y, modelled : (K,) arrays
-        Input, measured and modelled output, of the recent past.
-    noise : float
-        Standard deviation of the residual.
-    seconds : (K,) array
-        Time of each sample, in s.
     """
     begin = int(still_runs(y)[-1, 0])
     if begin < 1 or y.size - begin < STUCK_SAMPLES or np.count_nonzero(y[:begin] == y[-1]) >= TIES:
@@ -190,21 +174,7 @@ def end_finding(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float
 def stuck_finding(
     y: FloatArray, modelled: FloatArray, noise: float, resolved: bool, seconds: FloatArray, unit: float = 1.0
 ) -> list[Finding]:
-    """Return a finding if the output was lately constant to the bit while the model's output moved.
-
-    Parameters
-    ----------
-    y, modelled : (K,) arrays
-        Measured and modelled output, of the recent past.
-    noise : float
-        Standard deviation of the residual.
-    resolved : bool
-        See `is_resolved`.
-    seconds : (K,) array
-        Time of each sample, in s.
-    unit : float
-        Unit of the outputs, in the user's unit.
-    """
+    """Return a finding if the output was lately constant to the bit while the model's output moved."""
     rounding = ROUNDING * float(y.std())
     least = max((MOVED_AT_ALL if resolved else STUCK_MOVED) * noise, STUCK_STEPS * usual_step(y), rounding)
     for begin, end in still_runs(y)[::-1]:

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 #: The statuses, the gravest first.  The verdict has that of its gravest finding.
 STATUSES = ("diverged", "not excited", "inconsistent", "converging", "trusted")
 
-LEAST_PERCENT = 0.01
-"""Part below which a figure in a reason tells nothing more [%]."""
-MOST_FIGURE = 1e4
-"""Figure beyond which it tells nothing more [number]."""
+LEAST_PERCENT = 0.01  # part below which a figure in a reason tells nothing more [%]
+MOST_FIGURE = 1e4  # figure beyond which it tells nothing more [number]
 
 
 @dataclass(frozen=True)

@@ -74,21 +74,7 @@ def sizes_of(settings: Settings | None, request: Request, *, reference: bool) ->
 
 
 def check_start(request: Request, hold: int, *, reference: bool) -> None:
-    """Check the values that belong to the start-up.
-
-    Parameters
-    ----------
-    request : Request
-    hold : int
-        Number of measured outputs that the start-up waits for.
-    reference : bool
-        Whether the samples come with a reference.
-
-    Raises
-    ------
-    DamagedCheckpointError
-        If they do not follow from the request.
-    """
+    """Check the values that belong to the start-up."""
     holds = [request.first_hold]
     while request.wants_instruments and 2 * holds[-1] <= LONGEST_STARTUP:
         holds.append(2 * holds[-1])
@@ -99,23 +85,7 @@ def check_start(request: Request, hold: int, *, reference: bool) -> None:
 
 
 def check_collected(state: State, request: Request, resolve_at: int, *, reference: bool) -> None:
-    """Check the state of a start-up.
-
-    Parameters
-    ----------
-    state : State
-        It has the right shapes, see `sizes_of`.
-    request : Request
-    resolve_at : int
-        Number of samples at which the whole record is solved again: 0.
-    reference : bool
-        Whether the samples come with a reference.
-
-    Raises
-    ------
-    DamagedCheckpointError
-        If a number has no valid value.
-    """
+    """Check the state of a start-up."""
     if type(resolve_at) is not int or resolve_at != 0:
         raise DamagedCheckpointError("it plans to solve its record again, and has none yet")
     fresh = State.collecting(request, reference=reference)
@@ -130,20 +100,7 @@ def check_collected(state: State, request: Request, resolve_at: int, *, referenc
 
 
 def check_settings(settings: Settings, request: Request, *, reference: bool) -> None:
-    """Check that settings follow from a request.
-
-    Parameters
-    ----------
-    settings : Settings
-    request : Request
-    reference : bool
-        Whether the samples come with a reference.
-
-    Raises
-    ------
-    DamagedCheckpointError
-        If they differ in a choice that the request makes.
-    """
+    """Check that settings follow from a request."""
     optimizer, asked = type(settings.optimizer), request.optimizer
     agrees = {
         "structure": settings.structure == request.structure,
@@ -166,21 +123,7 @@ def check_settings(settings: Settings, request: Request, *, reference: bool) -> 
 
 
 def check_state(state: State, settings: Settings, resolve_at: int) -> None:
-    """Check that the kernels can work on a state.
-
-    Parameters
-    ----------
-    state : State
-        It has the right shapes, see `sizes_of`.
-    settings : Settings
-    resolve_at : int
-        Number of samples at which the whole record is solved again; 0: never.
-
-    Raises
-    ------
-    DamagedCheckpointError
-        If a number has no valid value.
-    """
+    """Check that the kernels can work on a state."""
     _check_decided(state, State.laid_out(settings, len(state.recent)), settings)
     _check_positions(state)
     _check_due(state, resolve_at)

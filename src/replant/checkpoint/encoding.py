@@ -44,12 +44,9 @@ over itself [number].
 """
 
 START = struct.Struct("<8sII")
-DIGEST = 32
-"""Length of the checksum, of SHA-256 [bytes]."""
-LONGEST_HEADER = 2**20
-"""Longest header that is read [bytes]."""
-LARGEST = 2**34
-"""Largest array that is read, rows not stored included: no state needs 16 GiB [bytes]."""
+DIGEST = 32  # length of the checksum, of SHA-256 [bytes]
+LONGEST_HEADER = 2**20  # longest header that is read [bytes]
+LARGEST = 2**34  # largest array that is read, rows not stored included: no state needs 16 GiB [bytes]
 
 #: The attributes of an identifier that are no arrays, and their types.
 ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
@@ -89,13 +86,7 @@ class Contents:
 
 
 def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> bytes:
-    """Return the bytes of an identifier with these attributes; equal identifiers give equal bytes.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If a setting or an entry of ``progress`` cannot be stored, for example a function; or if it is too large.
-    """
+    """Return the bytes of an identifier with these attributes; equal identifiers give equal bytes."""
     arrays = {name: getattr(attributes[STATE], name) for name in STATE_ARRAYS}
     written = {name: len(array) for name, array in arrays.items()}
     written["buffer"] = attributes[STATE].buffer_filled  # searching a large buffer for its used rows would be slow
@@ -119,15 +110,7 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
 
 
 def decode(data: bytes | bytearray | memoryview) -> Contents:
-    """Return the arguments of `encode`.
-
-    Raises
-    ------
-    DamagedCheckpointError
-        If the bytes are not those that `encode` of this version makes; the message says in one line what is wrong.
-    ArgumentTypeError
-        If ``data`` is not bytes.
-    """
+    """Return the arguments of `encode`."""
     if not isinstance(data, bytes | bytearray | memoryview):
         raise ArgumentTypeError(f"data must be bytes, got {type(data).__name__}")
     header, body = _parts(bytes(data))

@@ -23,8 +23,7 @@ from replant.operating_system.os_errors import reason_of
 
 AnyPath = str | os.PathLike[str]
 
-LARGEST = 2**36
-"""Largest file that is read as a checkpoint [bytes]."""
+LARGEST = 2**36  # largest file that is read as a checkpoint [bytes]
 
 
 def write(path: AnyPath, data: bytes) -> None:
@@ -32,13 +31,6 @@ def write(path: AnyPath, data: bytes) -> None:
 
     When the function returns, the data are on the disk.  Only one process may write a file; any may read it meanwhile.
 
-    Raises
-    ------
-    CheckpointError
-        If the file cannot be written, because of a missing folder or a full disk for example.  It is then unchanged.
-
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write(Path(folder, "rig"), b"first")
@@ -58,15 +50,6 @@ def write(path: AnyPath, data: bytes) -> None:
 def read(path: AnyPath) -> bytes:
     """Return the bytes of a file.
 
-    Raises
-    ------
-    MissingCheckpointError
-        If there is no such file.
-    CheckpointError
-        If it cannot be read.
-
-    Examples
-    --------
     >>> read("no-such-file")
     Traceback (most recent call last):
     replant.errors.MissingCheckpointError: no-such-file: no such file

@@ -8,15 +8,7 @@ from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheck
 
 
 def newest_sound(path: AnyPath) -> tuple[Contents, str | None]:
-    """Return the checkpoint under ``path`` and None, or the previous one and why that under ``path`` cannot be used.
-
-    Raises
-    ------
-    MissingCheckpointError
-        If there is neither the file nor a previous one.
-    DamagedCheckpointError, CheckpointError
-        If none of them can be used; the message says why for each.
-    """
+    """Return the checkpoint under ``path`` and None, or the previous one and why that under ``path`` cannot be used."""
     try:
         return _decoded(path), None
     except CheckpointError as error:

@@ -42,13 +42,6 @@ NUMBERS = ("|b1", "|i1", "|u1", "<i2", "<u2", "<i4", "<u4", "<i8", "<u8", "<f2",
 def to_plain(name: str, value: Any) -> Any:
     """Return ``value`` in terms of JSON; a value that JSON cannot express becomes an object with one tag.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the value cannot be stored, such as a function; the message calls it ``name``.
-
-    Examples
-    --------
     >>> to_plain("replay", Replay(seed=3))
     {'Replay': {'capacity': 20000, 'batch_size': 20, 'warmup': 20, 'seed': 3}}
     >>> to_plain("limits", (0.5, np.inf))
@@ -88,13 +81,6 @@ def from_plain(plain: Any) -> Any:
 
     Objects are built by their constructors, which refuse invalid values.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If `to_plain` cannot have written this.
-
-    Examples
-    --------
     >>> from_plain({"Structure": {"poles": 2, "zeros": 1, "delay": 0.0, "bias": False, "feedthrough": False}})
     Structure(poles=2, zeros=1, delay=0.0, bias=False, feedthrough=False)
     """

@@ -18,8 +18,7 @@ from replant.report.html.compared_models import write_models
 from replant.report.html.model_comparison import HEADINGS, ModelComparison, compare
 from replant.report.terminal.validation import as_json as validation_as_json
 
-SHOWN = 7
-"""Columns of the table that fit into a terminal [count]."""
+SHOWN = 7  # columns of the table that fit into a terminal [count]
 
 
 def are_models(paths: Sequence[Path]) -> bool:
@@ -28,13 +27,7 @@ def are_models(paths: Sequence[Path]) -> bool:
 
 
 def compare_models(paths: Sequence[Path], options: dict[str, Any]) -> None:
-    """Compare the models in all files but the last over the log in the last one.
-
-    Raises
-    ------
-    click.UsageError
-        If there is no log, or an option that makes models is given.
-    """
+    """Compare the models in all files but the last over the log in the last one."""
     *saved, path = paths
     if not saved or holds_model(path):
         raise click.UsageError("name the log behind the models: replant compare MODEL.json MODEL2.json LOG")

@@ -67,13 +67,7 @@ def input_hold_of(options: dict[str, Any]) -> str:
 
 
 def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
-    """Return a log as the options ask for it, and say on standard error what was done.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the log cannot be conditioned so; the message names the option.
-    """
+    """Return a log as the options ask for it, and say on standard error what was done."""
     assert log is not None
     for name, change in (("resample", resample), ("decimate", decimate)):
         if options.get(name) is not None:

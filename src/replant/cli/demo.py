@@ -27,10 +27,8 @@ from replant.runs.result import Result
 from replant.runs.run import run_online
 from replant.settings import Request
 
-SAMPLES = 240_000
-"""Length of the demo's record: 240 s at 1 kHz [samples]."""
-VOLTAGE = 6
-"""Seed of a voltage that still changes at the end, which the verdict on the newest samples needs [seed]."""
+SAMPLES = 240_000  # length of the demo's record: 240 s at 1 kHz [samples]
+VOLTAGE = 6  # seed of a voltage that still changes at the end, which the verdict on the newest samples needs [seed]
 STRUCTURE = Structure(poles=3, zeros=1)
 DEFAULT, ARTICLE = "replant's default", "the article's AMSGrad"
 TITLE = "Dielectric elastomer actuator, simulated"

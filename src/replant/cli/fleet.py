@@ -26,8 +26,7 @@ from replant.fleet.reports import MOST_REPORTS, write_reports
 from replant.fleet.result_row import FAILED
 from replant.fleet.results import Fleet, load
 
-NAMED = 5
-"""Odd rigs that the terminal names [count]."""
+NAMED = 5  # odd rigs that the terminal names [count]
 
 
 @click.command(name="fleet")
@@ -114,13 +113,7 @@ def _odd(found: Fleet) -> list[tuple[str, str]]:
 
 
 def _check_some(found: Fleet) -> None:
-    """Check that a rig has a model.
-
-    Raises
-    ------
-    LogError
-        If none has: most likely an option is wrong.
-    """
+    """Check that a rig has a model."""
     if set(found.verdicts) == {FAILED}:
         first = found.table().column("reasons")[0].as_py()
         raise LogError(f"none of {len(found)} rigs could be identified; the first: {_plain(first)}")

@@ -24,8 +24,7 @@ from replant.rigs import Rig, deap_rig, motor_rig
 from replant.settings import Request
 
 DASHBOARD = "127.0.0.1:8710"
-LONGEST_TOKEN = 1024
-"""Longest token that is read from a file [characters]."""
+LONGEST_TOKEN = 1024  # longest token that is read from a file [characters]
 DEMO = "demo"  # the source that needs no options, because its structure is known
 LOOP = "loop=pi"  # its option for the motor under a controller
 
@@ -168,13 +167,6 @@ def command(source: str, loop: bool, **options: Any) -> None:
 def looped(source: str) -> str:
     """Return the demo's address with the motor under a controller.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the source is another one.
-
-    Examples
-    --------
     >>> looped("demo"), looped("demo?speed=max")
     ('demo?loop=pi', 'demo?speed=max&loop=pi')
     """

@@ -22,11 +22,6 @@ def check_complete(given: dict[str, Any]) -> None:
     """Check that input, output and number of poles are given.
 
     Without input or output, what is in the log is printed to standard error first.
-
-    Raises
-    ------
-    click.UsageError
-        If one is missing; the message holds the command, completed as the log suggests.
     """
     missing = [option for name, option in NEEDED.items() if given[name] is None]
     if not missing:

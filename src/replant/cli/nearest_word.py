@@ -8,8 +8,7 @@ from typing import Any
 
 import click
 
-NEAR = 0.6
-"""Likeness from which on a word is taken for a misspelling [ratio of difflib]."""
+NEAR = 0.6  # likeness from which on a word is taken for a misspelling [ratio of difflib]
 
 
 def did_you_mean(word: str, words: Sequence[str]) -> str:

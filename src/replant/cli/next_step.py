@@ -20,10 +20,8 @@ from replant.data.inspection.inspect import rounded_up
 from replant.log import Log
 from replant.runs.result import Result
 
-TRIED = 6
-"""Dead times that a suggested range has beside 0 [count]."""
-STEPS_OF_A_TEST = 2
-"""Moves of the input in a step test: up, and down again [count]."""
+TRIED = 6  # dead times that a suggested range has beside 0 [count]
+STEPS_OF_A_TEST = 2  # moves of the input in a step test: up, and down again [count]
 UNSURE = r"has a standard deviation|uncertainty of the estimate|cancel the poles?"
 FEWER = r"with fewer poles the record is likelier(?:: ask for (\d+|one) pole)?"
 COLUMN = r"^column (.+) explains"

@@ -55,13 +55,7 @@ class OptimizerChoice(click.ParamType["str | Optimizer"]):
         return f"{name}:" + ",".join(f"{key}={number}" for key, number in given.items() if number is not None)
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
-        """Return what the help shows in place of the value.
-
-        Parameters
-        ----------
-        param : click.Parameter
-        ctx : click.Context
-        """
+        """Return what the help shows in place of the value."""
         return "NAME[:SETTING=X,...]"
 
 

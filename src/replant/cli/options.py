@@ -134,17 +134,7 @@ _CONDITION = [INPUT_HOLD, *CONDITIONING]
 def log_options(
     several: str, otherwise: Callable[[dict[str, Any]], bool] = lambda given: False, *, is_kept: bool = True
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log.
-
-    Parameters
-    ----------
-    several : str
-        What is said where more than one log is named.
-    otherwise : callable
-        Called first with the options; True if it has done what they ask for.
-    is_kept : bool
-        Whether a model comes of it, which may be validated on a stretch of the log.
-    """
+    """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log."""
     options = [_LOGS, *_COLUMNS, *_STRUCTURE, *_CONDITION, *(STRETCHES if is_kept else ()), *_REST]
     return lambda command: _decorated(command, options, several, otherwise)
 
@@ -190,28 +180,14 @@ def _decorated(
 
 
 def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
-    """Read the log and make the request that the options describe.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If poles, zeros or dead time are a range, or the options do not fit together.
-    LogError
-        If the log cannot be read.
-    """
+    """Read the log and make the request that the options describe."""
     _check_one_of_each(options)
     log = read(options)
     return log, request_of(options, log.dt)
 
 
 def read_several(options: dict[str, Any]) -> list[Log]:
-    """Read the logs that the options name, which are fitted together.
-
-    Raises
-    ------
-    LogError
-        If one cannot be read.
-    """
+    """Read the logs that the options name, which are fitted together."""
     return [read(options | {"log": path}) for path in options["logs"]]
 
 
@@ -225,15 +201,7 @@ def request_of(options: dict[str, Any], dt: float) -> Request:
 
 
 def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
-    """Check the log that the options name, which may be of any length, and open it; see `open_recording`.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If poles, zeros or dead time are a range.
-    LogError
-        If the log cannot be read.
-    """
+    """Check the log that the options name, which may be of any length, and open it; see `open_recording`."""
     _check_one_of_each(options)
     recording = open_recording(options["log"], **_columns(options), progress=progress)
     _note(options, recording)
@@ -245,13 +213,7 @@ def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) 
 
 
 def structure_of(options: dict[str, Any]) -> Structure:
-    """Return the one structure that the options describe.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If poles, zeros or dead time are a range, or the structure is impossible.
-    """
+    """Return the one structure that the options describe."""
     _check_one_of_each(options)
     zeros = options["zeros"][0] if options["zeros"] else 0
     return Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
@@ -279,13 +241,7 @@ def preprocess_of(options: dict[str, Any]) -> Preprocess:
 
 
 def read(options: dict[str, Any]) -> Log:
-    """Read the log that the options name.
-
-    Raises
-    ------
-    LogError
-        If the log cannot be read.
-    """
+    """Read the log that the options name."""
     recording = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
     _note(options, recording)
     log = conditioned(with_others(recording).held, options)

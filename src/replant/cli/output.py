@@ -38,29 +38,7 @@ def deliver(
     more: dict[str, Any] | None = None,
     **report: Any,
 ) -> None:
-    """Print a result, write its plots and its report, save and validate its model.
-
-    Parameters
-    ----------
-    result : Result
-    log : Log
-        The record of the result.
-    keeping : Keeping
-        What is to be done with the model.
-    as_json : bool
-        Whether to print a JSON object instead of a table.
-    out : Path or None
-        Folder for plots and report; None: they are not written.
-    more : dict, optional
-        Further entries of the JSON object.
-    **report
-        Further arguments of `write_report`.
-
-    Raises
-    ------
-    click.BadParameter
-        If the folder cannot be written to.
-    """
+    """Print a result, write its plots and its report, save and validate its model."""
     from rich.console import Console
 
     result = dataclasses.replace(result, model=kept(result.model, log))
@@ -114,13 +92,7 @@ def _next(result: Result, log: Log, keeping: Keeping, *, is_searched: bool) -> N
 
 @contextmanager
 def write_errors_reported(out: Path) -> Iterator[None]:
-    """Turn errors of the file system into `click.BadParameter`, which names the file.
-
-    Raises
-    ------
-    click.BadParameter
-        If the code in the ``with`` block raises OSError.
-    """
+    """Turn errors of the file system into `click.BadParameter`, which names the file."""
     try:
         yield
     except OSError as cause:
@@ -131,13 +103,6 @@ def write_errors_reported(out: Path) -> Iterator[None]:
 def make_folder(out: Path | None) -> None:
     """Make the folder for results; called before the computation, so that a mistake costs no time.
 
-    Raises
-    ------
-    click.BadParameter
-        If ``out`` is a file, or the folder cannot be made.
-
-    Examples
-    --------
     >>> make_folder(None)
     """
     if out is None:

@@ -11,8 +11,7 @@ from replant.cli.notes import is_quiet
 from replant.report.number_format import with_prefix
 
 ASKED = "replant.progress"
-STEP = 10
-"""Part of the work after which a line is printed [%]."""
+STEP = 10  # part of the work after which a line is printed [%]
 
 
 def ask() -> None:

@@ -84,26 +84,7 @@ def command(names: tuple[str, ...], on: str | None, json_only: bool, out: Path |
 def deliver(
     names: Sequence[str], out: Path | None, *, json_only: bool = False, report: bool = False, on: str | None = None
 ) -> None:
-    """Reproduce tables and figures, print the tables, and write everything into a folder.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Tables and figures, see `replant.paper.catalogue.NAMES`.
-    out : Path or None
-        Folder for figures and tables; None: they are not written.
-    json_only : bool
-        Whether to print one JSON object instead of tables.
-    report : bool
-        Whether to write ``report.html`` with all of them.
-    on : str, optional
-        Where the runs of the tables are made.
-
-    Raises
-    ------
-    click.BadParameter
-        If the folder cannot be written to.
-    """
+    """Reproduce tables and figures, print the tables, and write everything into a folder."""
     make_folder(out)
     outcome, written, pictures = _run(names, out, report=report, on=on)
     text = json.dumps(results_as_json(outcome), indent=2, allow_nan=False)

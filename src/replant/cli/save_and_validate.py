@@ -24,8 +24,7 @@ from replant.identified.model import Model
 from replant.identified.model_file import check_target
 from replant.identified.validation import Validation
 
-NOT_REQUIRED = 3
-"""Exit code where a verdict is not the one that `--require` asks for [number]."""
+NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]
 
 REQUIRE = click.option(
     "--require",
@@ -77,15 +76,7 @@ class Keeping:
 
     @classmethod
     def of(cls, options: dict[str, Any]) -> Keeping:
-        """Take the options of this module out of those of a command.
-
-        Raises
-        ------
-        ModelFileError
-            If the model may not be written where it should: a mistake costs no time.
-        InvalidArgumentError
-            If one of the other logs does not exist.
-        """
+        """Take the options of this module out of those of a command."""
         saved, logs, required = (options.pop(name) for name in ("saved", "other_logs", "required"))
         if saved is not None:
             check_target(saved)
@@ -95,13 +86,7 @@ class Keeping:
         return cls(saved, logs, required, dict(options))
 
     def validated(self, model: Model) -> list[tuple[str, Validation]]:
-        """Return the model's validation on each of the other logs, by the name of the log.
-
-        Raises
-        ------
-        LogError
-            If a log cannot be read.
-        """
+        """Return the model's validation on each of the other logs, by the name of the log."""
         path: Path = self.columns["log"]
         stretches = []
         for begin, end in self.columns.get("validate_on") or ():
@@ -116,20 +101,7 @@ class Keeping:
 
 
 def validated(model: Model, paths: Sequence[Path], columns: dict[str, Any]) -> list[tuple[str, Validation]]:
-    """Return a model's validation on logs, by their names, or by their paths where names repeat.
-
-    Parameters
-    ----------
-    model : Model
-    paths : sequence of Path
-    columns : dict
-        The options that name the columns and the clock of the logs.
-
-    Raises
-    ------
-    LogError
-        If a log cannot be read.
-    """
+    """Return a model's validation on logs, by their names, or by their paths where names repeat."""
     names = [path.name for path in paths]
     found = []
     for path, name in zip(paths, names, strict=True):
@@ -150,13 +122,7 @@ def check_required(required: str | None, verdicts: Sequence[Verdict]) -> None:
 
 
 def whole_log(path: Path, columns: dict[str, Any]) -> Log:
-    """Read another log with the same columns, all of it.
-
-    Raises
-    ------
-    LogError
-        If it cannot be read.
-    """
+    """Read another log with the same columns, all of it."""
     return read({**columns, "begin": None, "end": None, "log": path})
 
 

@@ -72,13 +72,7 @@ def has_stretches(options: dict[str, Any]) -> bool:
 
 
 def stretched(log: Log, options: dict[str, Any]) -> Log:
-    """Return a log without the outputs that the options leave out; the input goes on to act.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If an option names a stretch without samples, or no output is left.
-    """
+    """Return a log without the outputs that the options leave out; the input goes on to act."""
     from dataclasses import replace
 
     clock = log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0]

@@ -24,8 +24,7 @@ ORDER = 2
 Derivation: the fewest of which a straight drift leaves nothing.
 """
 
-FORGOTTEN = 0.01
-"""Part of its beginning that the filter may still remember where outputs count again [number]."""
+FORGOTTEN = 0.01  # part of its beginning that the filter may still remember where outputs count again [number]
 
 
 def bandpass(log: Log, low: float | None = None, high: float | None = None) -> Log:

@@ -22,14 +22,11 @@ HALF_LENGTH = 10
 Derivation: with `ATTENUATION` the edge of its passband is then 0.13 new sampling rates wide.
 """
 
-ATTENUATION = 60.0
-"""Attenuation of what would be aliased [dB]."""
+ATTENUATION = 60.0  # attenuation of what would be aliased [dB]
 
-CUTOFF = 0.8
-"""Frequency at which the filter has fallen to a half [new Nyquist frequency]."""
+CUTOFF = 0.8  # frequency at which the filter has fallen to a half [new Nyquist frequency]
 
-LONGEST_GAP = 3.0
-"""Distance of two stamps from which on the samples between them are taken for lost [usual intervals]."""
+LONGEST_GAP = 3.0  # distance of two stamps from which on the samples between them are taken for lost [usual intervals]
 
 FINEST = 0.5
 """Shortest new sampling time [usual intervals].
@@ -41,11 +38,9 @@ MOST_ROWS = 100.0
 Derivation: beside a gap of a year the new samples would not fit into memory.
 """
 
-SAME = 1e-9
-"""Part of an interval that rounding makes [intervals]."""
+SAME = 1e-9  # part of an interval that rounding makes [intervals]
 
-COARSEST = 2.0
-"""Longest new sampling time of a log without a filter against aliasing [usual intervals]."""
+COARSEST = 2.0  # longest new sampling time of a log without a filter against aliasing [usual intervals]
 
 
 def detrend(log: Log) -> Log:

@@ -13,8 +13,7 @@ from replant.kernels.slot_tables import Block
 from replant.model.structure import Structure
 from replant.settings import Request, Settings
 
-DENSEST = 4.0
-"""Rate at which samples may come where there is a dead time: so many past inputs are kept [nominal rates]."""
+DENSEST = 4.0  # rate at which samples may come where there is a dead time: so many past inputs are kept [nominal rates]
 
 
 @dataclass(frozen=True)

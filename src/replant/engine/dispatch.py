@@ -38,14 +38,6 @@ def bound_step(state: State, kernel: Kernel, preprocess: Preprocess) -> tuple[St
 
     Where the input map is a Python function, which no kernel can call, it is called first.  As long as the gate is
     shut, as it is at first, the function raises Attention and takes nothing (see `replant.kernels.native`).
-
-    Parameters
-    ----------
-    state : State
-        Its arrays are kept alive by the function.
-    kernel : Kernel
-        For one sample, from `step_kernels`.
-    preprocess : Preprocess
     """
     from replant.kernels.step.soundness import is_sound
 

@@ -194,17 +194,7 @@ class RecentSamples:
         return bool((self.interval[1:] == dt).all())
 
     def record(self, dt: float, input_hold: str, *, parted: bool = False) -> Record:
-        """Return them as a record; regular where every interval is ``dt``.
-
-        Parameters
-        ----------
-        dt : float
-            Sampling time in s.
-        input_hold : {"zoh", "foh"}
-        parted : bool
-            Whether gaps part the record, see `replant.engine.record.gaps_of`; they then count as no longer than
-            `LONGEST_GAP`.
-        """
+        """Return them as a record; regular where every interval is ``dt``."""
         u, y, intervals = self.values[:, : STEP + 1].T.copy()
         regular = self.is_regular(dt)
         r = self.reference.copy() if self.have_reference else None

@@ -29,8 +29,7 @@ estimated; without lost samples it is 0.3 %.  Single samples lost at random, a t
 Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, nothing changes on these records.
 """
 
-MOST_GAPS = 500
-"""Gaps that part a record, the longest ones of them: each costs a pass over its part [count]."""
+MOST_GAPS = 500  # gaps that part a record, the longest ones of them: each costs a pass over its part [count]
 
 
 JITTER = 0.5
@@ -46,15 +45,6 @@ def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
     An interval is a gap if it is more than `GAP` times as long as the usual one, and as those beside it: samples that
     come more slowly for a while are no gaps.  Of more than `MOST_GAPS` the longest are returned.
 
-    Parameters
-    ----------
-    intervals : (K,) array
-        Time since the sample before, in s; the first is not looked at.
-    usual : float
-        Usual interval in s.
-
-    Examples
-    --------
     >>> gaps_of(np.array([1.0, 1.0, 9.0, 1.0, 9.0, 9.0, 9.0]), 1.0)
     array([2])
     """
@@ -176,13 +166,7 @@ class Record:
         return Record(self.u[rows], self.y[rows], intervals, self.input_hold, r, None, usual, measured, begins)
 
     def answering(self, delay: float) -> Record:
-        """Return the samples that answer to inputs of the record, those before them as `before`; at least the newest.
-
-        Parameters
-        ----------
-        delay : float
-            Dead time in s.
-        """
+        """Return the samples that answer to inputs of the record, those before as `before`; at least the newest."""
         unknown = min(self.unknown(delay), self.u.size - 1)
         if unknown <= 0:
             return self
@@ -285,13 +269,6 @@ def _slices(begins: Sequence[int], end: int) -> list[slice]:
 def join(records: Sequence[Record]) -> Record:
     """Return records of one plant as one record: of each the offset and the initial state are its own.
 
-    Parameters
-    ----------
-    records : sequence of Record
-        At least one; all with the same input hold, and all with a reference or none.
-
-    Examples
-    --------
     >>> join([Record(np.zeros(9), np.zeros(9), np.array([0.1])), Record(np.ones(4), np.ones(4), np.array([0.1]))]).parts
     [slice(0, 9, None), slice(9, 13, None)]
     """
@@ -327,21 +304,6 @@ def ready_record(
     Without a bias in the structure the mean is subtracted too; the constant beside G(s) takes up the remainder.  Where
     samples are dropped the intervals grow: the filters are exact for the time that passed.  An output that cannot be
     used is not `Record.measured`.
-
-    Parameters
-    ----------
-    structure : Structure
-    dt : float
-        Sampling time in s.
-    preprocess : Preprocess
-        Input map, and working point in the units of u and y.
-    u, y : (K,) arrays
-        Raw input and output.
-    stamps : (K,) array, optional
-        Time stamps in s; None for a regular clock.
-    input_hold : {"zoh", "foh"}
-    r : (K,) array, optional
-        Reference.
     """
     mapped = preprocess.map_input(u)
     accepted, measured = screen(mapped, np.zeros(y.size))[0], screen(mapped, y)[0]

@@ -24,25 +24,6 @@ def regressors(
     """Return the regressors phi (K, P) and the target s^n/Lambda y (K,) of a record, in physical units.
 
     Rows of samples that are not finite, or too large for float64, are NaN.
-
-    Parameters
-    ----------
-    structure : Structure
-    dt : float
-        Sampling time in s.
-    state_filter : StateVariableFilter
-        1/Lambda(s).
-    preprocess : Preprocess
-        Input map, and working point in the units of u and y.
-    u, y : (K,) arrays
-        Raw input and output.
-    t : (K,) array, optional
-        Time stamps of an irregular clock in s.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If there are stamps, and the filter needs a regular clock.
     """
     from replant.kernels.step.stages import regressors as kernel
 

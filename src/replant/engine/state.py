@@ -127,24 +127,7 @@ class State(StateSlots):
         cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str = "zoh",
         instruments: bool = False, memory: FloatArray = NOTHING, numbers: FloatArray = NOTHING, reference: bool = False,
     ) -> State:  # fmt: skip
-        """Return unscaled arrays without replay, and fill in what is known of a fixed filter.
-
-        Parameters
-        ----------
-        structure : Structure
-        dt : float
-            Sampling time in s.
-        state_filter : StateVariableFilter or None
-            None stands for the refined filter, which has nuisances and instruments.
-        input_hold : {"zoh", "foh"}
-        instruments : bool
-        memory : (M,) array
-            Of the optimizer.
-        numbers : (S,) array
-            The optimizer's settings.
-        reference : bool
-            Whether instruments are made from a reference.
-        """
+        """Return unscaled arrays without replay, and fill in what is known of a fixed filter."""
         refined = state_filter is None
         entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
         companions = instruments or refined
@@ -166,11 +149,6 @@ class State(StateSlots):
         """Fill in structure, sampling time and kind of filter.
 
         Nothing compiled runs: the numbers of a fixed filter are left to `fix_filter`.
-
-        Parameters
-        ----------
-        structure, dt, state_filter, input_hold, instruments
-            As in `build`.
         """
         refined = state_filter is None
         self.parameter_count, self.input_entries = structure.size, structure.zeros + 1
@@ -238,17 +216,7 @@ class State(StateSlots):
     def for_regressors(
         cls, structure: Structure, dt: float, state_filter: StateVariableFilter, preprocess: Preprocess
     ) -> State:
-        """Return arrays that turn a raw record into unscaled regressors of a fixed filter.
-
-        Parameters
-        ----------
-        structure : Structure
-        dt : float
-            Sampling time in s.
-        state_filter : StateVariableFilter
-        preprocess : Preprocess
-            With numbers for working points.
-        """
+        """Return arrays that turn a raw record into unscaled regressors of a fixed filter."""
         state = cls.build(structure, dt, state_filter=state_filter, input_hold=state_filter.input_hold)
         state.square_input = preprocess.input_map == "square"
         state.input_offset, state.output_offset = float(preprocess.input_offset), float(preprocess.output_offset)
@@ -256,17 +224,7 @@ class State(StateSlots):
 
     @classmethod
     def for_model(cls, structure: Structure, dt: float, input_hold: str, *, reference: bool = False) -> State:
-        """Return arrays that turn a `Record` into regressors and instruments of the refined filter.
-
-        Parameters
-        ----------
-        structure : Structure
-        dt : float
-            Sampling time in s.
-        input_hold : {"zoh", "foh"}
-        reference : bool
-            Whether instruments are made from a reference.
-        """
+        """Return arrays that turn a `Record` into regressors and instruments of the refined filter."""
         return cls.build(structure, dt, state_filter=None, input_hold=input_hold, reference=reference)
 
     @property
@@ -305,15 +263,7 @@ class State(StateSlots):
             self.square_input, self.input_offset, self.output_offset = kept
 
     def fix_filter(self, structure: Structure, dt: float, state_filter: StateVariableFilter) -> None:
-        """Give the fixed bank its denominator; the bilinear filter also its one discretisation.
-
-        Parameters
-        ----------
-        structure : Structure
-        dt : float
-            Sampling time in s.
-        state_filter : StateVariableFilter
-        """
+        """Give the fixed bank its denominator; the bilinear filter also its one discretisation."""
         from replant.kernels.filters import bank as bk
 
         n, entries = structure.poles, self.entries

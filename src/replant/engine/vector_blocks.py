@@ -11,8 +11,7 @@ from replant.arguments import FloatArray, IntArray
 from replant.engine.state import State
 from replant.kernels.schema import LAYOUT, LINE, StateSlots
 
-TILE = 256
-"""Samples that a block takes at once: they, and what comes of them, stay in the processor's cache [samples]."""
+TILE = 256  # samples that a block takes at once: they, and what comes of them, stay in the processor's cache [samples]
 #: What the members of a block have in common: everything in `ints` but the random seed and what changes.
 ALIKE = [slot.index for slot in StateSlots.integers if slot.writer == LAYOUT and slot is not StateSlots.seed]
 ALIKE += [StateSlots.rests_with_input.index, StateSlots.adapt.index]
@@ -107,19 +106,7 @@ class Block:
     def take(
         self, room: Room, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray
     ) -> None:
-        """Take the samples from row ``start`` on.
-
-        Parameters
-        ----------
-        room : Room
-            Of the calling thread.
-        start : int
-        u, y : (K, M) or (K, 1) arrays
-        errors : (K, M) array
-            Written from row ``start`` on.
-        parameters : (M, K, size) array
-            Written likewise, in physical units.
-        """
+        """Take the samples from row ``start`` on."""
         from replant.kernels.step import ensemble
 
         spaces = room.of(len(u) - start, parameters.shape[2])

@@ -22,35 +22,15 @@ from replant.fleet.rig_column import NAMELESS, rigs_in_columns
 from replant.operating_system.os_errors import reason_of
 
 FILE, FOLDER = "file", "folder"
-HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"
-"""What writers of hive folders put in the place of no value."""
+HIVE_NULL = "__HIVE_DEFAULT_PARTITION__"  # what writers of hive folders put in the place of no value
 NOBODY = "{}: the folder {}= has no value, so that its rows are no rig's"
-SHOWN = 200
-"""Characters of a path that is not there that a message shows [characters]."""
+SHOWN = 200  # characters of a path that is not there that a message shows [characters]
 _MAGIC = frozenset("*?[")
 
 
 def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = None) -> list[Rig]:
     """Return the rigs of a folder of logs, sorted by name.
 
-    Parameters
-    ----------
-    logs : path
-        A file, a folder, which is searched with all that lie in it, or a pattern with ``*``, ``?`` or ``**``.
-    by : str
-        What a rig is: "file", "folder", or the name of a column: of a hive folder ``COLUMN=rig``, or in Parquet files.
-    leave_out : Path, optional
-        A folder that is not searched, such as that of the results.
-
-    Raises
-    ------
-    LogError
-        If there is no log, or a file has no such column.
-    InvalidArgumentError
-        If the results would lie among the logs.
-
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     for name in ("b.csv", "a.csv", "notes.md"):
@@ -141,15 +121,7 @@ def _is_inside(folder: Path, judged: dict[Path, bool], is_left_out: Callable[[Pa
 
 
 def _check_root(root: Path, leave_out: Path | None) -> None:
-    """Check that the logs do not lie where results are.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the folder of the logs is that of the results.
-    LogError
-        If it holds results of a fleet.
-    """
+    """Check that the logs do not lie where results are."""
     if leave_out is not None and os.path.realpath(root) == os.path.realpath(leave_out):
         raise InvalidArgumentError(
             f"{leave_out} is the folder of the logs; name another one for the results (out, --out), such as "

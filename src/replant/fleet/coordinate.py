@@ -21,22 +21,6 @@ R = TypeVar("R")
 def carried_out(workers: Workers, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[tuple[int, R]]:
     """Yield the number of each task and what came of it, in the order in which they end.
 
-    Parameters
-    ----------
-    workers : Workers
-    function : callable
-        Called by a worker with one task.
-    tasks : iterable
-
-    Raises
-    ------
-    SystemRefusedError
-        If the workers die again and again.
-    Exception
-        What the function raises; tasks that wait are then cancelled.
-
-    Examples
-    --------
     >>> from replant.fleet.executors import workers
     >>> with workers(None) as found:
     ...     list(carried_out(found, abs, [-1, -2]))

@@ -20,20 +20,6 @@ def compared(
 ) -> str:
     """Return a quantity beside another value of it in words.
 
-    Parameters
-    ----------
-    quantity : Quantity
-    log_ratio, std : float
-        Natural logarithm of the ratio of both, and its standard deviation.
-    is_reversed : bool
-        Whether they have opposite signs.
-    sure : float
-        By how many standard deviations they have.
-    beside : str
-        What the other value is, in words.
-
-    Examples
-    --------
     >>> compared(Quantity("time constant", ()), math.log(2.1), math.log(2.1) / 14)
     "time constant 2.1 times the fleet's median, 14 standard deviations"
     """

@@ -71,15 +71,6 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
 
     A rig has drifted if the difference of both estimates, beside the covariances of both, has a probability below
     that of `replant.fleet.oddness.CHANCE` divided by the number of rigs.
-
-    Parameters
-    ----------
-    before, now : Fleet
-
-    Raises
-    ------
-    InvalidArgumentError
-        If their models have different structures, or both are the same results.
     """
     import pyarrow
 
@@ -106,15 +97,7 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
 
 
 def check_comparable(before: Fleet, structure: Structure, folder: Path) -> None:
-    """Check that results can be compared with those of a structure in a folder, before these are made.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If they cannot.
-    LogError
-        If they cannot be read.
-    """
+    """Check that results can be compared with those of a structure in a folder, before these are made."""
     if before.structure != structure:
         raise InvalidArgumentError(
             f"{before.folder}: its models are of {before.structure}, those of {folder} of {structure}; "

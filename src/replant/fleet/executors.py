@@ -18,10 +18,8 @@ from replant.operating_system.os_errors import refusal
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 """Variables by which libraries learn how many threads they may start, when they are loaded."""
-PATIENCE = 30.0
-"""Time within which a scheduler of Dask must answer [s]."""
-RETRIES = 3
-"""How often Dask gives a task to another worker when its worker dies [count]."""
+PATIENCE = 30.0  # time within which a scheduler of Dask must answer [s]
+RETRIES = 3  # how often Dask gives a task to another worker when its worker dies [count]
 _FORMS = "threads:N, processes:N or dask://HOST:PORT"
 
 
@@ -50,14 +48,7 @@ class InThisThread(Executor):
     """
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Run a function, and return its result as a future.
-
-        Parameters
-        ----------
-        fn : callable
-        *args, **kwargs
-            Its arguments.
-        """
+        """Run a function, and return its result as a future."""
         future: Future[Any] = Future()
         try:
             future.set_result(fn(*args, **kwargs))
@@ -70,22 +61,6 @@ class InThisThread(Executor):
 def workers(on: Executor | str | None) -> Iterator[Workers]:
     """Open an executor for the ``with`` block; one that the caller gives stays open.
 
-    Parameters
-    ----------
-    on : Executor, str or None
-        ``threads:N``, ``processes:N``, ``dask://HOST:PORT``, an executor, or None for this thread.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is none of these.
-    MissingDependencyError
-        If Dask is asked for and not installed.
-    SystemRefusedError
-        If no scheduler answers.
-
-    Examples
-    --------
     >>> with workers("threads:2") as found:
     ...     found.executor.submit(pow, 2, 3).result()
     8
@@ -127,13 +102,6 @@ def workers(on: Executor | str | None) -> Iterator[Workers]:
 def parsed(on: str) -> tuple[str, str]:
     """Return the kind of an executor, and the number of its workers or the address of its scheduler.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If it is none of those that there are.
-
-    Examples
-    --------
     >>> parsed("processes:4"), parsed("dask://localhost:8786")
     (('processes', '4'), ('dask', 'localhost:8786'))
     """
@@ -149,11 +117,6 @@ def processes(count: int) -> ProcessPoolExecutor:
     """Return a pool of fresh processes that use one thread each, and end with this one.
 
     They are started anew rather than forked: threads of this process do not survive a fork.
-
-    Raises
-    ------
-    SystemRefusedError
-        If they cannot be started.
     """
     with _one_thread_each():
         pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)

@@ -14,13 +14,7 @@ from replant.operating_system.os_errors import refusal
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give the name under which a file is written, see `operating_system.whole_file.replacing`.
-
-    Raises
-    ------
-    SystemRefusedError
-        If it cannot be written, as on a full disk; a file that was there is then unchanged.
-    """
+    """Give the name under which a file is written, see `operating_system.whole_file.replacing`."""
     try:
         with whole_file.replacing(path) as new:
             yield new

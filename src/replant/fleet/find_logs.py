@@ -35,12 +35,6 @@ def walked(folder: Path, is_left_out: Callable[[Path], bool]) -> Iterator[Found]
     """Yield the logs in a folder and in those in it; names that begin with a dot or an underscore are no logs.
 
     A link to a folder that is being searched is not followed: it would lead round for ever.
-
-    Parameters
-    ----------
-    folder : Path
-    is_left_out : callable
-        Of a folder: whether it is not searched.
     """
     refused: list[OSError] = []
     above: dict[str, frozenset[tuple[int, int]]] = {os.fspath(folder): _identity(os.fspath(folder))}

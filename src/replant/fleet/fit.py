@@ -55,51 +55,6 @@ def fit(
     Rigs that an earlier call with the same options has done stay as they are, unless their files have changed.  A rig
     that cannot be identified is a row with the verdict "failed" and the reason.
 
-    Parameters
-    ----------
-    logs : path
-        A folder, which is searched with all folders in it, or a pattern such as ``logs/**/*.csv``.  Workers on other
-        machines must find the files, and ``out``, by the same paths.
-    by : str
-        What a rig is: "file", "folder", or the name of a column of Parquet files or of folders ``COLUMN=rig``.  A rig's
-        files are joined in the order of their first time stamps.
-    input, output, reference, time : str or int
-        Columns, see `replant.read_log`.
-    structure : Structure
-        Or ``poles``, ``zeros`` and ``delay`` in its place; the same for all rigs, so that they can be compared.
-    poles, zeros : int
-        Number of poles and of zeros.
-    delay : float
-        Dead time in s.
-    method : {"run", "fit"}
-        As `replant.run`, in memory that does not grow with a record, or as `replant.fit`.
-    executor : Executor or str, optional
-        ``"threads:N"``, ``"processes:N"``, ``"dask://HOST:PORT"``, or any `concurrent.futures.Executor`, such as
-        Dask's ``Client.get_executor()``; without one all is done in this thread.  The results do not depend on it.
-    out : path, optional
-        The folder for the results; without it a temporary one, which ends with the `Fleet`.
-    dt : float, optional
-        Sampling time in s, in place of a time column.
-    begin, end : float, optional
-        Part of each record, in s from its first row.
-    input_map : {"identity", "square"}
-        Input of G(s): the measured input, or its square.
-    optimizer : Optimizer or str
-        See `replant.Identifier`; for the method "run".
-    progress : callable, optional
-        Called with the `Progress` at the beginning and after each task.
-
-    Raises
-    ------
-    LogError
-        If there is no log, or no such column.
-    InvalidArgumentError
-        If an option cannot be used.
-    SystemRefusedError
-        If results cannot be written, workers die, or memory is lacking; call it again to go on.
-
-    Examples
-    --------
     >>> import tempfile
     >>> import numpy as np
     >>> from replant import TransferFunction

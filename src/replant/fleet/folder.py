@@ -9,8 +9,7 @@ from replant.fleet.job import digest
 
 TABLE, TIMING, MODELS, ABOUT = "rigs.parquet", "timing.parquet", "models.jsonl", "fleet.json"
 PARTS, MANIFEST, REPORTS = "parts", "manifest", "reports"
-MARK = ".lock"
-"""A file in the manifest that every run makes first: where it is, a fleet has written."""
+MARK = ".lock"  # A file in the manifest that every run makes first: where it is, a fleet has written
 
 
 def is_results(folder: Path) -> bool:

@@ -9,24 +9,13 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.report.number_format import number
 
-WIDTH, HEIGHT, FOOT = 300, 90, 22
-"""Size of the picture, and of the part for its axis [px]."""
-MOST_BARS = 40
-"""Bars at most: few rigs get fewer [count]."""
-REACH = 6.0
-"""Half of the width drawn, beside the interquartile range; rigs beyond are counted in words [number]."""
+WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and of the part for its axis [px]
+MOST_BARS = 40  # bars at most: few rigs get fewer [count]
+REACH = 6.0  # half of the width drawn, beside the interquartile range; rigs beyond are counted in words [number]
 
 
 def histogram(name: str, values: FloatArray, unit: str = "") -> str:
-    """Return the distribution of a figure over the rigs as a ``figure`` element.
-
-    Parameters
-    ----------
-    name : str
-    values : (N,) array
-        Those that are not finite are left out.
-    unit : str
-    """
+    """Return the distribution of a figure over the rigs as a ``figure`` element."""
     known = np.sort(values[np.isfinite(values)])
     if not known.size:
         return ""

@@ -24,13 +24,7 @@ from replant.simulation.score import FITTED
 
 
 def identify(rig: Rig, job: Job) -> Row:
-    """Identify a rig; a rig that cannot be identified is a row as well.
-
-    Raises
-    ------
-    SystemRefusedError
-        If there is no memory: that says nothing of the rig, so that no row is written.
-    """
+    """Identify a rig; a rig that cannot be identified is a row as well."""
     begun = time.perf_counter()
     try:
         row = _identified(rig, job)
@@ -73,20 +67,7 @@ def _identified(rig: Rig, job: Job) -> Row:
 
 
 def result_of(watched: Watched, job: Job, *, with_history: bool = False) -> Result:
-    """Return the result of a record by the job's method, as ``replant run`` or ``replant fit`` gives it.
-
-    Parameters
-    ----------
-    watched : Watched
-    job : Job
-    with_history : bool
-        Whether an online run keeps the estimate along the way, which a report shows.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the record cannot be identified.
-    """
+    """Return the result of a record by the job's method, as ``replant run`` or ``replant fit`` gives it."""
     recording, log = watched.recording, watched.recording.held
     if job.method == "run":
         newest = None if log is not None else FITTED

@@ -19,38 +19,13 @@ from replant.regressor.preprocess import Preprocess
 from replant.settings import AUTO, Request
 
 METHODS = ("run", "fit")
-FORMAT = 1
-"""Version of the files that a fleet writes; those of another version are made anew [number]."""
+FORMAT = 1  # version of the files that a fleet writes; those of another version are made anew [number]
 
 
 @dataclass(frozen=True)
 class Job:
     """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all.
 
-    Parameters
-    ----------
-    input, output : str or int
-        Columns, see `replant.read_log`.
-    structure : Structure
-    method : {"run", "fit"}
-        Online in one pass, in memory that does not grow with a record; or the whole record at once.
-    reference, time : str or int, optional
-        Columns.
-    dt : float, optional
-        Sampling time in s, in place of a time column.
-    begin, end : float, optional
-        Part of each record, in s from its first row.
-    input_map : {"identity", "square"}
-    optimizer : Optimizer or str
-        For "run".
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the options do not fit together.
-
-    Examples
-    --------
     >>> Job("u", "y", Structure(2)).key == Job("u", "y", Structure(3)).key
     False
     """
@@ -172,13 +147,7 @@ class Rig:
 
 
 def _column(name: str, value: Any) -> str | int:
-    """Return the name or the 0-based number of a column.
-
-    Raises
-    ------
-    ArgumentTypeError, InvalidArgumentError
-        If it is neither.
-    """
+    """Return the name or the 0-based number of a column."""
     return text(name, value) if isinstance(value, str) else whole(name, value, 0, sys.maxsize)
 
 

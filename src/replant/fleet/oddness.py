@@ -27,8 +27,7 @@ Origin: of fleets without an odd rig one is then named in 7 of 600 with 20 rigs,
 with 1 in 13 of 300, 3 of 100 and 2 of 100.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
-FEWEST = 8
-"""Trusted rigs beyond their coefficients from which on there is something usual [count]."""
+FEWEST = 8  # trusted rigs beyond their coefficients from which on there is something usual [count]
 FEW_SIGMA = 4.0
 """Distance in one quantity from which on it is named as well [standard deviations].
 Level: a normal variable is so far in one of 16,000 cases.
@@ -79,11 +78,6 @@ def oddness_of(table: Any, structure: Structure) -> Oddness:
 
     A trusted rig is odd if its distance has a probability below `CHANCE` divided by the number of rigs.  Rigs that are
     not trusted do not move what is usual; they are odd where their signals show why.
-
-    Parameters
-    ----------
-    table : pyarrow.Table
-    structure : Structure
     """
     verdicts = np.asarray(table.column("verdict").to_pylist(), object)
     trusted, figures = verdicts == "trusted", figures_of(table, structure)

@@ -24,10 +24,8 @@ from replant.report.html.page import asset, heading, icon, section, style, today
 from replant.report.number_format import number
 
 PAGE = "report.html"
-MOST_ROWS = 20_000
-"""Rows of the page's table: more make a browser slow; rigs.parquet has all [rows]."""
-MOST_LISTED = 100
-"""Rigs that are listed with words above the table [count]."""
+MOST_ROWS = 20_000  # rows of the page's table: more make a browser slow; rigs.parquet has all [rows]
+MOST_LISTED = 100  # rigs that are listed with words above the table [count]
 _GRAVITY = {"trusted": "good", "converging": "warn", "not excited": "warn"}
 
 

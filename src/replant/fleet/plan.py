@@ -13,8 +13,7 @@ FIXED = 100_000
 """Work of a rig beside its samples: starting, solving as a whole, judging; benchmarks/fleet measures it [samples that
 take as long].
 """
-TEXT_ROW, BINARY_ROW = 24, 12
-"""Usual size of a row of time, input and output in text, and in other formats [bytes]."""
+TEXT_ROW, BINARY_ROW = 24, 12  # usual size of a row of time, input and output in text, and in other formats [bytes]
 FEWEST, LARGEST = 64, 20_000_000
 """Tasks that a fleet is divided into at least, so that workers end together, and work of a task at most, so that little
 is lost with a worker: about a minute [count, samples].

@@ -80,15 +80,7 @@ class Figures:
 
 
 def figures_of(table: Any, structure: Structure, usual: BoolArray | None = None) -> Figures:
-    """Return the coefficients of a fleet's table as they are compared.
-
-    Parameters
-    ----------
-    table : pyarrow.Table
-    structure : Structure
-    usual : (N,) array of bool, optional
-        The rigs that tell the fleet's signs: by default the trusted ones.
-    """
+    """Return the coefficients of a fleet's table as they are compared."""
     size, names = structure.coefficients, structure.names[: structure.coefficients]
     theta = np.column_stack([column(table, name) for name in names])
     P = _covariances(table, structure.size)[:, :size, :size]

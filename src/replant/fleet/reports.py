@@ -23,8 +23,7 @@ from replant.fleet.watched_record import Watched
 from replant.fleet.work import one_thread
 from replant.report.html.report import write_report
 
-MOST_REPORTS = 100
-"""Reports that are made at most: each takes some seconds [count]."""
+MOST_REPORTS = 100  # reports that are made at most: each takes some seconds [count]
 
 
 @dataclass(frozen=True)
@@ -48,20 +47,6 @@ def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = No
     """Write the reports of the first rigs of a fleet by rank, and return how many were written.
 
     A rig that cannot be identified has no report.
-
-    Parameters
-    ----------
-    fleet : Fleet
-        As `replant.fleet.fit` returns it.
-    count : int
-        At most `MOST_REPORTS` are written.
-    executor : Executor or str, optional
-        See `replant.fleet.fit`.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the fleet was loaded: how it was identified is then not known.
     """
     if fleet.job is None:
         raise InvalidArgumentError("a fleet that was loaded has no options: call fit again, which does nothing twice")

@@ -16,8 +16,7 @@ from replant.fleet.watched_record import UNKNOWN, Movement
 from replant.identified.model import Model
 from replant.model.structure import Structure
 
-FAILED = "failed"
-"""What stands in place of the verdict where a rig could not be identified."""
+FAILED = "failed"  # what stands in place of the verdict where a rig could not be identified
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,7 @@ from replant.data.logs.table import listed
 from replant.errors import LogError
 from replant.fleet.job import Piece
 
-READERS = 8
-"""Threads that read footers: they wait for the disk, or the network [count]."""
+READERS = 8  # threads that read footers: they wait for the disk, or the network [count]
 NAMELESS = "(no name)"
 
 Key = str | int | None
@@ -30,11 +29,6 @@ def rigs_in_columns(pieces: Sequence[Piece], column: str) -> list[tuple[str, Pie
     """Return the name of a rig, a part of a file with its rows, and why they cannot be used; empty if they can.
 
     A file that cannot be read is a rig of its own, under the file's name.
-
-    Raises
-    ------
-    LogError
-        If a file is no Parquet, or has no such column.
     """
     for piece in pieces:
         if Path(piece.path).suffix.lower() not in SUFFIXES:

@@ -19,13 +19,7 @@ from replant.fleet.job import Job, Piece, Rig
 
 
 def opened(rig: Rig, job: Job) -> Recording:
-    """Open the record of a rig; one of several files is joined in the order of their first time stamps.
-
-    Raises
-    ------
-    LogError
-        If a file cannot be read, or the files overlap in time.
-    """
+    """Open the record of a rig; one of several files is joined in the order of their first time stamps."""
     if rig.problem:
         raise LogError(rig.problem)
     return open_recording(

@@ -12,8 +12,7 @@ KEPT = 0.975
 """Probability within which a rig takes part in location and spread; the spread is corrected for the cut [probability].
 Level: an odd rig is far outside, a usual one is left out in one of forty cases.
 """
-STEPS = 60
-"""Steps of the iteration: later ones move the spread by less than a hundredth [count]."""
+STEPS = 60  # steps of the iteration: later ones move the spread by less than a hundredth [count]
 MOST_USED = 20_000
 """Rigs that location and spread are made from, evenly chosen from more: their own uncertainty is then below 1 %
 [count]."""
@@ -23,10 +22,8 @@ Origin: with the quantile of 0.9 three odd rigs of 20, 8 deviations off, hide ea
 0.75 434 of 600 are, and of 30 in 300 99 % instead of 45 %.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
-MAD = 1.4826
-"""Standard deviation of a normal variable over its median absolute deviation [number]."""
-LEAST = 1e-6
-"""Variance that is taken for none, beside the spread of the estimates [part]."""
+MAD = 1.4826  # standard deviation of a normal variable over its median absolute deviation [number]
+LEAST = 1e-6  # variance that is taken for none, beside the spread of the estimates [part]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,13 +55,6 @@ def located(x: FloatArray, covariances: FloatArray) -> Location:
     two quantiles of the squared distances at most those of the distribution that they should have: where
     covariances are too small, or the fleet is no normal one, fewer rigs are odd.
 
-    Parameters
-    ----------
-    x : (N, p) array
-    covariances : (N, p, p) array
-
-    Examples
-    --------
     >>> rng = np.random.default_rng(0)
     >>> x = rng.normal(5.0, 2.0, (500, 1)) + rng.normal(0.0, 1.0, (500, 1))
     >>> x[:20] = 100.0

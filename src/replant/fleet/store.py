@@ -21,30 +21,12 @@ from replant.fleet.job import Job, Rig
 from replant.fleet.result_row import schema
 from replant.operating_system.os_errors import refusal
 
-CHUNK_ROWS = 1 << 14
-"""Rows that are merged at a time [rows]."""
-PARTS_HELD = 64
-"""Parts that are held in memory while they are merged [count]."""
+CHUNK_ROWS = 1 << 14  # rows that are merged at a time [rows]
+PARTS_HELD = 64  # parts that are held in memory while they are merged [count]
 
 
 class Store:
-    """The folder of a fleet's results.
-
-    Parameters
-    ----------
-    folder : Path
-        Made if it is missing.
-    job : Job
-
-    Raises
-    ------
-    SystemRefusedError
-        If the folder cannot be written to.
-    InvalidArgumentError
-        If it holds files of others under the names that a fleet writes.
-    MissingDependencyError
-        Without pyarrow.
-    """
+    """The folder of a fleet's results."""
 
     def __init__(self, folder: Path, job: Job) -> None:
         if importlib.util.find_spec("pyarrow") is None:
@@ -65,13 +47,7 @@ class Store:
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
-        """Hold the folder: two runs that write into the same one would do the work twice.
-
-        Raises
-        ------
-        SystemRefusedError
-            If another run holds it.
-        """
+        """Hold the folder: two runs that write into the same one would do the work twice."""
         try:
             import fcntl
         except ImportError:  # Windows
@@ -113,15 +89,7 @@ class Store:
         return found
 
     def merge(self, rigs: Sequence[Rig], about: dict[str, Any]) -> None:
-        """Write the table of all rigs, sorted by their names, the seconds of each, and the models.
-
-        Parameters
-        ----------
-        rigs : sequence of Rig
-            Sorted by name; all of them done.
-        about : dict
-            What else is kept of the fleet, as JSON.
-        """
+        """Write the table of all rigs, sorted by their names, the seconds of each, and the models."""
         import pyarrow
         from pyarrow import parquet
 
@@ -193,13 +161,7 @@ class _Parts:
 
 
 def read_table(folder: Path, name: str = TABLE) -> Any:
-    """Return a table of a fleet's results as a `pyarrow.Table`.
-
-    Raises
-    ------
-    LogError
-        If there is none.
-    """
+    """Return a table of a fleet's results as a `pyarrow.Table`."""
     from pyarrow import ArrowInvalid, parquet
 
     try:

@@ -73,33 +73,6 @@ def sweep(
 
     The results do not depend on the executor, nor on the order in which the work ends.
 
-    Parameters
-    ----------
-    function : callable or mapping
-        Called with one record; what other processes or machines call must be importable there.  Or a grid: the values
-        to try, by name of an argument of `replant.run`; every combination is run on every record.
-    records : iterable
-        What the function is called with; of a grid logs, or tuples (u, y, dt).
-    executor : Executor or str, optional
-        See `replant.fleet.fit`.
-    progress : callable, optional
-        Called with the number of calls that are done, and of all.
-
-    Returns
-    -------
-    list
-        What the function returned, in the order of the records; of a grid a `Trial` for each setting and record, the
-        records of the first setting first.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If a value of the grid is not in a sequence, a grid is empty, or processes cannot be sent the function.
-    Exception
-        What the function raises; from another process as a RuntimeError with the same text, if it cannot be sent.
-
-    Examples
-    --------
     >>> sweep(abs, [-1, 2, -3], executor="threads:2")
     [1, 2, 3]
     >>> import numpy as np
@@ -148,13 +121,7 @@ def _travels(error: Exception) -> bool:
 
 
 def _check_sendable(function: Any, executor: Executor | str | None) -> None:
-    """Check that a function can be called by other processes.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is a lambda, or defined within a function.
-    """
+    """Check that a function can be called by other processes."""
     if not (isinstance(executor, str) and executor.startswith("processes:")):
         return
     try:

@@ -36,17 +36,7 @@ Derivation: half of the distance between neighbours in the list.
 
 
 def unit_factor(usual: Sequence[tuple[Quantity, float, float]], figures: Figures, place: Location, row: int) -> str:
-    """Return which factor between units lies between the gain of a rig and the fleet's, in words; empty if none.
-
-    Parameters
-    ----------
-    usual : sequence of (Quantity, float, float)
-        Of the fleet.
-    figures : Figures
-    place : Location
-    row : int
-        Of the rig.
-    """
+    """Return which factor between units lies between the gain of a rig and the fleet's, in words; empty if none."""
     off, total = figures.x[row] - place.centre, (place.spread + figures.covariances[row]) * place.scale
     words = ""
     for quantity, _, _ in usual:

@@ -39,13 +39,7 @@ class Done:
 
 
 def carry_out(task: Task) -> Done:
-    """Identify the rigs of a task, and write their results; this is what an executor calls.
-
-    Raises
-    ------
-    SystemRefusedError
-        If there is no memory, or the results cannot be written.
-    """
+    """Identify the rigs of a task, and write their results; this is what an executor calls."""
     from pyarrow import parquet
 
     with one_thread():

@@ -15,13 +15,7 @@ AnyPath = str | os.PathLike[str]
 
 
 def check_target(path: AnyPath) -> None:
-    """Check that a model may be written to a file: that it does not exist, or holds a model, and its folder exists.
-
-    Raises
-    ------
-    ModelFileError
-        If it may not: a measurement with a name typed in the wrong place would be lost.
-    """
+    """Check that a model may be written to a file: that it does not exist, or holds a model, and its folder exists."""
     path = file_path("path", path)
     try:
         file = Path(path).resolve()
@@ -55,13 +49,7 @@ def _looks_like_model(begin: bytes) -> bool:
 
 
 def write(path: AnyPath, written: str) -> None:
-    """Write a text so that nobody reads half of it, see `operating_system.whole_file.replacing`.
-
-    Raises
-    ------
-    ModelFileError
-        If the file cannot be written, or one that was there is no model; it is then unchanged.
-    """
+    """Write a text so that nobody reads half of it, see `operating_system.whole_file.replacing`."""
     check_target(path)
     try:
         with whole_file.replacing(Path(path).resolve()) as new:
@@ -71,13 +59,7 @@ def write(path: AnyPath, written: str) -> None:
 
 
 def read(path: AnyPath) -> bytes:
-    """Return the bytes of a file.
-
-    Raises
-    ------
-    ModelFileError
-        If it cannot be read, or is too large for a model.
-    """
+    """Return the bytes of a file."""
     path = file_path("path", path)
     try:
         size = Path(path).stat().st_size if Path(path).is_file() else -1

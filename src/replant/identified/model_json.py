@@ -28,24 +28,14 @@ ROUNDED = 1e-6
 """Difference that the rounding of a computation makes in a covariance [part].
 Derivation: some thousand million times the precision of float64.
 """
-LONGEST = 2**63
-"""Whole number from which on none is read [number]."""
-LARGEST = 1 << 20
-"""Longest text that is read as a model: a hundred times one of ten poles [characters]."""
-LONGEST_REASON = 250
-"""Length of the reason for which a text is no model [characters]."""
-VERSION = 1
-"""Version of the layout; raised where an entry changes its meaning or goes away [count]."""
+LONGEST = 2**63  # whole number from which on none is read [number]
+LARGEST = 1 << 20  # longest text that is read as a model: a hundred times one of ten poles [characters]
+LONGEST_REASON = 250  # length of the reason for which a text is no model [characters]
+VERSION = 1  # version of the layout; raised where an entry changes its meaning or goes away [count]
 
 
 def dumps(model: ModelFields) -> str:
-    """Return a model as JSON, indented.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the input map is a Python function.
-    """
+    """Return a model as JSON, indented."""
     return json.dumps(as_object(model), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
@@ -53,13 +43,6 @@ def dumps(model: ModelFields) -> str:
 def as_object(model: ModelFields) -> dict[str, Any]:
     """Return a model as an object of JSON; what is not known is null.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the input map is a Python function.
-
-    Examples
-    --------
     >>> as_object(ModelFields(Structure(1), [1.0, 2.0], dt=0.1))["num"]
     [2.0]
     """
@@ -112,13 +95,6 @@ def as_object(model: ModelFields) -> dict[str, Any]:
 def loads(written: str | bytes) -> dict[str, Any]:
     """Return the fields of the model in a JSON text.
 
-    Raises
-    ------
-    ModelFileError
-        If it is no JSON, no model, damaged, or of a newer version.
-
-    Examples
-    --------
     >>> loads(dumps(ModelFields(Structure(1), [1.0, 2.0], dt=0.1)))["parameters"]
     array([1., 2.])
     """
@@ -135,13 +111,7 @@ def loads(written: str | bytes) -> dict[str, Any]:
 
 
 def fields_of(read: Any) -> dict[str, Any]:
-    """Return the fields of the model in an object of JSON; entries that a model does not have are passed over.
-
-    Raises
-    ------
-    ModelFileError
-        If an entry is missing, of the wrong kind, or contradicts another, or the version is newer.
-    """
+    """Return the fields of the model in an object of JSON; entries that a model does not have are passed over."""
     try:
         return _fields_of(read)
     except ReplantError as error:

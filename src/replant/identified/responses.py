@@ -25,20 +25,15 @@ from replant.model.uncertainty import UncertainMode, Uncertainty
 from replant.plotting.shown import Shown, over, with_std
 from replant.statistics.linear_algebra import quiet
 
-POINTS = 400
-"""Points of a response; of one over time that oscillates fast, the least [count]."""
-PER_PERIOD, MOST_POINTS = 8, 8000
-"""Points for each period of a response over time, and points at the most [count]."""
+POINTS = 400  # points of a response; of one over time that oscillates fast, the least [count]
+PER_PERIOD, MOST_POINTS = 8, 8000  # points for each period of a response over time, and points at the most [count]
 SETTLED = 6.0
 """Time constants of the slowest mode after which a step response has settled: 0.25 % is left [time constants]."""
-BEYOND = 30.0
-"""How far a frequency response reaches beyond the slowest and the fastest root [ratio]."""
-RESONANT = 0.3
-"""Damping below which a pair of roots makes a peak that needs frequencies of its own [damping ratio]."""
+BEYOND = 30.0  # how far a frequency response reaches beyond the slowest and the fastest root [ratio]
+RESONANT = 0.3  # damping below which a pair of roots makes a peak that needs frequencies of its own [damping ratio]
 NEAR_RESONANCE = 32
 """Frequencies about each peak; an even number, as at an undamped root itself the response is not finite [count]."""
-LEAST_DAMPING = 1e-4
-"""Damping at which peaks are not resolved any further [damping ratio]."""
+LEAST_DAMPING = 1e-4  # damping at which peaks are not resolved any further [damping ratio]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -281,16 +276,6 @@ def frequencies(model: TransferFunction, dt: float, points: int = POINTS) -> Flo
     They are equally spaced on a logarithmic axis, and closer about each resonance and antiresonance, so that a curve
     through them shows the whole peak.
 
-    Parameters
-    ----------
-    model : TransferFunction
-    dt : float
-        Sampling time in s.
-    points : int
-        Number of those that are equally spaced.
-
-    Examples
-    --------
     >>> frequencies(TransferFunction([1.0], [1.0, 3.0]), dt=0.1)[[0, -1]].round(2)
     array([ 0.1 , 31.42])
     """

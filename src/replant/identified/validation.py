@@ -30,8 +30,7 @@ from replant.statistics.autoregression import one_step
 from replant.statistics.correlations import Correlations, correlation_lags, correlations
 from replant.statistics.linear_algebra import quiet
 
-FEWEST_SEGMENTS = 8
-"""Segments below which a spectrum tells nothing [count]."""
+FEWEST_SEGMENTS = 8  # segments below which a spectrum tells nothing [count]
 CHANCE = 0.05
 """How often the error of a right model exceeds its limit [share].
 Level: 95 %.
@@ -144,25 +143,7 @@ class Validation:
 def validate(
     model: ModelFields, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray | None, dt: float
 ) -> Validation:
-    """Return a model beside a record.
-
-    Parameters
-    ----------
-    model : ModelFields
-    u, y : (K,) arrays
-        Raw input and measured output; NaN where there is none.
-    t : (K,) array or None
-        Time stamps in s; None for a regular clock.
-    r : (K,) array or None
-        Set-point or dither, where a controller makes the input.
-    dt : float
-        Sampling time in s.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If fewer samples than parameters have both input and output.
-    """
+    """Return a model beside a record."""
     v = model.linear_input(u)
     y = np.where(screen(v, y)[0], y, np.nan)
     if r is not None:

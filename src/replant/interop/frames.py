@@ -18,25 +18,6 @@ def trace_frame(
 ) -> Any:
     """Return the estimate and the error of each sample as a `pandas.DataFrame`.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the P parameters.
-    parameters : (K, P) array
-    errors : (K,) array
-        A-priori output errors.
-    dt : float or None
-        Sampling time in s; None: the index is ``time``, or counts samples.
-    time : (K,) array, optional
-        Time stamps in s.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without pandas.
-
-    Examples
-    --------
     >>> trace_frame(["a0"], np.array([[0.0], [0.5]]), np.array([1.0, 0.1]), dt=0.1)
                a0  error
     time [s]
@@ -56,25 +37,6 @@ def trace_dataset(
 ) -> Any:
     """Return the estimate and the error of each sample as an `xarray.Dataset`.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the P parameters.
-    parameters : (K, P) array
-    errors : (K,) array
-        A-priori output errors.
-    dt : float or None
-        Sampling time in s; None: the coordinate is ``time``, or counts samples.
-    time : (K,) array, optional
-        Time stamps in s.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without xarray.
-
-    Examples
-    --------
     >>> dataset = trace_dataset(["a0"], np.array([[0.0], [0.5]]), np.array([1.0, 0.1]), dt=0.1)
     >>> dict(dataset.sizes)
     {'time': 2, 'parameter': 1}
@@ -97,26 +59,6 @@ def trace_dataset(
 def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
     """Return a log as a `pandas.DataFrame`.
 
-    Parameters
-    ----------
-    signals : mapping
-        For each role ("input", "output", "reference") the signal's name and samples (K,).
-    time : (K,) array or None
-        Time stamps in s; None: multiples of ``dt``.
-    dt : float
-        Sampling time in s.
-    source : str
-        Name of the file.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If two signals have the same name.
-    MissingDependencyError
-        Without pandas.
-
-    Examples
-    --------
     >>> signals = {"input": ("u", np.zeros(2)), "output": ("y [rpm]", np.ones(2))}
     >>> log_frame(signals, None, 0.5, "log.csv").attrs["units"]
     {'y [rpm]': 'rpm'}
@@ -140,24 +82,6 @@ def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | 
 def log_dataset(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
     """Return a log as an `xarray.Dataset`, whose variables have the names of the roles.
 
-    Parameters
-    ----------
-    signals : mapping
-        For each role ("input", "output", "reference") the signal's name and samples (K,).
-    time : (K,) array or None
-        Time stamps in s; None: multiples of ``dt``.
-    dt : float
-        Sampling time in s.
-    source : str
-        Name of the file.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without xarray.
-
-    Examples
-    --------
     >>> signals = {"input": ("u", np.zeros(2)), "output": ("y", np.ones(2))}
     >>> list(log_dataset(signals, None, 0.5, "log.csv"))
     ['input', 'output']

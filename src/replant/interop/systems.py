@@ -15,17 +15,6 @@ Polynomials = tuple[FloatArray, FloatArray]
 def of_control(system: Any) -> Polynomials:
     """Return num and den of a `control.TransferFunction` or `control.StateSpace`.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the system has several inputs or outputs, is in discrete time, or improper.
-    ArgumentTypeError
-        If it is another object.
-    MissingDependencyError
-        Without python-control.
-
-    Examples
-    --------
     >>> import control
     >>> of_control(control.tf([2.0], [1.0, 0.5]))
     (array([2.]), array([1. , 0.5]))
@@ -49,15 +38,6 @@ def of_control(system: Any) -> Polynomials:
 def of_scipy(system: Any) -> Polynomials:
     """Return num and den of a system of `scipy.signal`: TransferFunction, ZerosPolesGain or StateSpace.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the system has several inputs or outputs, is in discrete time, or improper.
-    ArgumentTypeError
-        If it is another object, or has complex coefficients.
-
-    Examples
-    --------
     >>> from scipy import signal
     >>> of_scipy(signal.ZerosPolesGain([], [-0.5], 2.0))
     (array([2.]), array([1. , 0.5]))
@@ -89,20 +69,6 @@ def of_state_space(a: Any, b: Any, c: Any, d: Any) -> Polynomials:
     errors.  The first non-zero coefficient has the same place as the first non-zero Markov parameter h_0 = D,
     h_k = C A^(k-1) B.
 
-    Parameters
-    ----------
-    a : (n, n) array
-    b : (n, 1) array
-    c : (1, n) array
-    d : (1, 1) array
-
-    Raises
-    ------
-    ArgumentTypeError
-        If a matrix does not hold real numbers.
-
-    Examples
-    --------
     >>> of_state_space([[0.0, 1.0], [-3.0, -4.0]], [[0.0], [1.0]], [[2.0, 0.0]], [[0.0]])
     (array([0., 0., 2.]), array([1., 4., 3.]))
     """

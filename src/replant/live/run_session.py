@@ -74,19 +74,7 @@ class Plan:
 
 
 def run(plan: Plan) -> bool:
-    """Identify until the stream, a limit or the user ends the session, and print the result.
-
-    Returns
-    -------
-    bool
-        False if the session was to end with the verdict "trusted", and ended without.
-
-    Raises
-    ------
-    ReplantError
-        If a part of the plan cannot be carried out, before anything is learned or written; or if the session fails,
-        see `Session.run`.
-    """
+    """Identify until the stream, a limit or the user ends the session, and print the result."""
     limit_heap_growth()
     progress, identifier, messages = _load_checkpoint(plan)
     address = None if plan.dashboard is None else DashboardAddress(*plan.dashboard, plan.token)

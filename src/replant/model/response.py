@@ -58,20 +58,6 @@ class Response:
 
     A batch ends where the next one begins: joined, the responses of the batches are that of the whole to the bit.
 
-    Parameters
-    ----------
-    model : TransferFunction
-    dt : float
-        Sampling time in s; of an irregular clock the usual interval, after 1.5 of which a held input is taken to have
-        moved.
-    input_hold : {"zoh", "foh"}
-        What the input does between samples.
-    at_rest : bool
-        Whether plant and input were zero before the first sample.  Else they were not known: the first outputs that
-        answer to earlier inputs are `Stretch.unknown`, and the state at the first one that does not is free.
-
-    Examples
-    --------
     >>> from replant.model.transfer_function import TransferFunction
     >>> response = Response(TransferFunction([1.0], [1.0, 1.0]), dt=1.0)
     >>> response.take(np.ones(2)).output.round(4), response.take(np.ones(1)).output.round(4)
@@ -97,14 +83,7 @@ class Response:
         self._samples = self._lengths = np.zeros(0)  # two before the piece of the input that acts next, and all since
 
     def take(self, u: FloatArray, intervals: FloatArray | None = None) -> Stretch:
-        """Return the response to the next inputs (K,).
-
-        Parameters
-        ----------
-        u : (K,) array
-        intervals : (K,) array, optional
-            Time since the sample before, in s, that of the very first one is not used; None for a regular clock.
-        """
+        """Return the response to the next inputs (K,)."""
         from replant.kernels.filters import simulate
 
         output, free = np.zeros(u.size), np.zeros((0 if self._at_rest else u.size, self._order))

@@ -65,15 +65,6 @@ def cancelled_pole(structure: Structure, parameters: FloatArray, covariance: Flo
 
     It is the pole nearest to the root that A and B most likely share.
 
-    Parameters
-    ----------
-    structure : Structure
-    parameters : (P,) array
-        In the order of ``structure.names``.
-    covariance : (P, P) array
-
-    Examples
-    --------
     >>> structure, uncertain = Structure(2, 1), np.diag([0.1, 0.1, 0.1, 0.1]) ** 2
     >>> cancelled_pole(structure, np.array([3.0, 2.0, 1.0, 0.99]), uncertain)
     (-1+0j)

@@ -75,25 +75,6 @@ def exact(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Discretise dw/dt = matrix w + column x exactly: w(k+1) = Ad w(k) + before x(k) + after x(k+1).
 
-    Parameters
-    ----------
-    matrix : (n, n) array
-        In 1/s.
-    column : (n,) array
-        In 1/s.
-    interval : float
-        In s.
-    hold : {"zoh", "foh"}
-        Whether x is held between samples, or joined by straight lines.
-
-    Returns
-    -------
-    Ad : (n, n) array
-    before, after : (n,) arrays
-        ``after`` is zero with "zoh".
-
-    Examples
-    --------
     >>> Ad, before, after = exact(np.array([[-1.0]]), np.array([1.0]), 1.0, "zoh")
     >>> Ad.round(4), before.round(4), after
     (array([[0.3679]]), array([0.6321]), array([0.]))
@@ -120,17 +101,6 @@ def exact(
 def bilinear(matrix: FloatArray, column: FloatArray, interval: float, alpha: float) -> tuple[FloatArray, FloatArray]:
     """Return Ad (n, n) and Bd (n,) of the generalised bilinear transform of dw/dt = matrix w + column x.
 
-    Parameters
-    ----------
-    matrix : (n, n) array
-        In 1/s.
-    column : (n,) array
-        In 1/s.
-    interval : float
-        In s.
-    alpha : float
-        0 is the forward Euler rule, 0.5 Tustin's, 1 the backward Euler rule.
-
     References
     ----------
     Zhang, Chen and Chen (2009); the article's (7).
@@ -147,19 +117,6 @@ def input_taps(matrix: FloatArray, column: FloatArray, interval: float, hold: st
 
     The delayed input has a corner within the interval.  The interval is split there: its first part lies on the older
     piece of the input.
-
-    Parameters
-    ----------
-    matrix : (n, n) array
-        In 1/s.
-    column : (n,) array
-        In 1/s.
-    interval : float
-        In s.
-    hold : {"zoh", "foh"}
-        Whether x is held between samples, or joined by straight lines.
-    fraction : float
-        The delay over the interval, in [0, 1); the caller adds whole samples.
     """
     n = matrix.shape[0]
     taps = np.zeros((3, n))

@@ -51,11 +51,9 @@ UNEXPLAINED = 0.5
 Derivation: half-way between an output that the model gives whole, and one of which it gives nothing.
 """
 
-FEWEST = 5
-"""Residuals that tell how large one usually is, at the least [samples]."""
+FEWEST = 5  # residuals that tell how large one usually is, at the least [samples]
 
-IN_A_ROW = 5
-"""Outliers in a row that are told apart: each time the largest of neighbours is found [count]."""
+IN_A_ROW = 5  # outliers in a row that are told apart: each time the largest of neighbours is found [count]
 
 JUMP = 0.1
 """Step of the input that a model without a direct path answers too late [part of the input's range].
@@ -111,17 +109,7 @@ def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
 
 
 def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: FloatArray) -> IntArray:
-    """Return the `Doubt` in each output (K,), by a model's.
-
-    Parameters
-    ----------
-    u, y : (K,) arrays
-        Input, and output as it was measured; NaN where it is missing.
-    modelled : (K,) array
-        The model's output.
-    noise : (p + 1,) array
-        The noise model 1, d_1 .. d_p.
-    """
+    """Return the `Doubt` in each output (K,), by a model's."""
     error = y - modelled
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
     stuck = _stuck(y, modelled, robust_std(error[np.isfinite(error)]) if np.isfinite(error).any() else 0.0)

@@ -51,16 +51,7 @@ Derivation: some hundred thousand times the precision of float64, as sums of squ
 
 @quiet
 def find_change(structure: Structure, record: Record, model: FloatArray) -> Claim | None:
-    """Return what of the plant has changed within a record; None where one model explains it, or that is not sure.
-
-    Parameters
-    ----------
-    structure : Structure
-    record : Record
-        In one piece, and without a reference.
-    model : (T,) array
-        Of all samples.
-    """
+    """Return what of the plant has changed within a record; None where one model explains it, or that is not sure."""
     if record.r is not None or len(record.parts) > 1:
         return None
     begin = begin_of_change(structure, record, model)

@@ -20,11 +20,9 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
-CANDIDATES = 16
-"""Cutoffs tried, evenly spaced in the logarithm [count]."""
+CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm [count]
 
-MOST_SAMPLES = 20_000
-"""Samples looked at for the choice [samples]."""
+MOST_SAMPLES = 20_000  # samples looked at for the choice [samples]
 
 
 @quiet
@@ -41,20 +39,6 @@ def choose_filter(
 
     The cutoffs tried lie between 10 / duration and 1 / dt.  The simulated fit is compared, not the equation error: a
     filter with a low cutoff makes the equation error small whatever the model is.
-
-    Parameters
-    ----------
-    structure : Structure
-    dt : float
-        Sampling time in s.
-    preprocess : Preprocess
-        With a working point in numbers.
-    u, y : (K,) arrays
-        Raw input and output; the first `MOST_SAMPLES` are used.
-    t : (K,) array, optional
-        Time stamps of an irregular clock in s.
-    input_hold : {"zoh", "foh"}
-        What the input does between samples.
     """
     u, y, t = u[:MOST_SAMPLES], y[:MOST_SAMPLES], None if t is None else t[:MOST_SAMPLES]
     accepted, _ = screen(preprocess.map_input(u), y)

@@ -180,19 +180,7 @@ def weighed(claims: Sequence[Claim]) -> list[Claim]:
 
 
 class Contest:
-    """Suppositions of what has changed since a sample of a record.
-
-    Parameters
-    ----------
-    structure : Structure
-    record : Record
-    begin : int
-        The first sample since.
-    known : Known
-        Of the same record, before a sample that is no later.
-    parted : int, optional
-        A later sample, from which on the variance is another one.
-    """
+    """Suppositions of what has changed since a sample of a record."""
 
     def __init__(
         self, structure: Structure, record: Record, begin: int, known: Known, parted: int | None = None

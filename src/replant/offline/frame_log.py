@@ -30,15 +30,6 @@ def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | Non
     The clock is ``dt``, or the column ``time``, or that called t, time or timestamp, or an index of dates or rising
     numbers with a name.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If input or output are not named.
-    InvalidArgumentError
-        If there is no such column, or no clock.
-
-    Examples
-    --------
     >>> import pandas
     >>> frame = pandas.DataFrame({"t": [0.0, 0.1, 0.2], "u": [0, 1, 1], "y": [0.0, 0.0, 0.5], "pump": [1, 1, 2]})
     >>> log = log_of_frame(frame, "u", "y", None, None, None)

@@ -75,21 +75,7 @@ class Known:
         *,
         filters: bool = True,
     ) -> Known | None:
-        """Return what a model and the information about it tell before a sample of a record; None where they do not.
-
-        Parameters
-        ----------
-        structure : Structure
-        record : Record
-        begin : int
-            The samples before it tell offset, state and noise.
-        mean : (T,) array
-        information : (T, T) array
-        usual : float
-            Variance of the residual, where too few samples are before to tell it.
-        filters : bool
-            Whether estimates are filtered by the noise model.
-        """
+        """Return what a model and the information about it tell before a sample of a record; None where they do not."""
         problem = Problem(structure, record)
         first = record.first(begin)
         told = first.count > LEAST + mean.size

@@ -69,15 +69,7 @@ class ReferenceUse:
 
 @quiet
 def use_of(signal: FloatArray, record: Record) -> ReferenceUse:
-    """Return whether a record's reference can be used, and if not why.
-
-    Parameters
-    ----------
-    signal : (K,) array
-        The reference as it was given.
-    record : Record
-        Made ready, with the reference.
-    """
+    """Return whether a record's reference can be used, and if not why."""
     r, u = record.r, record.u
     assert r is not None
     fault = fault_of(r, u)

@@ -185,21 +185,7 @@ def conclude(
     projection: Projection | None = None,
     prior: Prior | None = None,
 ) -> Refined | None:
-    """Return the estimate that an iteration comes to, with its covariance; None if not finite.
-
-    Parameters
-    ----------
-    structure : Structure
-    record : Record
-    known : (K,) array of int
-        Residuals before each that are one sampling time apart.
-    root : Root
-        Where the iteration ended.
-    projection : Projection, optional
-        What the record's reference explains.
-    prior : Prior, optional
-        Of a fit with a prior.
-    """
+    """Return the estimate that an iteration comes to, with its covariance; None if not finite."""
     model, done, noise = root.model, root.done, root.noise
     samples, size = record.count, model.size
     applied = noise if root.filters else Autoregression.white(1.0, samples)
@@ -253,17 +239,6 @@ def relative_uncertainty(
     std(a_i) over the coefficient of prod(s + abs(pole)) where that is less: the size that a_i would have if all poles
     were real; a pole slower than the record is long counts as one just as long.  An integrator's a_0 has no size of its
     own.
-
-    Parameters
-    ----------
-    structure : Structure
-    model : (T,) array
-        Parameters, then nuisances.
-    covariance : (T, T) array
-        Of ``model``.
-    phi : (K, T) array
-        The regressors at ``model``.
-    record : Record
     """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     sizes = real_coefficients(model[structure.denominator], 1.0 / record.span)

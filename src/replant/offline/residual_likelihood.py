@@ -74,17 +74,7 @@ class Stretch:
 
     @quiet
     def of_usual(self, error: FloatArray, noise: Autoregression, variance: float, *, last: bool = False) -> float:
-        """Return the log-likelihood of a residual (K,) of noise that is known, up to a constant that all share.
-
-        Parameters
-        ----------
-        error : (K,) array
-        noise : Autoregression
-        variance : float
-            Of the residual filtered by it.
-        last : bool
-            Whether it is that of the last part alone; each other has the one that makes it most likely.
-        """
+        """Return the log-likelihood of a residual (K,) of noise that is known, up to a constant that all share."""
         white, likelihood = noise.whiten_known(error, self.predecessors) ** 2, 0.0
         for part in self.parts:
             count = int(self.measured[part].sum())

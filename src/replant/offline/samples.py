@@ -20,8 +20,7 @@ BETWEEN = 10.0
 Derivation: a gap of any length begins a new part; none of the estimate depends on it.
 """
 
-SAME_CLOCK = 1e-3
-"""Difference of two logs' sampling times up to which they are the same [part]."""
+SAME_CLOCK = 1e-3  # difference of two logs' sampling times up to which they are the same [part]
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,15 +76,7 @@ class Samples:
         input: Any = None,  # noqa: A002 - the word of `fit`
         output: Any = None,
     ) -> Samples:
-        """Return the samples of a log, given as ``u`` alone, or those of arrays, or of columns of a table.
-
-        Raises
-        ------
-        ArgumentTypeError
-            If there is neither a log, nor input, output and sampling time.
-        InvalidArgumentError
-            If there is a log and something else.
-        """
+        """Return the samples of a log, given as ``u`` alone, or those of arrays, or of columns of a table."""
         if is_frame(u):
             if y is not None:
                 raise InvalidArgumentError("a table has its own output: name its column, output=..., and leave out y")
@@ -115,11 +106,6 @@ class Samples:
 
         Behind the gap the state is estimated anew, as behind any other, and the offset too: the logs may have begun at
         other levels.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the logs differ in sampling time, signals or input hold.
         """
         first, origin, last = logs[0], 0.0, 0.0
         stamps: list[FloatArray] = []

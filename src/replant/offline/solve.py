@@ -22,8 +22,7 @@ from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 
-ROUNDS = 5
-"""Times that a record is solved and its outputs judged, at the most [count]."""
+ROUNDS = 5  # times that a record is solved and its outputs judged, at the most [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +64,7 @@ def solve(
     prior: Prior | None = None,
     afresh: bool = False,
 ) -> Solution | None:
-    """Solve a record, or records of one plant; None where no start leads to a model.
-
-    Parameters
-    ----------
-    structure : Structure
-    records : Record or sequence of Record
-        As they were measured.  Several are solved as one: the offset and the initial state of each are its own.
-    given : sequence of (T,) arrays
-        Estimates to start from; without any, the usual starts.
-    prior : Prior, optional
-        What is known of the model; the records are then weighed against it, and its mean is a start.
-    afresh : bool
-        Start from the usual ones as well.
-    """
+    """Solve a record, or records of one plant; None where no start leads to a model."""
     record = records if isinstance(records, Record) else join(records)
     answers, doubt = record.answers(structure.delay), _suspicious(record)
     found = _first(structure, leaving_out(record, doubt), given, prior, afresh=afresh)

@@ -89,8 +89,7 @@ Origin: 0.47 to 0.55 in loops round an integrator under a load, 0.8 to 0.93 on o
 Sensitivity: not measured.
 """
 
-NEWEST = 20_000
-"""Samples that they are fitted to at the most, for the time it takes [samples]."""
+NEWEST = 20_000  # samples that they are fitted to at the most, for the time it takes [samples]
 
 LEAST_LEFT = 0.02
 """What the fit leaves of a periodogram's ordinate at the least [share].
@@ -105,15 +104,7 @@ Derivation: an answer that is larger than the input itself says that its filter 
 
 @quiet
 def is_right(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> bool:
-    """Return whether the filtered estimate is to be taken: that the plain one simulates better may be chance.
-
-    Parameters
-    ----------
-    structure : Structure
-    record : Record
-    plain, filtered : Refined
-        Estimates without and with the noise model as a filter.
-    """
+    """Return whether the filtered estimate is to be taken: that the plain one simulates better may be chance."""
     run_p, run_f = (run_model(structure, one.theta[: structure.size], record, record.dt) for one in (plain, filtered))
     if run_f is None:
         return False
@@ -143,17 +134,7 @@ def disagreement(structure: Structure, record: Record, plain: Refined, filtered:
 
 
 def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: FloatArray) -> tuple[float, float, float]:
-    """Return q / tr Lambda, and the degrees of freedom h and nu of its distribution.
-
-    Parameters
-    ----------
-    run_p, run_f : ModelRun
-        The plain and the filtered estimate over the record.
-    noise : Autoregression
-        D.
-    whole : (K,) array
-        1 where the residual has a known past as long as D's order, else 0.
-    """
+    """Return q / tr Lambda, and the degrees of freedom h and nu of its distribution."""
     size = run_f.zeta.shape[1]
     x = np.hstack([run_f.zeta, run_f.nuisances])
     x = x / lengths_of(x)
@@ -244,13 +225,6 @@ def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
     The input is told by its own past, as far as Akaike's criterion asks, and by the residuals now and before.  The
     chance is that of a score test which noise of any distribution keeps.
 
-    Parameters
-    ----------
-    u, w : (K,) arrays
-        Input, its mean taken off, and whitened residual.
-
-    Examples
-    --------
     >>> w, r = np.random.default_rng(0).standard_normal((2, 1000))
     >>> answer, chance, at_once = answering(r - 0.5 * w, w)
     >>> bool(chance < 1e-6), bool(np.corrcoef(answer, w)[0, 1] < -0.9), bool(at_once < -5.0)

@@ -54,8 +54,7 @@ from replant.statistics.autoregression import Autoregression
 from replant.statistics.chi2 import chi2_quantile
 from replant.statistics.linear_algebra import quiet, roots
 
-CUTOFFS = 8
-"""State-variable filters tried for a start, evenly spaced in the logarithm [count]."""
+CUTOFFS = 8  # state-variable filters tried for a start, evenly spaced in the logarithm [count]
 
 SLOWEST_CUTOFF = 5.0
 """Slowest of their cutoffs; the fastest is 1 / dt [1 / duration of the record].
@@ -63,14 +62,11 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
-SHORT = 4
-"""Iterations of each start [count]."""
+SHORT = 4  # iterations of each start [count]
 
-LONG = 20
-"""Iterations of the most promising starts [count]."""
+LONG = 20  # iterations of the most promising starts [count]
 
-PROMISING = 3
-"""Starts that are iterated further [count]."""
+PROMISING = 3  # starts that are iterated further [count]
 
 AGREE = 1e-2
 """Difference of two costs up to which their models are the same root [part of the cost].
@@ -125,22 +121,6 @@ def refine(
     Every start is improved by a few steps, the most promising ones by more.  Then the noise model is found, and the
     best models are improved with it.
 
-    Parameters
-    ----------
-    structure : Structure
-    record : Record
-        Usable samples.
-    given : sequence of (T,) arrays
-        Estimates to start from; without any, estimates behind `CUTOFFS` state-variable filters.
-    prior : Prior, optional
-        What is known of the model: its mean is a start, and the noise model filters nothing.
-    afresh : bool
-        Start from these filters as well.
-    filtered : bool
-        False where the residual is known to be no noise: the noise model then filters nothing.
-
-    Examples
-    --------
     >>> from replant.model.transfer_function import TransferFunction
     >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
     >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)

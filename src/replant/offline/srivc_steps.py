@@ -65,8 +65,7 @@ Derivation: a step halved ten times is a thousandth of it.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
-POLISH = 30
-"""Gauss-Newton steps at the most [count]."""
+POLISH = 30  # Gauss-Newton steps at the most [count]
 
 STALLS = 6
 """Steps that may gain nothing to speak of before an iteration counts as ended [count].
@@ -101,14 +100,6 @@ Sensitivity: halved, nothing changes on these records; doubled, 48 samples held 
 
 class Problem:
     """The fit of one structure to one record: passes of models over it, and the steps from model to model.
-
-    Parameters
-    ----------
-    structure : Structure
-    record : Record
-    beside : (K, P) array, optional
-        What explains the output as well, such as a drift: it is taken off all signals, which is what estimating its
-        weights comes to.
 
     Attributes
     ----------
@@ -239,28 +230,7 @@ class Problem:
     def improve(
         self, theta: FloatArray, iterations: int, patience: int, *, stable: bool = False
     ) -> tuple[float, FloatArray, FloatArray | None]:
-        """Iterate the instrumental-variable step.
-
-        Parameters
-        ----------
-        theta : (T,) array
-            The model to begin with.
-        iterations : int
-            Most steps taken.
-        patience : int
-            Steps that may fail to lower the cost before the iteration ends.
-        stable : bool
-            Whether poles are reflected that are not stable.
-
-        Returns
-        -------
-        cost : float
-            The least mean square of the output error.
-        model : (T,) array
-            The model with that cost.
-        last : (T,) array or None
-            The last model; None where the step's equations were singular.
-        """
+        """Iterate the instrumental-variable step."""
         best, best_model, stalls = math.inf, theta, 0
         current = theta
         for _ in range(iterations):
@@ -281,18 +251,7 @@ class Problem:
     def polish(
         self, model: FloatArray, *, stable: bool = False, prior: Prior | None = None, whitened: bool = False
     ) -> tuple[FloatArray, Pass, bool]:
-        """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged.
-
-        Parameters
-        ----------
-        model : (T,) array
-        stable : bool
-            Whether no step may leave the stable models.
-        prior : Prior, optional
-            Of which the model is drawn: what is least is then the output error and the distance from its mean.
-        whitened : bool
-            Whether the error is filtered by the noise model, which stays as it is.
-        """
+        """Take damped Gauss-Newton steps on the output error; return the model, its pass, whether it converged."""
         known = Prior.none(model.size) if prior is None else prior
         white = self.whiten if whitened else np.asarray
 
@@ -356,16 +315,7 @@ class Problem:
         return np.concatenate([np.poly(inside).real[1:], model[self.structure.poles :]])
 
     def descend(self, model: FloatArray, steps: int, renewals: Sequence[int] = ()) -> Root | None:
-        """Take damped steps on the whitened residual; None where the first pass fails.
-
-        Parameters
-        ----------
-        model : (T,) array
-        steps : int
-            At the most.
-        renewals : sequence of int
-            Steps at which the noise model is renewed.
-        """
+        """Take damped steps on the whitened residual; None where the first pass fails."""
         done = self.run(model)
         if not math.isfinite(done.cost):
             return None

@@ -96,15 +96,7 @@ class Trial:
 
 
 class Evidence:
-    """Fits structures to one record, and says how likely they make it.
-
-    Parameters
-    ----------
-    record : Record
-        Made ready; the same for all structures.
-    at_rest : bool
-        Whether the input was held before the record, and before each part behind a gap, for as long as a dead time.
-    """
+    """Fits structures to one record, and says how likely they make it."""
 
     @quiet
     def __init__(self, record: Record, *, at_rest: bool) -> None:

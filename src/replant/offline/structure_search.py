@@ -41,8 +41,7 @@ BETWEEN = 8
 Derivation: halving as often would find it to a 256th of a sample; tops of parabolas come as near in fewer steps.
 """
 
-SHOWN = 6
-"""Candidates within chance of the best that are shown, at the most [count]."""
+SHOWN = 6  # candidates within chance of the best that are shown, at the most [count]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -38,17 +38,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 @quiet
 def initialize(state: State, settings: Settings, refined: Refined, record: Record) -> None:
-    """Write a refined estimate into a state: parameters, covariance, auxiliary model, and what is monitored.
-
-    Parameters
-    ----------
-    state : State
-        Just laid out; it is changed.
-    settings : Settings
-    refined : Refined
-        The estimate of ``record``.
-    record : Record
-    """
+    """Write a refined estimate into a state: parameters, covariance, auxiliary model, and what is monitored."""
     entries, rate = state.entries, _rates(state, settings)
     state.stability_margin = stability_margin(record)
     state.largest_bandwidth = settings.structure.poles * FASTEST / record.dt

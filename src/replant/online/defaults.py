@@ -18,8 +18,7 @@ from replant.settings import (
 )
 from replant.statistics.linear_algebra import quiet
 
-UNKNOWN_LENGTH = 2_000
-"""Samples to come that an optimizer is tuned for where nobody knows better [samples]."""
+UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where nobody knows better [samples]
 
 
 @quiet
@@ -32,25 +31,7 @@ def settle(
     reference: bool = False,
     t: FloatArray | None = None,
 ) -> Settings:
-    """Return definite settings: what is "auto" is chosen from a record.
-
-    Parameters
-    ----------
-    request : Request
-    u, y : (K,) arrays
-        Raw input and output.
-    length : int, optional
-        Number of samples that there will be in all, where it is known.
-    reference : bool
-        Whether the samples come with a reference.
-    t : (K,) array, optional
-        Time stamps of an irregular clock in s.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the settings do not go together.
-    """
+    """Return definite settings: what is "auto" is chosen from a record."""
     structure, dt, instruments = request.structure, request.dt, request.wants_instruments
     preprocess = request.preprocess.resolve(u, y)
     replay = _choose_replay(request)

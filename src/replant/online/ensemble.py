@@ -28,15 +28,12 @@ from replant.online.identifier import Identifier
 from replant.online.trace import Trace
 from replant.online.turns import Shared, Turn, changes, reads
 
-LEAST = 3
-"""Members that a block pays for: it takes about the time of three [count]."""
+LEAST = 3  # members that a block pays for: it takes about the time of three [count]
 PORTION = 8192
 """Samples after which a thread may go on with other members: none then waits long for the last one [samples]."""
 
-OBJECT = 2048
-"""What an identifier takes beside its arrays, about [numbers of eight bytes]."""
-MOST_JOBS = 2**31
-"""Processors that may be left free [count]."""
+OBJECT = 2048  # what an identifier takes beside its arrays, about [numbers of eight bytes]
+MOST_JOBS = 2**31  # processors that may be left free [count]
 
 Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y, errors, parameters)
 

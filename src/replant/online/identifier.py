@@ -51,8 +51,7 @@ from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
 from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, Request, Settings
 
-NAN, INFINITE = math.nan, math.inf
-"""NaN and infinity, looked up at every sample [number]."""
+NAN, INFINITE = math.nan, math.inf  # naN and infinity, looked up at every sample [number]
 # attributes that others lead to
 DERIVED = {"_begun_with", "_gate", "_kernel", "_mapped", "_solved", "_step", "_steps", "_turn"}
 NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound

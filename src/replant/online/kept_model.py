@@ -22,18 +22,7 @@ def model_of(
     one_step_fit: float = np.nan,
     verdict: Verdict | None = None,
 ) -> Model:
-    """Return the model of a running identification.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    simulation : Simulation, optional
-        Of the record; without it that of the newest samples is made.
-    one_step_fit : float
-        Fit one step ahead, of that simulation.
-    verdict : Verdict, optional
-        Without it one is asked for.
-    """
+    """Return the model of a running identification."""
     if simulation is None:
         simulation, one_step_fit = _newest(estimate)
     settings, verdict = estimate.settings, estimate.assess() if verdict is None else verdict

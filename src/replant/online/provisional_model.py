@@ -36,16 +36,7 @@ def next_provisional(request: Request, held: int) -> int:
 
 
 def provisional(request: Request, kept: RecentSamples, solved: Solved) -> tuple[int, Refined] | None:
-    """Return the newest provisional model, and how many outputs it is made from; None where there is none.
-
-    Parameters
-    ----------
-    request : Request
-    kept : RecentSamples
-        Collected so far.
-    solved : dict
-        What was solved for before; changed in place.  It holds as long as none of the samples is dropped.
-    """
+    """Return the newest provisional model, and how many outputs it is made from; None where there is none."""
     if not request.wants_instruments:
         return None
     there = np.flatnonzero(kept.is_measured)

@@ -36,19 +36,7 @@ def is_at_rest(state: State) -> bool:
 
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
-    """Return a state that begins at a refined estimate and goes on at the newest sample of ``old``.
-
-    Parameters
-    ----------
-    old : State
-    settings : Settings
-    refined : Refined
-        The estimate of ``record``.
-    record : Record
-        The newest samples; the filters are run over it.
-    origin : int
-        Accepted samples before the record that the estimate is made from.
-    """
+    """Return a state that begins at a refined estimate and goes on at the newest sample of ``old``."""
     new = State.of_settings(settings, STORED)
     initialize(new, settings, refined, record)
     stamps = REGULAR

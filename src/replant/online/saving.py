@@ -30,22 +30,7 @@ class Loaded:
 
 
 def save(path: AnyPath, identifier: Identifier, progress: Progress | None = None) -> None:
-    """Write an identifier to a file, see `Identifier.save`.
-
-    Parameters
-    ----------
-    path : path
-    identifier : Identifier
-    progress : dict, optional
-        Of int, float and str: returned by `load`; how far a source was read, say.
-
-    Raises
-    ------
-    CheckpointError
-        If the file cannot be written; the one that was there stays.
-    InvalidArgumentError
-        If something cannot be saved, as an ``input_map`` that is a function.
-    """
+    """Write an identifier to a file, see `Identifier.save`."""
     write(path, identifier.to_bytes(progress))
 
 

@@ -54,14 +54,6 @@ def drop_misread(state: State, request: Request, *, stamped: bool) -> bool:
 
     The kernel cannot tell of the first two values of the input how far apart they may be.  It can once the samples are
     given to it from their end, and then of the others.
-
-    Parameters
-    ----------
-    state : State
-        It is changed.
-    request : Request
-    stamped : bool
-        Whether the samples came with time stamps: a sample that is dropped then took its time.
     """
     kept = collected(state)
     u = kept.input.copy()
@@ -114,17 +106,7 @@ def _replace(state: State, kept: RecentSamples) -> None:
 def modelled(
     request: Request, preprocess: Preprocess, kept: RecentSamples, given: Sequence[FloatArray] = ()
 ) -> Solution | None:
-    """Return the solution of the samples of a start-up, in the unit of ``preprocess``'s working point.
-
-    Parameters
-    ----------
-    request : Request
-    preprocess : Preprocess
-        With numbers for the working point, whose input map is not used.
-    kept : RecentSamples
-    given : sequence of (T,) arrays
-        Estimates to start from; without any, the usual starts.
-    """
+    """Return the solution of the samples of a start-up, in the unit of ``preprocess``'s working point."""
     level = replace(preprocess, input_map="identity")
     if not request.structure.bias:
         level = centre(level, kept.input.copy(), kept.output.copy())
@@ -158,17 +140,7 @@ def settled(request: Request, kept: RecentSamples) -> Settings:
 
 
 def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solution | None) -> tuple[State, float]:
-    """Return the state that has learned the samples of a start-up, and the error of the last one.
-
-    Parameters
-    ----------
-    old : State
-        That has collected them.
-    settings : Settings
-    kept : RecentSamples
-    solution : Solution or None
-        What `modelled` gives; None where no model is made.
-    """
+    """Return the state that has learned the samples of a start-up, and the error of the last one."""
     state, error = State.of_settings(settings, STORED), math.nan
     if len(kept) > 0:
         if solution is not None:
@@ -211,18 +183,6 @@ def warm_up(
 
     No past estimate is kept meanwhile: settings or estimate were chosen with all of these samples, so that none of them
     is unseen.
-
-    Parameters
-    ----------
-    state : State
-        It is changed.
-    u, y : (K,) arrays
-    t : (K,) or (0,) array
-        Time stamps in s; empty for a regular clock.
-    r : (K,) array, optional
-        Reference.
-    learn : bool
-        False where the estimate has been solved for from these samples: only filters, counters and kept samples follow.
     """
     _, steps = step_kernels(state, regular=t.size == 0)
     rested = state.rested

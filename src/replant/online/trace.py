@@ -130,13 +130,7 @@ class Trace:
         return frames.trace_dataset(self.names, self.parameters, self.errors, dt, self.time)
 
     def __add__(self, other: Trace) -> Trace:
-        """Return this trace joined with that of the next chunk.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the traces are of different parameters.
-        """
+        """Return this trace joined with that of the next chunk."""
         if self.names != other.names:
             raise InvalidArgumentError(f"traces of different parameters: {self.names} and {other.names}")
         return Trace(

@@ -26,11 +26,6 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a solution of every sample so far; None where the present estimate stays.
 
     It stays where older samples are forgotten or no longer kept, and where the plant has changed, see `_has_changed`.
-
-    Parameters
-    ----------
-    old : State
-    settings : Settings
     """
     kept = RecentSamples.of(old, STORED)
     if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):

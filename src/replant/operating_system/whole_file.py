@@ -18,13 +18,6 @@ ENDING = ".new"
 def replacing(path: Path) -> Iterator[Path]:
     """Give the name under which a file is written; it gets its own name when the ``with`` block ends without an error.
 
-    Raises
-    ------
-    OSError
-        If it cannot be written, as on a full disk; a file that was there is then unchanged.
-
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     with replacing(Path(folder, "a")) as new:

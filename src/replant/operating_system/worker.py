@@ -6,8 +6,7 @@ import _thread
 import threading
 from collections.abc import Callable
 
-START_TIMEOUT = 60.0
-"""Time within which a thread that was started must have begun: it needs microseconds [s]."""
+START_TIMEOUT = 60.0  # time within which a thread that was started must have begun: it needs microseconds [s]
 
 
 class Worker:
@@ -15,13 +14,6 @@ class Worker:
 
     `threading.Thread.start` waits until the thread has begun: without end, if a lack of memory ends the thread before.
 
-    Parameters
-    ----------
-    job : callable
-        The function that the thread runs.
-
-    Examples
-    --------
     >>> done = []
     >>> worker = Worker(lambda: done.append(True))
     >>> worker.start()
@@ -35,13 +27,7 @@ class Worker:
         self._begun, self._ended = threading.Event(), threading.Event()
 
     def start(self) -> None:
-        """Start the thread.
-
-        Raises
-        ------
-        RuntimeError
-            If the system starts no further thread.
-        """
+        """Start the thread."""
         _thread.start_new_thread(self._run, ())
         if not self._begun.wait(START_TIMEOUT):
             self._ended.set()

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from replant.arguments import keep, whole
 
-LARGEST_BATCH = 100_000
-"""Updates a sample at the most: they take some milliseconds, which nothing interrupts [count]."""
+LARGEST_BATCH = 100_000  # updates a sample at the most: they take some milliseconds, which nothing interrupts [count]
 
 
 @dataclass(frozen=True)

@@ -28,8 +28,7 @@ ACTUATOR = "actuator"
 ACTUATOR_FIGURES = ("fig6", "fig7", "fig8")
 #: What `replant reproduce` reproduces, in the article's order; "actuator" is a table that the article does not have.
 NAMES = (*TABLES, *FIGURES, *ACTUATOR_FIGURES, ACTUATOR)
-DOTS = 150
-"""Resolution of the PNG [1/inch]."""
+DOTS = 150  # resolution of the PNG [1/inch]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,14 +113,6 @@ def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple
     """Draw figures as PNG and SVG files; yield name, matplotlib figure and paths of each.
 
     The caller uses a figure before it asks for the next one: the fonts are set only as long as the iteration runs.
-
-    Parameters
-    ----------
-    outcome : Outcome
-    names : sequence of str
-        Those that are no figures are ignored.
-    folder : Path
-        An existing folder.
     """
     from replant.plotting.palette import font
 

@@ -66,18 +66,7 @@ def as_element(canvas: Any, name: str) -> str:
 
 
 def write_report(path: Path, outcome: Outcome, pictures: Mapping[str, str], command: str = "") -> Path:
-    """Write tables and figures into one self-contained HTML file, and return its path.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write; its folder is created if missing.
-    outcome : Outcome
-    pictures : dict
-        Figures by name, as `as_element` returns them.
-    command : str
-        The command line that reproduces the page.
-    """
+    """Write tables and figures into one self-contained HTML file, and return its path."""
     parts = {f"table{name[3:]}": _pair(f"table{name[3:]}", outcome, pictures) for name in FIGURES}
     parts["actuator"] = _actuator(outcome.actuator, pictures)
     shown = {name: (title, body) for name, (title, body) in parts.items() if body}

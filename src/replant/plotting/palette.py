@@ -27,13 +27,6 @@ def blank_figure(width: float, height: float) -> Any:
 
     The figure is independent of pyplot: it has no window and need not be closed.  A notebook shows it.
 
-    Raises
-    ------
-    MissingDependencyError
-        If matplotlib is not installed.
-
-    Examples
-    --------
     >>> blank_figure(7.0, 4.0).get_size_inches().tolist()
     [7.0, 4.0]
     """
@@ -45,15 +38,7 @@ def blank_figure(width: float, height: float) -> Any:
 
 
 def given_axes(name: str, axes: Any, count: int) -> list[Any]:
-    """Return axes, one or any nesting of several, as a list of ``count``; ``name`` is the argument's in messages.
-
-    Raises
-    ------
-    ArgumentTypeError
-        If they are no axes of matplotlib.
-    InvalidArgumentError
-        If there are not as many.
-    """
+    """Return axes, one or any nesting of several, as a list of ``count``; ``name`` is the argument's in messages."""
     found = list(np.asarray(axes, dtype=object).ravel())
     if not all(hasattr(axis, "set_xlim") for axis in found):
         raise ArgumentTypeError(f"{name} must be axes of matplotlib, got {shown(axes)}")

@@ -13,8 +13,7 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.plotting.palette import BLUE, GREY, VERMILION
 
-UNSTABLE = 1e12
-"""How far the right half-plane is shaded: as far as anybody may look [rad/s]."""
+UNSTABLE = 1e12  # how far the right half-plane is shaded: as far as anybody may look [rad/s]
 RADIUS_95 = 2.448
 """Radius of the 95 % ellipse of two normal variables [standard deviations].
 Level: 95 %: the square root of the quantile of chi squared with two degrees of freedom.
@@ -47,17 +46,7 @@ def draw_roots(
     regions: Sequence[tuple[complex, FloatArray]],
     colours: RootColours = PLAIN,
 ) -> None:
-    """Draw poles (crosses) and zeros (circles) in rad/s, with 95 % regions; the right half-plane is shaded.
-
-    Parameters
-    ----------
-    axis : matplotlib axes
-    poles, zeros : complex arrays
-        All finite.
-    regions : sequence of (complex, (2, 2) array)
-        A root, and the covariance of its real and imaginary part.
-    colours : RootColours
-    """
+    """Draw poles (crosses) and zeros (circles) in rad/s, with 95 % regions; the right half-plane is shaded."""
     axis.axvspan(0.0, UNSTABLE, color=colours.half, alpha=0.45, lw=0)
     axis.axhline(0.0, color=colours.line, lw=0.8)
     axis.axvline(0.0, color=colours.line, lw=0.8)

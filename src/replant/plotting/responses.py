@@ -12,8 +12,7 @@ from replant.arguments import FloatArray
 from replant.plotting.palette import BLUE, VERMILION, blank_figure, given_axes, open_frame
 from replant.plotting.poles import draw_roots, mirrored
 
-SIGMAS = 2.0
-"""Half-width of every band [standard deviations]."""
+SIGMAS = 2.0  # half-width of every band [standard deviations]
 WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0
 """Half-width at which a band is cut: beyond it nothing is known anyway [dB, degrees]."""
 
@@ -21,16 +20,7 @@ ComplexArray = npt.NDArray[np.complex128]
 
 
 def draw_over_time(time: FloatArray, output: FloatArray, std: FloatArray | None, what: str, ax: Any = None) -> Any:
-    """Draw an output over time in s with a band of +-2 standard deviations; return the axes.
-
-    Parameters
-    ----------
-    time, output : (N,) arrays
-    std : (N,) array or None
-    what : str
-        Label of the output.
-    ax : matplotlib axes, optional
-    """
+    """Draw an output over time in s with a band of +-2 standard deviations; return the axes."""
     axis = blank_figure(6.2, 3.4).subplots() if ax is None else given_axes("ax", ax, 1)[0]
     if std is not None:
         low, high = output - SIGMAS * std, output + SIGMAS * std
@@ -52,20 +42,7 @@ def draw_bode(
     phase_std: FloatArray | None,
     ax: Any = None,
 ) -> Any:
-    """Draw magnitude in dB and phase in degrees over frequency in rad/s, with bands of +-2 standard deviations.
-
-    Parameters
-    ----------
-    frequency, magnitude, phase : (F,) arrays
-        In rad/s, in output over input, in rad.
-    relative_std, phase_std : (F,) array or None
-        Of ln magnitude, and of the phase in rad.
-    ax : two matplotlib axes, optional
-
-    Returns
-    -------
-    array of two axes
-    """
+    """Draw magnitude in dB and phase in degrees over frequency in rad/s, with bands of +-2 standard deviations."""
     axes = blank_figure(6.2, 4.8).subplots(2, 1, sharex=True) if ax is None else given_axes("ax", ax, 2)
     top, bottom = np.asarray(axes, dtype=object).ravel()
     drawn = frequency > 0.0  # no other has a place on a logarithmic axis
@@ -94,15 +71,7 @@ def draw_bode(
 def draw_nyquist(
     response: ComplexArray, relative_std: FloatArray | None, phase_std: FloatArray | None, ax: Any = None
 ) -> Any:
-    """Draw a frequency response in the complex plane, with regions of 2 standard deviations; return the axes.
-
-    Parameters
-    ----------
-    response : (F,) complex array
-    relative_std, phase_std : (F,) array or None
-        Of ln magnitude, and of the phase in rad.
-    ax : matplotlib axes, optional
-    """
+    """Draw a frequency response in the complex plane, with regions of 2 standard deviations; return the axes."""
     axis = blank_figure(5.0, 4.6).subplots() if ax is None else given_axes("ax", ax, 1)[0]
     if relative_std is not None and phase_std is not None:
         angle = np.linspace(0.0, math.tau, 61)
@@ -125,15 +94,7 @@ def draw_nyquist(
 def draw_poles(
     poles: ComplexArray, zeros: ComplexArray, regions: list[tuple[complex, FloatArray]], ax: Any = None
 ) -> Any:
-    """Draw poles (crosses) and zeros (circles) in rad/s, with 95 % regions of the poles; return the axes.
-
-    Parameters
-    ----------
-    poles, zeros : complex arrays
-    regions : list of (complex, (2, 2) array)
-        A pole of the upper half-plane, and the covariance of its real and imaginary part.
-    ax : matplotlib axes, optional
-    """
+    """Draw poles (crosses) and zeros (circles) in rad/s, with 95 % regions of the poles; return the axes."""
     axis = blank_figure(5.2, 4.6).subplots() if ax is None else given_axes("ax", ax, 1)[0]
     both = [(pole.conjugate(), mirrored(covariance)) for pole, covariance in regions if pole.imag]
     draw_roots(axis, poles, zeros, [*regions, *both])

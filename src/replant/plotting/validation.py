@@ -12,18 +12,7 @@ from replant.statistics.correlations import BAND_95
 
 
 def draw_validation(validation: Any, axes: Any = None) -> Any:
-    """Draw a validation; return four axes of matplotlib.
-
-    Parameters
-    ----------
-    validation : replant.Validation
-    axes : four matplotlib axes, optional
-        Drawn into; without them a figure is made.
-
-    Returns
-    -------
-    array of four axes
-    """
+    """Draw a validation; return four axes of matplotlib."""
     if axes is None:
         figure = blank_figure(9.0, 6.4)
         grid = figure.add_gridspec(2, 3)

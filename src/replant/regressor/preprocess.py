@@ -164,12 +164,6 @@ def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
 
     That constant makes any working point right; one near the data keeps the regression well conditioned.  Gross
     outliers do not count.
-
-    Parameters
-    ----------
-    preprocess : Preprocess
-    u, y : (K,) arrays
-        Raw input and output.
     """
     mapped = preprocess.map_input(u)
     accepted, _ = screen(mapped, y)

@@ -14,10 +14,8 @@ from replant.runs.result import Result
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 
-WINDOWS = 100
-"""Windows in a record, unless they become too short for the parameters [count]."""
-STRIDES = 4
-"""Steps in which a window moves by its length [count]."""
+WINDOWS = 100  # windows in a record, unless they become too short for the parameters [count]
+STRIDES = 4  # steps in which a window moves by its length [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,20 +98,6 @@ def regressors_of(
     dt: float,
     t: FloatArray | None = None,
 ) -> FloatArray:
-    """Return the regressors (K, P) of a result's record; rejected samples are rows of NaN.
-
-    Parameters
-    ----------
-    result : Result
-    state_filter : StateVariableFilter
-    preprocess : Preprocess
-        With a working point in numbers.
-    u, y : (K,) arrays
-        Raw input and output.
-    dt : float
-        Sampling time in s.
-    t : (K,) array, optional
-        Time stamps of an irregular clock in s.
-    """
+    """Return the regressors (K, P) of a result's record; rejected samples are rows of NaN."""
     accepted, _ = screen(preprocess.map_input(u), y)
     return regressors(result.structure, dt, state_filter, preprocess, u, np.where(accepted, y, np.nan), t)[0]

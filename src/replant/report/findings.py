@@ -12,10 +12,8 @@ from replant.report.verdict_words import WARN as WARN
 from replant.report.verdict_words import words_of
 from replant.runs.result import Result
 
-FEW_SAMPLES = 10
-"""Samples for each parameter below which a record is called short [samples]."""
-MANY_REJECTED = 0.01
-"""Share of rejected samples that is mentioned as many [share of samples]."""
+FEW_SAMPLES = 10  # samples for each parameter below which a record is called short [samples]
+MANY_REJECTED = 0.01  # share of rejected samples that is mentioned as many [share of samples]
 
 
 @dataclass(frozen=True)

@@ -8,16 +8,11 @@ from replant.arguments import FloatArray
 from replant.model.transfer_function import TransferFunction
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
-UNKNOWN = "unknown"
-"""In place of a standard deviation that is infinite."""
-PLAIN = 1e6
-"""Magnitude from which on a power of ten is split off [number]."""
-WORST_PERCENT = -1000.0
-"""Fit below which it does not matter how bad it is [%]."""
-LINE = 42
-"""Width of a line of a polynomial [digits]."""
-WIDEST = 1e12
-"""Magnitude from which on a grouped number is written with a power of ten [number]."""
+UNKNOWN = "unknown"  # in place of a standard deviation that is infinite
+PLAIN = 1e6  # magnitude from which on a power of ten is split off [number]
+WORST_PERCENT = -1000.0  # fit below which it does not matter how bad it is [%]
+LINE = 42  # width of a line of a polynomial [digits]
+WIDEST = 1e12  # magnitude from which on a grouped number is written with a power of ten [number]
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

@@ -24,8 +24,7 @@ OFFLINE = ("srivc", "least_squares")
 METHODS = (DEFAULT, *OPTIMIZERS, *OFFLINE)
 #: What is compared by default: replant's default, two of the article's optimizers, and the fits of the whole record.
 USUAL = (DEFAULT, "amsgrad", "gradient", *OFFLINE)
-TRIAL = 500
-"""Samples of a trial run [samples]."""
+TRIAL = 500  # samples of a trial run [samples]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,28 +60,6 @@ def compare(
 ) -> list[Contender]:
     """Identify the same record by each of ``methods``; a method that fails is reported, and the others go on.
 
-    Parameters
-    ----------
-    request : Request
-        Structure, sampling time and preprocessing; its optimizer is ignored.
-    u, y : (K,) arrays
-        Raw input and output.
-    methods : sequence of str
-        From `METHODS`.
-    progress : callable
-        Called with the method's name and the part of its work that is done, up to 1.
-    reference : (K,) array, optional
-        For the methods that use one: the default, recursive least squares and srivc.
-    t : (K,) array, optional
-        Time stamps in s, strictly increasing, of an irregular clock.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If a method is not one of `METHODS`.
-
-    Examples
-    --------
     >>> import numpy as np
     >>> from replant import Structure, TransferFunction
     >>> u = np.where(np.arange(2000) // 50 % 2 == 0, 1.0, -1.0)

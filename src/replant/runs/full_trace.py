@@ -14,8 +14,7 @@ from replant.data.logs.parquet import CHECKED, SUFFIXES
 from replant.errors import LogError, MissingDependencyError
 from replant.online.trace import Trace
 
-GROUP_ROWS = 1 << 17
-"""Rows of a row group: what is held before it is written [rows]."""
+GROUP_ROWS = 1 << 17  # rows of a row group: what is held before it is written [rows]
 
 
 class FullTrace:
@@ -24,20 +23,6 @@ class FullTrace:
     The time is that of the trace's stamps; without stamps it counts from the first sample.
 
     To be used in a ``with`` statement; if that ends in an exception, no file is left.
-
-    Parameters
-    ----------
-    path : Path
-        The file, .parquet or .pq.
-    dt : float
-        Sampling time in s.
-
-    Raises
-    ------
-    LogError
-        If the file has another suffix or cannot be written.
-    MissingDependencyError
-        If pyarrow is not installed.
     """
 
     def __init__(self, path: Path, dt: float) -> None:

@@ -40,15 +40,7 @@ class Overview:
 
 
 class Recorder:
-    """Collects the overview of a record and of its modelled output, which come batch by batch.
-
-    Parameters
-    ----------
-    length : int
-        Samples of the record.
-    newest : int, optional
-        How many of the newest samples are kept; all by default.
-    """
+    """Collects the overview of a record and of its modelled output, which come batch by batch."""
 
     def __init__(self, length: int, newest: int | None = None) -> None:
         self.samples = 0
@@ -65,17 +57,7 @@ class Recorder:
         used: BoolArray | np.bool_ = np.True_,
         t: FloatArray | None = None,
     ) -> None:
-        """Take the next samples.
-
-        Parameters
-        ----------
-        u, y, modelled : (K,) arrays
-            Input, measured and modelled output.
-        used : (K,) array of bool
-            The samples that have a residual; all by default.
-        t : (K,) array, optional
-            Time stamps of an irregular clock in s, with every sample or with none.
-        """
+        """Take the next samples."""
         if t is not None and self._began is None and t.size:
             self._began = float(t[0])
         self._kept.append((u, y, modelled) if t is None else (u, y, modelled, t))

@@ -12,8 +12,7 @@ import numpy.typing as npt
 from replant.arguments import FloatArray, IntArray
 from replant.engine.record import gaps_of
 
-KNOTS = 36_000
-"""Stamps kept of a record that is too long for memory: as many as its overview has points [count]."""
+KNOTS = 36_000  # stamps kept of a record that is too long for memory: as many as its overview has points [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,17 +101,6 @@ class Clock:
 class ClockRecorder:
     """Collects the clock of a record whose stamps come batch by batch.
 
-    Parameters
-    ----------
-    dt : float
-        Usual interval in s.
-    length : int
-        Samples of the record.
-    knots : int
-        Stamps kept, if the record is longer than this.
-
-    Examples
-    --------
     >>> recorder = ClockRecorder(dt=1.0, length=4)
     >>> recorder.take(np.array([5.0, 6.0]))
     >>> recorder.take(np.array([7.0, 10.0]))

@@ -28,8 +28,7 @@ from replant.simulation.stretches import (
     stretches_of,
 )
 
-MOST_SHADES = 1000
-"""Stretches left out that a plot tells apart [count]."""
+MOST_SHADES = 1000  # stretches left out that a plot tells apart [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,18 +159,7 @@ class Result:
 
 
 def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float, t: FloatArray | None = None) -> Result:
-    """Return the result of an offline fit.
-
-    Parameters
-    ----------
-    fitted : FitResult
-    u, y : (K,) arrays
-        Raw input and output that were fitted.
-    begun : float
-        Value of `time.perf_counter` at the start, in s.
-    t : (K,) array, optional
-        Time stamps in s that were fitted, of an irregular clock.
-    """
+    """Return the result of an offline fit."""
     if fitted.reference:
         y = np.where(np.isfinite(fitted.reference.signal), y, np.nan)
     used = screen(fitted.preprocess.map_input(u), y)[0]

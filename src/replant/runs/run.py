@@ -30,17 +30,12 @@ from replant.simulation.stretches import (
 )
 from replant.statistics.linear_algebra import quiet
 
-CHUNK = 1 << 13
-"""Samples between two reports of progress: fewer than an identifier keeps [samples]."""
-PIECE = 1 << 15
-"""Samples of the second pass that are looked at together [samples]."""
-MOST_ROWS = 10_000
-"""Rows of history kept: more than a plot can show [rows]."""
-SETTLED = 1_000_000
-"""Samples looked at where choices are made from the record beforehand [samples]."""
+CHUNK = 1 << 13  # samples between two reports of progress: fewer than an identifier keeps [samples]
+PIECE = 1 << 15  # samples of the second pass that are looked at together [samples]
+MOST_ROWS = 10_000  # rows of history kept: more than a plot can show [rows]
+SETTLED = 1_000_000  # samples looked at where choices are made from the record beforehand [samples]
 IDENTIFYING, TESTING = "identifying", "testing"  # the stages of a run
-BANDS = 200
-"""Times that standard deviations are taken along the way [count]."""
+BANDS = 200  # times that standard deviations are taken along the way [count]
 
 
 def run_online(
@@ -53,21 +48,7 @@ def run_online(
     reference: FloatArray | None = None,
     t: FloatArray | None = None,
 ) -> Result:
-    """Identify a record in memory in one pass; see `run_source`.
-
-    Parameters
-    ----------
-    request : Request
-    u, y : (K,) arrays
-        Raw input and output.
-    progress : callable
-        Called with the number of samples done, every few thousand samples.
-    startup : int, optional
-        See `run_source`.
-    reference : (K,) array, optional
-    t : (K,) array, optional
-        Time stamps in s, strictly increasing, of an irregular clock.
-    """
+    """Identify a record in memory in one pass; see `run_source`."""
 
     def report(stage: str, samples: int) -> None:
         if stage == IDENTIFYING:
@@ -92,28 +73,6 @@ def run_source(
 
     With instruments, the start-up is a tenth of the record, at most 20000 samples.  Without them, the settings left at
     "auto" are chosen beforehand from the first million samples.
-
-    Parameters
-    ----------
-    request : Request
-    source : Source
-    progress : callable
-        Called with the stage, "identifying" or "testing", and the number of its samples done.
-    sink : callable
-        Called with the trace of every chunk of a few thousand samples.
-    newest : int, optional
-        How many of the newest samples of the simulation are kept, if the record is too long for memory.
-    startup : int, optional
-        Samples of the start-up; the run then equals a live session to the bit.
-    irregular : bool
-        Whether the last signal of each batch is the time stamps in s, strictly increasing, of an irregular clock.
-    with_history : bool
-        Whether the estimate along the way is kept; without it nothing else changes, and the run takes less time.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the clock is irregular and the filter of the request needs a regular one.
     """
     begun = time.perf_counter()
     identifier = _identifier(request, source, startup, irregular=irregular)

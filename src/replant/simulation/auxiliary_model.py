@@ -114,20 +114,6 @@ class Pass:
 class AuxiliaryModel:
     """Runs models of one structure over records.
 
-    Parameters
-    ----------
-    structure : Structure
-    dt : float
-        Nominal sampling time in s: after 1.5 of it without a sample, a held input is taken to have moved.
-    input_hold : {"zoh", "foh"}
-        What the input does between samples.
-    margin : float
-        Poles that do not lie left of minus this, in rad/s, are reflected to there.
-    reference : bool
-        Whether instruments are made from a reference.
-
-    Examples
-    --------
     >>> model = AuxiliaryModel(Structure(poles=1), dt=1.0)
     >>> record = Record(np.ones(3), np.zeros(3), np.array([1.0, 1.0, 2.0]))
     >>> model.run(np.array([1.0, 1.0, 0.0, 0.0]), record).output.round(4)
@@ -151,14 +137,6 @@ class AuxiliaryModel:
 
         Samples that answer to inputs before the record, because of a dead time, say nothing: their rows are zero, and
         the initial state is that of the first sample after them.
-
-        Parameters
-        ----------
-        theta : (T,) array
-            a_{n-1} .. a_0, b_m .. b_0, then the nuisances: the constant of A y = B u + constant, and the initial state.
-        record : Record
-        by_reference : (K, 2) array, optional
-            What the reference explains of input and output; for a model made with ``reference``.
         """
         parts = record.parts
         if len(parts) > 1:

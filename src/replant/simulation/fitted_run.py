@@ -71,16 +71,6 @@ class FittedRun:
 
     The offset is fitted to the first batch, the state to the rest of the batch in which its stretch begins.
 
-    Parameters
-    ----------
-    model : TransferFunction
-    dt : float
-        Sampling time in s; of an irregular clock the usual interval.
-    input_hold : {"zoh", "foh"}
-        What the input does between samples.
-
-    Examples
-    --------
     >>> g = TransferFunction([2.0], [1.0, 1.0])
     >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
     >>> run = FittedRun(g, dt=0.1)
@@ -98,18 +88,7 @@ class FittedRun:
 
     @quiet
     def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
-        """Take the next samples (K,); return the model's output (K,), and the measured one (K,).
-
-        Parameters
-        ----------
-        u : (K,) array
-            An input that is not finite is replaced by the last finite one.
-        y : (K,) array
-            An output that is not finite is left out of the fit.  In what is returned those are NaN, too, that answer to
-            inputs from before the record or from a gap, and those of a part with too few.
-        t : (K,) array, optional
-            Time stamps in s of an irregular clock.
-        """
+        """Take the next samples (K,); return the model's output (K,), and the measured one (K,)."""
         if u.size == 0:
             return u.copy(), y.copy()
         first = self._response is None

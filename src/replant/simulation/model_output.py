@@ -23,19 +23,6 @@ def model_output(
 ) -> Simulation:
     """Return the output of a model beside a record, offset and initial state fitted to the measured output.
 
-    Parameters
-    ----------
-    model : TransferFunction
-    u, y : (K,) arrays
-        Mapped input and measured output; NaN where there is none.
-    dt : float
-        Sampling time in s.
-    input_hold : {"zoh", "foh"}
-    t : (K,) array, optional
-        Time stamps in s of an irregular clock.
-
-    Examples
-    --------
     >>> g = TransferFunction([1.0], [1.0, -1.0])
     >>> u = np.sin(np.arange(40.0))
     >>> found = model_output(g, u, g.simulate(u, 0.1), 0.1)

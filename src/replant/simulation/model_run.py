@@ -62,19 +62,7 @@ class ModelRun:
 def run_model(
     structure: Structure, parameters: FloatArray, record: Record, dt: float, by_reference: FloatArray | None = None
 ) -> ModelRun | None:
-    """Run a model over a record; None where its signals leave float64.
-
-    Parameters
-    ----------
-    structure : Structure
-    parameters : (P,) array
-        In the order of ``structure.names``; the bias is not used, because the offset is fitted to the record.
-    record : Record
-    dt : float
-        Nominal sampling time in s.
-    by_reference : (K, 2) array, optional
-        What a reference explains of input and output.
-    """
+    """Run a model over a record; None where its signals leave float64."""
     n = structure.poles
     # with as many zeros as there can be, the columns hold every s^i/A u; the derivatives along b are the last of them
     full = Structure(n, n - 1 + structure.is_biproper, structure.delay, feedthrough=structure.is_biproper)

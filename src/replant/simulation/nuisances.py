@@ -64,11 +64,6 @@ def common_offset(triangles: Sequence[FloatArray]) -> float:
     """Return the offset that, together with a state of each part of its own, explains what a model leaves of the parts.
 
     It is 0 where the states alone explain it as well, as those of an integrator do.
-
-    Parameters
-    ----------
-    triangles : sequence of (R, n + 2) arrays
-        Of each part's responses to a unit of each state, ones, and what is left.
     """
     size = power = product = 0.0
     for triangle in triangles:

@@ -83,22 +83,6 @@ def simulate(
 ) -> Simulation:
     """Run a model from the input alone, with the offset and initial state that fit ``y`` best (least squares).
 
-    Parameters
-    ----------
-    model : TransferFunction
-    u, y : (K,) arrays
-        Mapped input and measured output.  The working point need not be subtracted: the offset includes it.  An input
-        that is not finite is replaced by the last finite one.  An output that is not finite is left out of the fit, and
-        with a dead time those that answer to inputs from before the record.
-    dt : float
-        Sampling time in s.
-    input_hold : {"zoh", "foh"}
-        What the input does between samples.
-    t : (K,) array, optional
-        Time stamps in s of an irregular clock.  Behind each gap the state is fitted anew.
-
-    Examples
-    --------
     >>> g = TransferFunction([2.0], [1.0, 1.0])
     >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
     >>> simulate(g, u, g.simulate(u, 0.1) + 5.0, 0.1).offset

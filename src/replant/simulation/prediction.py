@@ -27,15 +27,6 @@ Derivation: an initial state may grow to e times its size; a pole at zero, as it
 def runs_away(denominator: FloatArray, span: float) -> bool:
     """Return whether the free response of a model grows too much within ``span`` s for a simulation to mean something.
 
-    Parameters
-    ----------
-    denominator : (n + 1,) array
-        A(s), monic.
-    span : float
-        Duration of the record in s.
-
-    Examples
-    --------
     >>> runs_away(np.array([1.0, -1.0]), 20.0), runs_away(np.array([1.0, 1.0, 0.0]), 20.0)
     (True, False)
     """
@@ -48,15 +39,6 @@ def prediction_error(structure: Structure, parameters: FloatArray, record: Recor
     """Return the error (K,) of the output predicted one step ahead, offset and initial state fitted to the record.
 
     For a model of any stability; that of a stable one is simulated.  None where it leaves float64.
-
-    Parameters
-    ----------
-    structure : Structure
-    parameters : (P,) array
-        In the order of ``structure.names``.
-    record : Record
-    dt : float
-        Nominal sampling time in s.
     """
     model = AuxiliaryModel(structure, dt, record.input_hold, margin=SLOWEST / record.span)
     theta, known = np.zeros(model.entries), structure.coefficients

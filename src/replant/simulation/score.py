@@ -17,22 +17,12 @@ from replant.simulation.fitted_run import FittedRun
 from replant.statistics.lost_samples import places_on_grid
 from replant.statistics.running_sums import ErrorSums, OutputSums
 
-FITTED = 1 << 18
-"""Samples over which the initial state is fitted [samples]."""
+FITTED = 1 << 18  # samples over which the initial state is fitted [samples]
 
 
 class Score:
     """Runs a model from the input alone, and keeps the sums that its fits to the measured output are made from.
 
-    Parameters
-    ----------
-    model : TransferFunction
-    dt : float
-        Sampling time in s; of an irregular clock the usual interval.
-    input_hold : {"zoh", "foh"}
-
-    Examples
-    --------
     >>> g = TransferFunction([2.0], [1.0, 1.0])
     >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
     >>> score = Score(g, dt=0.1)

@@ -24,15 +24,6 @@ def stretches_of(flags: BoolArray, first: int = 0) -> IntArray:
 def flags_of(stretches: IntArray, first: int, samples: int) -> BoolArray:
     """Return which samples (K,) of a range lie in stretches.
 
-    Parameters
-    ----------
-    stretches : (R, 2) array of int
-        In ascending order.
-    first, samples : int
-        The range: its first sample, and how many, K.
-
-    Examples
-    --------
     >>> flags_of(np.array([[11, 13], [14, 15]]), 12, 4).tolist()
     [True, False, True, False]
     """

@@ -152,14 +152,6 @@ class Autoregression:
         A sample with j < p known predecessors is filtered by the best model of order j, whose residual has the larger
         variance V_j, and weighted by the root of V_p / V_j: the likelihood of an autoregression with a missing past.
 
-        Parameters
-        ----------
-        signals : (K, ...) array
-        known : (K,) array of int
-            Predecessors that are known.
-
-        Examples
-        --------
         >>> noise = np.random.default_rng(0).standard_normal(5000)
         >>> model = Autoregression.of(np.convolve(noise, 0.9 ** np.arange(100)))
         >>> model.whiten_known(np.ones(3), np.array([0, 1, 2])).round(1)
@@ -205,14 +197,7 @@ def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
 
 
 def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
-    """Return the sums (LAGS + 1, LAGS + 1) of e_{k-i} e_{k-j} over samples with LAGS known predecessors; how many.
-
-    Parameters
-    ----------
-    error : (K,) array
-    known : (K,) array of int
-        Predecessors that are known, LAGS at the most.
-    """
+    """Return the sums (LAGS + 1, LAGS + 1) of e_{k-i} e_{k-j} over samples with LAGS known predecessors; how many."""
     rows = np.flatnonzero(known >= LAGS)
     past = np.stack([error[rows - lag] for lag in range(LAGS + 1)])
     return np.asarray(past @ past.T), rows.size
@@ -272,16 +257,6 @@ def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> Float
     The prediction is the first row of C^horizon times the newest p known residuals, C the companion matrix of the
     autoregression.  Residuals from before the record count as zero.
 
-    Parameters
-    ----------
-    coefficients : (p + 1,) array
-        1, d_1 .. d_p.
-    residual : (K,) array
-    horizon : int
-        In samples, 1 or more.
-
-    Examples
-    --------
     >>> ahead(np.array([1.0, -0.5]), np.array([8.0, 4.0, 2.0]), horizon=2)
     array([0., 0., 2.])
     """

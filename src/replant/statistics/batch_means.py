@@ -61,15 +61,6 @@ def path_variances(
 
     A variance is 0 where the path has too few blocks.
 
-    Parameters
-    ----------
-    estimates, known : (B, T) arrays
-        Estimate and diagonal of P after each block; the last row is the present.
-    least : float
-        Fewest blocks of equal weight for a variance.
-
-    Examples
-    --------
     The mean of 400 numbers, after each 20 of them:
 
     >>> x = np.random.default_rng(0).standard_normal(400)
@@ -87,15 +78,7 @@ def path_variances(
 
 
 def no_less_than_scattered(covariance: FloatArray, estimates: FloatArray, known: FloatArray) -> FloatArray:
-    """Return a covariance (T, T), stretched where the variances along the path exceed its own.
-
-    Parameters
-    ----------
-    covariance : (T, T) array
-        From the residual's power and colour.
-    estimates, known : (B, T) arrays
-        Estimate and diagonal of P after each block; the last row is the present.
-    """
+    """Return a covariance (T, T), stretched where the variances along the path exceed its own."""
     if len(estimates) < LEAST_ROWS:
         return covariance
     variances, blocks = path_variances(estimates, known)
@@ -124,20 +107,7 @@ def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
 def path_of_record(
     zeta: FloatArray, error: FloatArray, theta: FloatArray, known: FloatArray, pull: FloatArray
 ) -> PathSlots:
-    """Return the path on which a recursion would have arrived at ``theta``, as `kernels.monitoring.estimate_path` does.
-
-    Parameters
-    ----------
-    zeta : (K, T) array
-    error : (K,) array
-        The residual at ``theta``.
-    theta : (T,) array
-        The last estimate.
-    known : (T, T) array
-        Information from before the record.
-    pull : (T,) array
-        ``known`` times the distance from ``theta`` to the estimate before the record.
-    """
+    """Return the path on which a recursion would have come to ``theta``, as `kernels.monitoring.estimate_path`."""
     samples, size = zeta.shape
     step = -(-samples // ROOM)
     path = PathSlots.zeros(FIXED | {"T": size})
@@ -154,13 +124,6 @@ def path_of_record(
 
 
 def rows_of(path: PathSlots, theta: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return estimates and diagonals of P, (B, T) each, along a path that is kept.
-
-    Parameters
-    ----------
-    path : PathSlots
-    theta, known : (T,) arrays
-        The present estimate and diagonal of P, which become the last row.
-    """
+    """Return estimates and diagonals of P, (B, T) each, along a path that is kept."""
     rows = path.rows[: int(path.kept)]
     return np.vstack([rows[:, 0], theta]), np.vstack([rows[:, 1], known])

@@ -15,8 +15,7 @@ BAND_95, BAND_99 = 1.960, 2.576
 Level: 95 and 99 %.
 """
 
-FEWEST = 8
-"""Residuals below which a correlation says nothing [samples]."""
+FEWEST = 8  # residuals below which a correlation says nothing [samples]
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,15 +57,6 @@ def correlations(residual: FloatArray, u: FloatArray, lags: int) -> Correlations
     The limits of the autocorrelation are those of white noise, :math:`1/\sqrt N`.  Those of the cross-correlation
     allow for a coloured residual, :math:`\sqrt{\sum_\tau r_e(\tau) r_u(\tau) / N}`, with a triangular taper.
 
-    Parameters
-    ----------
-    residual, u : (K,) arrays
-        Samples that are not finite count as zero.
-    lags : int
-        Largest lag in samples.
-
-    Examples
-    --------
     >>> noise = np.random.default_rng(1).standard_normal((2, 4000))
     >>> found = correlations(*noise, lags=100)
     >>> float(found.auto[0]), max(found.outside) < 0.1
@@ -109,17 +99,6 @@ def _correlate(a: FloatArray, b: FloatArray, lags: int) -> FloatArray:
 def correlation_lags(time_constants: Iterable[float], samples: int, dt: float) -> int:
     """Return a sensible largest lag: five of the slowest time constants, at least 25, at most a quarter of the record.
 
-    Parameters
-    ----------
-    time_constants : iterable of float
-        Of the model's poles, in s.
-    samples : int
-        Length of the record.
-    dt : float
-        Sampling time in s.
-
-    Examples
-    --------
     >>> correlation_lags([0.1, 2.0], samples=1000, dt=0.1)
     100
     """

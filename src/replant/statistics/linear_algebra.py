@@ -36,15 +36,6 @@ def real_coefficients(denominator: FloatArray, least: float) -> FloatArray:
 
     It is the size that those of the denominator would have if all poles were real.
 
-    Parameters
-    ----------
-    denominator : (n,) array
-        a_{n-1} .. a_0.
-    least : float
-        A pole whose magnitude is less counts as this, in rad/s.
-
-    Examples
-    --------
     >>> real_coefficients(np.array([0.2, 4.0]), 0.1).round(9)
     array([4., 4.])
     """
@@ -99,15 +90,6 @@ def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tup
 
     Without a solution these are zeros, 0, and an empty array.
 
-    Parameters
-    ----------
-    columns : (K, P) array
-    target : (K,) array
-    tolerance : float
-        Singular values below this part of the largest count as zero.
-
-    Examples
-    --------
     >>> least_norm(np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([2.0, 2.0]), 1e-12)[:2]
     (array([1., 1.]), 1)
     """
@@ -125,14 +107,7 @@ def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tup
 
 @quiet
 def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
-    """Return the pseudo-inverse of a symmetric matrix; NaN where the matrix is not finite.
-
-    Parameters
-    ----------
-    symmetric : (T, T) array
-    tolerance : float
-        Eigenvalues below this part of the largest count as zero.
-    """
+    """Return the pseudo-inverse of a symmetric matrix; NaN where the matrix is not finite."""
     if np.isfinite(symmetric).all():
         try:
             return np.asarray(np.linalg.pinv(symmetric, rcond=tolerance, hermitian=True))

@@ -15,15 +15,6 @@ def places_on_grid(intervals: FloatArray, dt: float) -> IntArray:
     Each sample takes the next place, after one empty place for each sample that was lost.  More than LAGS in a row are
     counted as LAGS: what comes after has no known past either way.
 
-    Parameters
-    ----------
-    intervals : (K,) array
-        Time since the sample before, in s.
-    dt : float
-        Usual interval in s.
-
-    Examples
-    --------
     >>> places_on_grid(np.array([1.0, 1.2, 2.9, 0.1, 70.0]), dt=1.0)
     array([ 0,  1,  4,  5, 10])
     """
@@ -34,16 +25,6 @@ def places_on_grid(intervals: FloatArray, dt: float) -> IntArray:
 def one_step_with_lost(residual: FloatArray, t: FloatArray, dt: float) -> FloatArray:
     """Return what `one_step` does of a residual (K,) on an irregular clock: lost samples are part of no known past.
 
-    Parameters
-    ----------
-    residual : (K,) array
-    t : (K,) array
-        Time stamps in s.
-    dt : float
-        Usual interval in s.
-
-    Examples
-    --------
     >>> slow, kept = np.sin(np.arange(400) / 10), np.arange(400) % 50 > 3
     >>> error = one_step_with_lost(slow[kept], np.flatnonzero(kept) * 0.1, 0.1)
     >>> bool(np.median(abs(error)) < 1e-6), bool(abs(error[46]) == abs(slow[54]))  # 46: the first after a gap

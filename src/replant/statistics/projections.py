@@ -11,8 +11,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.statistics.chi2 import chi2_quantile
 
-SMALL = 1 << 17
-"""Multiplications that stay in one thread [count]."""
+SMALL = 1 << 17  # multiplications that stay in one thread [count]
 
 TAKEN_AWAY = 1e-9
 """Length of a column, what others explain or a filter takes off it, below which only rounding is left [part of its
@@ -87,15 +86,6 @@ def widening(basis: FloatArray, left: FloatArray) -> float:
     is compared with that of the same residual shifted against the columns, so far that they have nothing to do with
     each other: the median over `SHIFTS` shifts, over that of chi-square.
 
-    Parameters
-    ----------
-    basis : (K, R) array
-        The columns, orthonormal.
-    left : (K,) array
-        The residual, without what they explain of it.
-
-    Examples
-    --------
     >>> noise = np.random.default_rng(0).standard_normal((3, 5000))
     >>> slow = np.array([np.convolve(each, 0.95 ** np.arange(100))[:5000] for each in noise])
     >>> columns = np.linalg.qr(slow[:2].T)[0]

@@ -12,18 +12,12 @@ from replant.arguments import FloatArray
 from replant.data.logs.table import Table
 from replant.errors import LogError
 
-MOST_CELLS = 1 << 24
-"""Cells of a log that are held at once: 128 MB [count]."""
-MOST_ROWS = 1 << 20
-"""Rows of a log that are looked at [rows]."""
-FEWEST_ROWS = 1 << 10
-"""The same where a log has very many columns [rows]."""
-MOST_STEPS = 10_000
-"""Steps in its range up to which a column is called quantised: 13 bits and less [count]."""
-ROUND_OFF = 1e-9
-"""Difference of two values that is a rounding error [part of the largest value]."""
-ON_GRID = 0.01
-"""Distance from a grid up to which a value lies on it [part of the grid's step]."""
+MOST_CELLS = 1 << 24  # cells of a log that are held at once: 128 MB [count]
+MOST_ROWS = 1 << 20  # rows of a log that are looked at [rows]
+FEWEST_ROWS = 1 << 10  # the same where a log has very many columns [rows]
+MOST_STEPS = 10_000  # steps in its range up to which a column is called quantised: 13 bits and less [count]
+ROUND_OFF = 1e-9  # difference of two values that is a rounding error [part of the largest value]
+ON_GRID = 0.01  # distance from a grid up to which a value lies on it [part of the grid's step]
 
 
 class Kind(Enum):
@@ -155,13 +149,6 @@ def read_contents(table: Table) -> Contents:
 
     A column with a cell that is not a number is described as text, and the others are read without it.
 
-    Raises
-    ------
-    LogError
-        If no column can be read.
-
-    Examples
-    --------
     >>> from pathlib import Path
     >>> data = [np.array([0.0, 0.1]), np.array([5.0, 5.0])]
     >>> table = Table(Path("log.npz"), ("u", "y"), lambda numbers: iter([[data[n] for n in numbers]]))

@@ -11,10 +11,8 @@ from replant.data.rest import from_rest
 from replant.errors import ReplantError
 from replant.log import Log
 
-MOST_SAMPLES = 1000
-"""Samples that it is made from: evenly spaced ones of a longer record [samples]."""
-TRIED = 12
-"""Dead times that it tries beside 0, from a sample to a quarter of the record, by equal factors [count]."""
+MOST_SAMPLES = 1000  # samples that it is made from: evenly spaced ones of a longer record [samples]
+TRIED = 12  # dead times that it tries beside 0, from a sample to a quarter of the record, by equal factors [count]
 
 
 @dataclass(frozen=True)

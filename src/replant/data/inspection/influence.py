@@ -18,22 +18,14 @@ import numpy as np
 
 from replant.arguments import FloatArray
 
-MOST_SAMPLES = 1 << 16
-"""Samples that the measures are taken from [samples]."""
-ORDER = 3
-"""Past stretches of each signal [count]."""
-STRETCHES_OF_MEMORY = 5
-"""Stretches in the time over which the output's correlation with itself falls to 1/e [count]."""
-FEWEST_STRETCHES = 200
-"""Stretches that a record is cut into, if it has as many samples [count]."""
-SPREAD = 20.0
-"""Distance from the median beyond which a value is cut off [ranges of the middle 90 %]."""
-CEILING = 10.0
-"""Largest measure: a residual of 1/150 of the other is a rounding error [number]."""
-CHANCE = 4.5
-"""Correlation that is no chance at any of thousands of lags [standard deviations]."""
-WHITENING = 8
-"""Order of the autoregression that whitens the input [count]."""
+MOST_SAMPLES = 1 << 16  # samples that the measures are taken from [samples]
+ORDER = 3  # past stretches of each signal [count]
+STRETCHES_OF_MEMORY = 5  # stretches in the time over which the output's correlation with itself falls to 1/e [count]
+FEWEST_STRETCHES = 200  # stretches that a record is cut into, if it has as many samples [count]
+SPREAD = 20.0  # distance from the median beyond which a value is cut off [ranges of the middle 90 %]
+CEILING = 10.0  # largest measure: a residual of 1/150 of the other is a rounding error [number]
+CHANCE = 4.5  # correlation that is no chance at any of thousands of lags [standard deviations]
+WHITENING = 8  # order of the autoregression that whitens the input [count]
 ROUNDING = 1e-9
 """Change of a prepared input that is rounding [its standard deviation].
 Derivation: some million times the precision of float64.

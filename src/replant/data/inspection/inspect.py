@@ -17,17 +17,14 @@ from replant.data.logs.formats import read_columns
 from replant.data.logs.rasters import side_by_side
 from replant.data.logs.table import Table
 
-POLES = 2
-"""Poles of the model that is suggested first [count]."""
+POLES = 2  # poles of the model that is suggested first [count]
 DEAD = 1.0
 """Delay that is a dead time, not a slow beginning [part of the time from there to half the response].
 Origin: the slow beginning of two poles reaches 0.6.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
-CLEAR = 3.0
-"""Delay from which on a search for the dead time is suggested [samples]."""
-TRIED = 6
-"""Dead times that this search tries [count]."""
+CLEAR = 3.0  # delay from which on a search for the dead time is suggested [samples]
+TRIED = 6  # dead times that this search tries [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,22 +85,6 @@ def inspect(
 ) -> Inspection:
     r"""Return what is in a log file; what is guessed is marked as a guess.
 
-    Parameters
-    ----------
-    path : path
-        See `replant.read_log`.
-    input, output, time : str or int, optional
-        Columns whose role is known, by name or 0-based number.
-
-    Raises
-    ------
-    LogError
-        If the file or a column that is named cannot be read.
-    MissingDependencyError
-        If it is a Parquet file and pyarrow is not installed.
-
-    Examples
-    --------
     >>> import tempfile
     >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:

@@ -14,18 +14,15 @@ from replant.data.logs.table import Table, listed
 from replant.data.logs.time_unit import StampUnit, unit_of_stamps
 from replant.errors import LogError
 
-GAP = 1.5
-"""Interval of a steady clock from which on a sample is lost [usual intervals]."""
+GAP = 1.5  # interval of a steady clock from which on a sample is lost [usual intervals]
 LOST = 3.5
 """The same of a clock that jitters: samples are lost for certain [usual intervals].
 Derivation: GAP of `replant.engine.record`, from which on a fit takes the state for unknown.
 """
 STEADY = 0.2
 """Deviation of an interval up to which a rising column without a telling name may be a time [part of the median]."""
-MOSTLY = 0.95
-"""Part of its intervals that must be steady [part]."""
-FEWEST = 20
-"""Rows from which on a rising column without a telling name may be a time [rows]."""
+MOSTLY = 0.95  # part of its intervals that must be steady [part]
+FEWEST = 20  # rows from which on a rising column without a telling name may be a time [rows]
 
 
 @dataclass(frozen=True)
@@ -73,17 +70,7 @@ class Clock:
 def find_clock(
     table: Table, contents: Contents, given: int | None = None, others: Collection[int] = ()
 ) -> Clock | None:
-    """Return the clock of a log; None without a column that is or seems to be its time.
-
-    Parameters
-    ----------
-    table : Table
-    contents : Contents
-    given : int, optional
-        Number of the time column, if it is known.
-    others : collection of int
-        Numbers of columns that are not the time.
-    """
+    """Return the clock of a log; None without a column that is or seems to be its time."""
     if given is not None:
         return _clock(table, contents, contents.columns[given], "") if given in contents.values else None
     named = [number for number in time_candidates(table.names) if number in contents.values and number not in others]

@@ -54,15 +54,7 @@ def _with_others(recording: Recording, log: Log) -> Log:
 def beside_first_model(
     u: FloatArray, y: FloatArray, dt: float, delay: float, others: Mapping[str, FloatArray]
 ) -> tuple[OtherColumn, ...]:
-    """Return the columns that explain a part of what a model of one pole leaves; none if there is no model.
-
-    Parameters
-    ----------
-    u, y : (K,) arrays
-    dt, delay : float
-        Sampling time and dead time in s.
-    others : mapping of str to (K,) array
-    """
+    """Return the columns that explain a part of what a model of one pole leaves; none if there is no model."""
     from replant.offline.fit import fit
 
     if not others:

@@ -12,10 +12,8 @@ from replant.arguments import FloatArray
 from replant.data.inspection.columns import Column
 from replant.data.inspection.influence import influence, memory, prepared
 
-MOST_SIGNALS = 16
-"""Columns among which input and output are looked for; all pairs of them are compared [count]."""
-FEWEST_ROWS = 20
-"""Rows from which on who follows whom is asked [rows]."""
+MOST_SIGNALS = 16  # columns among which input and output are looked for; all pairs of them are compared [count]
+FEWEST_ROWS = 20  # rows from which on who follows whom is asked [rows]
 BY_INFLUENCE, BY_SHAPE = 2.0, 1.0
 """Weights of who follows whom, and of moving in steps and quickly [number].
 Origin: input and output come out right for the recorded logs of open loops, with their names and without.
@@ -108,17 +106,6 @@ def role_by_name(name: str) -> str | None:
 def find_roles(columns: list[Column], values: dict[int, FloatArray], given: dict[str, int] | None = None) -> Roles:
     """Return what ``columns`` look like.
 
-    Parameters
-    ----------
-    columns : list of Column
-        Signals of equal length; the time is not among them.
-    values : dict of int to (K,) array
-        Their samples, by the column's number.
-    given : dict of str to int, optional
-        Numbers of the columns whose role ("input", "output") is known.
-
-    Examples
-    --------
     >>> from replant.data.inspection.columns import describe
     >>> u = np.repeat(np.random.default_rng(1).choice([-1.0, 1.0], 200), 5)
     >>> y = np.convolve(u, 0.1 * 0.9 ** np.arange(100))[: u.size]

@@ -9,23 +9,15 @@ from pathlib import Path
 
 from replant.errors import LogError
 
-MOST_MEMBERS = 4096
-"""Files in an archive [count]."""
-DEFLATE_RATIO = 1032
-"""Bytes that a byte of deflated data can stand for: what its format allows [bytes]."""
+MOST_MEMBERS = 4096  # files in an archive [count]
+DEFLATE_RATIO = 1032  # bytes that a byte of deflated data can stand for: what its format allows [bytes]
 
 _STREAMED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # the others are unpacked by `zipfile` without a bound
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    """Open an archive whose members can be read part by part; none yields more bytes than its directory says.
-
-    Raises
-    ------
-    LogError
-        If it has too many members, or one that is packed otherwise.
-    """
+    """Open an archive whose members can be read part by part; none yields more bytes than its directory says."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
         if len(members) > MOST_MEMBERS:

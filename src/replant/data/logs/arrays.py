@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from replant.data.logs.table import Table
 from replant.errors import LogError
 
-SAMPLING_TIME = "Ts"
-"""Name of a scalar, perhaps in a struct, that is the sampling time in s."""
+SAMPLING_TIME = "Ts"  # name of a scalar, perhaps in a struct, that is the sampling time in s
 
 _NOTHING: Mapping[str, str] = MappingProxyType({})
 
@@ -60,20 +59,6 @@ def places_of(name: str, shape: Sequence[int]) -> Iterator[tuple[str, tuple[int 
 def stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None:
     """Return the sampling time that scalars called Ts state; None if there is none, or they differ.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    scalars : sequence of (name, value)
-        Those of the file whose name, without the struct, is Ts.
-
-    Raises
-    ------
-    LogError
-        If it is not finite and positive.
-
-    Examples
-    --------
     >>> stated_dt(Path("log.mat"), [("data.Ts", 0.1), ("Ts", 0.1)])
     0.1
     """
@@ -101,20 +86,6 @@ def array_table(
 ) -> Table:
     """Make a table from named arrays; a number called Ts is the sampling time.
 
-    Parameters
-    ----------
-    path : Path
-    arrays : iterable of (name, array)
-    left_out : mapping of str to str
-        Names of what cannot be read, and why.
-
-    Raises
-    ------
-    LogError
-        If none of them is a signal.
-
-    Examples
-    --------
     >>> array_table(Path("log.npz"), [("u", np.zeros(100)), ("version", np.array(7))]).names
     ('u',)
     """

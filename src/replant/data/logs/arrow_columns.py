@@ -21,13 +21,7 @@ def is_stamp(kind: Any) -> bool:
 
 
 def check_type(path: Path, field: Any) -> None:
-    """Check that a field of a schema holds numbers or time stamps.
-
-    Raises
-    ------
-    LogError
-        If it does not.
-    """
+    """Check that a field of a schema holds numbers or time stamps."""
     from pyarrow import types
 
     number = types.is_integer(field.type) or types.is_floating(field.type) or types.is_decimal(field.type)

@@ -18,8 +18,7 @@ from replant.data.logs.parquet import BLOCK_ROWS
 from replant.data.logs.table import Table
 from replant.errors import LogError, MissingDependencyError
 
-_UNPACKED = 4
-"""Size of a batch, which is held as a whole [times the file]."""
+_UNPACKED = 4  # size of a batch, which is held as a whole [times the file]
 
 _FILE_MAGIC = b"ARROW1"
 _OLD_MAGIC = b"FEA1"
@@ -29,13 +28,6 @@ def read(path: Path) -> Table:
     """Open a Feather file of version 2, an Arrow file or an Arrow stream.
 
     Columns of time stamps are returned in seconds since the first row.
-
-    Raises
-    ------
-    MissingDependencyError
-        If pyarrow is not installed.
-    LogError
-        If it is damaged or has no column.
     """
     with _opened(path) as reader:
         names = tuple(reader.schema.names)

@@ -37,13 +37,10 @@ from replant.data.logs.text_layout import (
 )
 from replant.errors import LogError, shown
 
-BLOCK_BYTES = 1 << 21
-"""Text of a log held at a time [bytes]."""
-WORKERS = 2
-"""Blocks parsed at once [count]."""
+BLOCK_BYTES = 1 << 21  # text of a log held at a time [bytes]
+WORKERS = 2  # blocks parsed at once [count]
 
-_HEAD_BYTES = 1 << 16
-"""Beginning of a file that its layout is told from [bytes]."""
+_HEAD_BYTES = 1 << 16  # beginning of a file that its layout is told from [bytes]
 _WIDE = "utf-16"  # comes as utf-8 from where the file is read
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
 _ODD = tuple(mark.encode() for mark in ('"', *COMMENT_MARKS))  # a block with one of them is not for pyarrow
@@ -51,13 +48,7 @@ _NULLS = ["", "NA", "na", "N/A", "n/a", "null", "NULL", "Null"]  # the usual way
 
 
 def read(path: Path) -> Table:
-    """Open a text log; its first lines determine delimiter, decimal comma and header.
-
-    Raises
-    ------
-    LogError
-        If the file is empty, is not text, or has no row of data.
-    """
+    """Open a text log; its first lines determine delimiter, decimal comma and header."""
     layout, notes = sniff(path), []
     if layout.title:
         first, last = layout.title[0], layout.title[-1]
@@ -84,13 +75,7 @@ def read(path: Path) -> Table:
 
 
 def check_head(path: Path) -> None:
-    """Check that the beginning of a text log has a row of data.
-
-    Raises
-    ------
-    LogError
-        If it has none.
-    """
+    """Check that the beginning of a text log has a row of data."""
     sniff(path)
 
 
@@ -101,26 +86,6 @@ def parse_block(
 
     Blank lines and comments are skipped; a missing cell is NaN.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    layout : Layout
-        How its lines are laid out.
-    lines : sequence of str
-        The lines.
-    first : int
-        The 1-based number of the first of them, for messages.
-    columns : sequence of int
-        Indices of the columns to parse; the others may hold text.
-
-    Raises
-    ------
-    LogError
-        If a row has too few or too many cells, or a chosen cell is not a number.
-
-    Examples
-    --------
     >>> layout = Layout(names=("t", "u"), delimiter=";", names_line=1, data_line=2, encoding="utf-8")
     >>> parse_block(Path("log.csv"), layout, ["0;1,5", "# stop", "1;2,5"], first=2, columns=[1])
     [array([1.5, 2.5])]

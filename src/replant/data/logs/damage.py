@@ -16,21 +16,6 @@ def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
     On damaged bytes such a library fails with almost any exception.  Errors of the operating system and of replant are
     raised as they are.
 
-    Parameters
-    ----------
-    path : Path
-    kind : str
-        What the file should be, for the message.
-    remedy : str
-        What to do about a damaged file, for the message.
-
-    Raises
-    ------
-    LogError
-        If the code in the ``with`` block raises any other exception.
-
-    Examples
-    --------
     >>> with damage_as_log_error(Path("log.npz"), ".npz archive", "save it with numpy.savez"):
     ...     raise KeyError("u.npy")
     Traceback (most recent call last):

@@ -24,12 +24,9 @@ from replant.data.logs.table import Table
 from replant.errors import MissingDependencyError
 
 _MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"
-BLOCK_ROWS = 1 << 16
-"""Rows read at a time, or one chunk where that has more [rows]."""
-DEEPEST = 64
-"""Groups within each other that are looked into [count]."""
-MOST_UNWRITTEN = 16
-"""Length of a data set, of which a recorder wrote only a part, in lengths of that part [times]."""
+BLOCK_ROWS = 1 << 16  # rows read at a time, or one chunk where that has more [rows]
+DEEPEST = 64  # groups within each other that are looked into [count]
+MOST_UNWRITTEN = 16  # length of a data set, of which a recorder wrote only a part, in lengths of that part [times]
 
 _CLASS, _DECODED = "MATLAB_class", "MATLAB_object_decode"
 _INTEGERS = (f"{sign}int{bits}".encode() for sign in ("", "u") for bits in (8, 16, 32, 64))
@@ -48,28 +45,12 @@ class _Signal:
 
 
 def read(path: Path) -> Table:
-    """Open an HDF5 file.  Its columns are vectors, the columns of matrices, and the fields of tables.
-
-    Raises
-    ------
-    MissingDependencyError
-        If h5py is not installed.
-    LogError
-        If it is damaged or holds no signal.
-    """
+    """Open an HDF5 file.  Its columns are vectors, the columns of matrices, and the fields of tables."""
     return _table(path, matlab=False)
 
 
 def read_matlab(path: Path) -> Table:
-    """Open a MATLAB file of version 7.3.
-
-    Raises
-    ------
-    MissingDependencyError
-        If h5py is not installed.
-    LogError
-        If it is damaged or holds no signal.
-    """
+    """Open a MATLAB file of version 7.3."""
     return _table(path, matlab=True)
 
 

@@ -15,13 +15,6 @@ from replant.errors import LogError
 def joined(tables: Sequence[Table]) -> Table:
     """Return tables with equal columns as one, in the order given.
 
-    Raises
-    ------
-    LogError
-        If their columns differ, a column has stamps of its own, or it is not known from which date each file counts.
-
-    Examples
-    --------
     >>> from pathlib import Path
     >>> one, other = (
     ...     Table(Path(name), ("t", "u"), lambda numbers, t=t: iter([[np.array([t]) for _ in numbers]]))

@@ -23,15 +23,11 @@ from replant.data.logs.text_layout import MOST_LINES_ABOVE, lines_of
 from replant.data.logs.text_times import StampError, StampFormat, find_format
 from replant.errors import LogError, shown
 
-BLOCK_ROWS = 1 << 14
-"""Rows read at a time [rows]."""
-BLOCK_VALUES = 1 << 18
-"""Values in them, from which on there are fewer rows [count]."""
-DEEPEST = 32
-"""Objects within each other that are looked into [count]."""
+BLOCK_ROWS = 1 << 14  # rows read at a time [rows]
+BLOCK_VALUES = 1 << 18  # values in them, from which on there are fewer rows [count]
+DEEPEST = 32  # objects within each other that are looked into [count]
 
-_SAMPLE_ROWS = 1000
-"""Rows whose keys are the columns [rows]."""
+_SAMPLE_ROWS = 1000  # rows whose keys are the columns [rows]
 _ENCODING = "utf-8-sig"
 
 _Row = tuple[int, dict[str, Any]]
@@ -57,13 +53,6 @@ def read(path: Path) -> Table:
     The columns are the keys of the first 1000 objects.  A value is a number, true or false, null for a missing one, or
     a date or clock time.  A last line that was cut off is left out.
 
-    Raises
-    ------
-    LogError
-        If a line is not a JSON object, or no object has a key.
-
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "log.jsonl")
@@ -95,13 +84,7 @@ def read(path: Path) -> Table:
 
 
 def check_head(path: Path) -> None:
-    """Check that the beginning of a file of JSON lines has an object with a key; what is cut off may be more than it.
-
-    Raises
-    ------
-    LogError
-        If it has none.
-    """
+    """Check that the first JSON line has an object with a key; what is cut off may be more than it."""
     read(path)
 
 

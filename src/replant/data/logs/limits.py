@@ -20,19 +20,14 @@ MEMORY = 128 << 20
 """Memory that the reading process may take for any file, beside its libraries [bytes].
 Derivation: with the libraries, some 100 MB, and what the calling process takes, it stays below the 300 MB promised.
 """
-SECONDS = 9
-"""Processor time that it may take for any file [s]."""
-HELD = 2
-"""Memory for samples that a reader holds: as the file has them, and as float64 [times their size as float64]."""
+SECONDS = 9  # processor time that it may take for any file [s]
+HELD = 2  # memory for samples that a reader holds: as the file has them, and as float64 [times their size as float64]
 SECONDS_PER_BYTE = 1e-6
 """Further processor time for each byte of the file: the parsers written in Python read some 5 MB in a second [s]."""
-SECONDS_PER_SAMPLE = 4e-5
-"""Further processor time for each sample found: a cell of a workbook takes some 8e-6 s [s]."""
+SECONDS_PER_SAMPLE = 4e-5  # further processor time for each sample found: a cell of a workbook takes some 8e-6 s [s]
 
-MOST_COLUMNS = 1 << 17
-"""Columns of a file, or groups and other parts of it [count]."""
-LONGEST_NAME = 1000
-"""Longest name of a column [characters]."""
+MOST_COLUMNS = 1 << 17  # columns of a file, or groups and other parts of it [count]
+LONGEST_NAME = 1000  # longest name of a column [characters]
 MOST_EMPTY = 1 << 24
 """Missing values of a file, from which on there must be a value for every two of them: 128 MB [count]."""
 
@@ -53,15 +48,7 @@ def begin(size: int) -> None:
 
 
 def allow(*, held: float = 0, found: float = 0) -> None:
-    """Raise the limits of the process that reads.
-
-    Parameters
-    ----------
-    held : float
-        Bytes as float64 of samples that are in the file, and that the reader will hold at once.
-    found : float
-        Number of samples that it has found.
-    """
+    """Raise the limits of the process that reads."""
     if _limited:
         import resource
 
@@ -102,13 +89,6 @@ def _data_bytes() -> int:
 def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS) -> Iterator[T]:
     """Yield what is found in a file as long as it is not too much.
 
-    Raises
-    ------
-    LogError
-        At one more than ``most``.
-
-    Examples
-    --------
     >>> list(at_most(Path("log.h5"), "abc", "data sets", most=2))
     Traceback (most recent call last):
     replant.errors.LogError: log.h5: more than 2 data sets; write the log's signals into a file of their own

@@ -11,12 +11,9 @@ from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
 
-_HOUR = 3600.0
-"""By how much daylight saving time turns a clock [s]."""
-_DAY = 86400.0
-"""By how much a clock without a date goes back at midnight [s]."""
-_NEAR = 0.5
-"""Difference of a jump from an hour or a day up to which it is one [usual intervals]."""
+_HOUR = 3600.0  # by how much daylight saving time turns a clock [s]
+_DAY = 86400.0  # by how much a clock without a date goes back at midnight [s]
+_NEAR = 0.5  # difference of a jump from an hour or a day up to which it is one [usual intervals]
 
 _REMEDY = "write the stamps with their offset from UTC (+01:00), or give the sampling time (dt, --dt)"
 
@@ -24,17 +21,6 @@ _REMEDY = "write the stamps with their offset from UTC (+01:00), or give the sam
 class LocalClock:
     """Looks for such jumps in time stamps that are given block by block.
 
-    Parameters
-    ----------
-    path, name : Path, str
-        The file and the column, for messages.
-    describe_row : callable
-        From a 0-based row to its place in the file in words.
-    has_date : bool
-        Whether the stamps have a date.
-
-    Examples
-    --------
     >>> clock = LocalClock(Path("log.csv"), "time", "row {}".format, has_date=True)
     >>> clock.check(np.array([0.0, 60.0, 120.0]))
     >>> clock.check(np.array([-3420.0]))
@@ -47,13 +33,7 @@ class LocalClock:
         self._rows, self._last, self._usual = 0, np.empty(0), math.nan
 
     def check(self, stamps: NDArray[np.float64]) -> None:
-        """Look at the next stamps, in s.
-
-        Raises
-        ------
-        LogError
-            If the clock jumps by an hour, or back by a day where the stamps have no date.
-        """
+        """Look at the next stamps, in s."""
         row = self._rows - self._last.size
         known = np.concatenate([self._last, stamps])
         steps = np.diff(known)

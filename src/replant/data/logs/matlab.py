@@ -26,26 +26,15 @@ _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 _HEADER_BYTES = 512 + len(_HDF5_MAGIC)
 """Text that names the version, and, in a v7.3 file, the magic number after 512 bytes of it [bytes]."""
 _SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
-_COMPRESSED = 15
-"""Kind of an element of a file that holds another one, compressed [code]."""
-_FIRST_ELEMENT = 128
-"""Place of the first element [bytes]."""
-_PART = 1 << 18
-"""Part of a compressed element that is unpacked at a time, to see how long it is [bytes]."""
+_COMPRESSED = 15  # kind of an element of a file that holds another one, compressed [code]
+_FIRST_ELEMENT = 128  # place of the first element [bytes]
+_PART = 1 << 18  # part of a compressed element that is unpacked at a time, to see how long it is [bytes]
 _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 _NO_SIGNALS = {"char", "cell", "sparse", "function"}
 
 
 def read(path: Path) -> Table:
-    """Open a MATLAB file of any version.
-
-    Raises
-    ------
-    LogError
-        If it is damaged or holds no signal.
-    MissingDependencyError
-        If it is a v7.3 (HDF5) file, and h5py is not installed.
-    """
+    """Open a MATLAB file of any version."""
     with path.open("rb") as file:
         head = file.read(_HEADER_BYTES)
     if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")) or head.endswith(_HDF5_MAGIC):

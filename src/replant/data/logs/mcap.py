@@ -24,29 +24,17 @@ from replant.data.logs.rasters import Channel, channel_table
 from replant.data.logs.table import Table
 from replant.errors import LogError, MissingDependencyError
 
-MOST_ITEMS = 64
-"""Length up to which the items of a list are columns [items]."""
+MOST_ITEMS = 64  # length up to which the items of a list are columns [items]
 
-DEEPEST = 32
-"""Objects within each other in a message that are looked into [count]."""
-_COUNTED = 1 << 14
-"""Messages after which memory is asked for [messages]."""
-_COPIES = 3
-"""Numbers held at once for each value: stamps and values while they are read, and as arrays [count]."""
+DEEPEST = 32  # objects within each other in a message that are looked into [count]
+_COUNTED = 1 << 14  # messages after which memory is asked for [messages]
+_COPIES = 3  # numbers held at once for each value: stamps and values while they are read, and as arrays [count]
 
 _Keys = tuple[str | int, ...]
 
 
 def read(path: Path) -> Table:
-    """Open an MCAP file, or the folder of a ROS 2 bag with such files.  The columns are those of each first message.
-
-    Raises
-    ------
-    MissingDependencyError
-        If mcap or its support of ROS 2 is not installed.
-    LogError
-        If it is damaged, or no message can be decoded.
-    """
+    """Open an MCAP file, or the folder of a ROS 2 bag with such files.  The columns are those of each first message."""
     parts = parts_of(path) if path.is_dir() else [path]
     first: dict[str, Any] = {}
     origin: int | None = None

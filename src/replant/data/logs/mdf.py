@@ -20,8 +20,7 @@ from replant.data.logs.table import Table
 from replant.data.logs.text_units import with_units
 from replant.errors import LogError, MissingDependencyError, shown
 
-TIME = 1
-"""Kind of a group's master channel that is time; others are angle, distance and index [code]."""
+TIME = 1  # kind of a group's master channel that is time; others are angle, distance and index [code]
 
 _MAGIC = (b"MDF     ", b"UnFinMF ")
 _REMEDY = "copy it again, or export it as CSV"
@@ -33,13 +32,6 @@ def read(path: Path) -> Table:
     """Open a measurement data file of version 3 or 4.
 
     A channel is called by its name; where several groups have it, as ``group/name``.
-
-    Raises
-    ------
-    MissingDependencyError
-        If asammdf is not installed.
-    LogError
-        If it is damaged or holds no channel over time.
     """
     with _opened(path) as log:
         found = list(limits.at_most(path, _listed(log), "channels"))

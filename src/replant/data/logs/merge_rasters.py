@@ -27,14 +27,7 @@ at the latest stamp].
 
 @dataclass(frozen=True, eq=False)
 class Signal:
-    """A signal with its own time stamps.
-
-    Parameters
-    ----------
-    t : (K,) array
-        Stamps in s, never decreasing.  Of values with the same stamp the last one counts.
-    values : (K,) array
-    """
+    """A signal with its own time stamps."""
 
     t: FloatArray
     values: FloatArray
@@ -42,17 +35,7 @@ class Signal:
 
 @dataclass(frozen=True, eq=False)
 class Merged:
-    """Signals at common stamps.
-
-    Parameters
-    ----------
-    t : (K,) array
-        Stamps in s.
-    output : (K,) array
-        NaN where none was measured.
-    held : tuple of (K,) arrays
-        The inputs and references.
-    """
+    """Signals at common stamps."""
 
     t: FloatArray
     output: FloatArray
@@ -66,18 +49,6 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
     each is held: its last value for no longer than its longest interval, after which the logger may have lost it.  The
     only value of a signal that was logged once is held for ever.
 
-    Parameters
-    ----------
-    output : Signal
-    held : sequence of Signal
-
-    Raises
-    ------
-    ValueError
-        If stamps decrease or are not finite.
-
-    Examples
-    --------
     The input steps at 0.2 s, where an output is measured, then at 0.3 s, where none is.  At 0.4 s the next one may have
     come to the former:
 

@@ -21,8 +21,7 @@ from replant.data.logs.arrays import is_sampling_time, no_signal_error, places_o
 from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.table import Table
 
-BLOCK_BYTES = 1 << 19
-"""Part of an array that is read at a time [bytes]."""
+BLOCK_BYTES = 1 << 19  # part of an array that is read at a time [bytes]
 
 _SUFFIX = ".npy"
 
@@ -52,13 +51,7 @@ class _Signal:
 
 
 def read(path: Path) -> Table:
-    """Open a NumPy archive.
-
-    Raises
-    ------
-    LogError
-        If it is not an archive that ``numpy.savez`` writes, or holds no signal.
-    """
+    """Open a NumPy archive."""
     signals: dict[str, _Signal] = {}
     scalars: list[tuple[str, float]] = []
     with _opened(path) as file:

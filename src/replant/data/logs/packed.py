@@ -26,45 +26,24 @@ from replant.data.logs.damage import damage_as_log_error
 from replant.data.logs.table import Table, listed
 from replant.errors import LogError, MissingDependencyError
 
-STANDARD_INPUT = Path("-")
-"""What stands for standard input."""
+STANDARD_INPUT = Path("-")  # what stands for standard input
 
 _KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}
 SUFFIXES = tuple(_KINDS)
-_BLOCK_BYTES = 1 << 20
-"""Bytes unpacked at a time [bytes]."""
+_BLOCK_BYTES = 1 << 20  # bytes unpacked at a time [bytes]
 _ZSTD_BYTES = 1 << 10
 """Bytes of a Zstandard file taken at a time; each block of 4 bytes may stand for 128 kB, so that these yield at most
 32 MB [bytes].
 """
 LARGEST_WINDOW = 1 << 27
 """Memory that unpacking a Zstandard file may take: what zstd itself takes unless it is told otherwise [bytes]."""
-HEAD_BYTES = 1 << 25
-"""Unpacked bytes after which text is looked at, before the rest is unpacked [bytes]."""
-MOST_OF_DISK = 0.8
-"""Part of the disk's free space that an unpacked file may take [part]."""
+HEAD_BYTES = 1 << 25  # unpacked bytes after which text is looked at, before the rest is unpacked [bytes]
+MOST_OF_DISK = 0.8  # part of the disk's free space that an unpacked file may take [part]
 
 
 def read_packed(path: Path, read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
     r"""Read a compressed log, such as ``log.csv.gz``, or a zip archive with one file in it.
 
-    Parameters
-    ----------
-    path : Path
-    read : callable
-        Reads the unpacked file.
-    check : callable
-        Raises LogError if the first part of an unpacked file is no log.
-
-    Raises
-    ------
-    LogError
-        If the file is damaged, holds several files or another compressed file, or its log cannot be read.
-    MissingDependencyError
-        If it is a .zst file and zstandard is not installed.
-
-    Examples
-    --------
     >>> from replant.data.logs.csv import read
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "log.csv.gz")
@@ -86,20 +65,7 @@ def read_packed(path: Path, read: Callable[[Path], Table], check: Callable[[Path
 
 
 def read_standard_input(read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
-    """Read a log from standard input: text, or JSON lines if it begins with a brace.
-
-    Parameters
-    ----------
-    read : callable
-        Reads the file that standard input was copied to; its suffix tells the format.
-    check : callable
-        Raises LogError if the first part of it is no log.
-
-    Raises
-    ------
-    LogError
-        If standard input is a terminal, or what it holds cannot be read.
-    """
+    """Read a log from standard input: text, or JSON lines if it begins with a brace."""
     if sys.stdin is None or sys.stdin.isatty():
         raise LogError("standard input: a log is to be piped into it, as in: cat log.csv | replant run - ...")
     file = getattr(sys.stdin, "buffer", None)
@@ -112,18 +78,7 @@ def read_standard_input(read: Callable[[Path], Table], check: Callable[[Path], N
 
 
 class _Copy:
-    """A file in a temporary folder, which is removed with this object.
-
-    Parameters
-    ----------
-    path : Path
-        The packed file, for messages.
-    name : str
-    parts : iterable of bytes
-        The file's content.
-    check : callable
-        Called with the path of the copy when `HEAD_BYTES` of it are there; it raises LogError if they are no log.
-    """
+    """A file in a temporary folder, which is removed with this object."""
 
     def __init__(self, path: Path, name: str, parts: Iterable[bytes], check: Callable[[Path], None]) -> None:
         folder = tempfile.mkdtemp(prefix="replant-")

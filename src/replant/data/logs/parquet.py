@@ -21,10 +21,8 @@ from replant.data.logs.prefetch import prefetch
 from replant.data.logs.table import Table, nth_row
 from replant.errors import LogError, MissingDependencyError
 
-BLOCK_ROWS = 1 << 16
-"""Rows read at a time [rows]."""
-BUFFER_BYTES = 1 << 20
-"""Buffer of a column [bytes]."""
+BLOCK_ROWS = 1 << 16  # rows read at a time [rows]
+BUFFER_BYTES = 1 << 20  # buffer of a column [bytes]
 SUFFIXES = (".parquet", ".pq")
 CHECKED: dict[str, Any] = {"write_page_checksum": True}  # what pyarrow's writers are called with
 
@@ -35,13 +33,6 @@ def read(path: Path) -> Table:
     """Open a Parquet file, or a folder of Parquet files with equal columns, in the order of their names.
 
     Columns of time stamps are returned in seconds since the first row.
-
-    Raises
-    ------
-    MissingDependencyError
-        If pyarrow is not installed.
-    LogError
-        If a file is not a Parquet file, has no column, or other columns than the first file of its folder.
     """
     parts = parts_of(path) if path.is_dir() else [path]
     lengths, schema = [], None
@@ -90,15 +81,7 @@ def _part_and_row(parts: Sequence[Path], lengths: Sequence[int], row: int) -> st
 
 @contextmanager
 def open_parquet(path: Path) -> Iterator[Any]:
-    """Open a file as `pyarrow.parquet.ParquetFile`.
-
-    Raises
-    ------
-    LogError
-        If the file is damaged: when it is opened, or when it is read in the ``with`` block.
-    MissingDependencyError
-        Without pyarrow.
-    """
+    """Open a file as `pyarrow.parquet.ParquetFile`."""
     try:
         from pyarrow import parquet
     except ImportError as error:
@@ -147,21 +130,7 @@ def _blocks_of(path: Path, columns: Sequence[int], origins: Sequence[list[int]])
 
 
 def check_rows(path: Path, file: Any, rows: int) -> None:
-    """Check that every row of a file was read: pyarrow skips a page whose header is damaged.
-
-    Parameters
-    ----------
-    path : Path
-        The file, for the message.
-    file : pyarrow.parquet.ParquetFile
-    rows : int
-        Number of rows that were read.
-
-    Raises
-    ------
-    LogError
-        If the file holds another number of rows.
-    """
+    """Check that every row of a file was read: pyarrow skips a page whose header is damaged."""
     held = file.metadata.num_rows
     if rows != held:
         raise LogError(f"{path}: the file is damaged: {rows:,} of its {held:,} rows can be read; {_REMEDY}")

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 
     from replant.data.logs.table import Table
 
-_TO_ANSWER = 1 << 20
-"""Memory kept for the answer [bytes]."""
+_TO_ANSWER = 1 << 20  # memory kept for the answer [bytes]
 Answer = tuple[dict[str, Any], "list[np.ndarray[Any, Any]]"]
 
 

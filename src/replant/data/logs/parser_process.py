@@ -30,34 +30,20 @@ from replant.errors import LogError
 STILL = 120.0
 """Time that the process may take to answer, beside what each byte gives: it bounds what the limit of its processor time
 does not, a parser that waits, and Windows [s]."""
-STILL_PER_BYTE = 1e-5
-"""Further time for each byte of the file [s]."""
+STILL_PER_BYTE = 1e-5  # further time for each byte of the file [s]
 
 ENVIRONMENT = {  # each thread takes memory, and Arrow's own allocators reserve a gigabyte
     "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_IO_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system",
 }  # fmt: skip
 
-_ENDING = 10.0
-"""Time within which a process ends that has ended its output [s]."""
+_ENDING = 10.0  # time within which a process ends that has ended its output [s]
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
 _AGAIN = "write it again, or export the log as CSV"
 
 
 @dataclass(frozen=True)
 class Parser:
-    """What reads a kind of files.
-
-    Parameters
-    ----------
-    kind : str
-        The kind, for messages, as ``a MATLAB file``.
-    library : str
-        The library that parses it, for messages.
-    imports : tuple of str
-        The modules that the process imports first.
-    remedy : str
-        What to do about a damaged file.
-    """
+    """What reads a kind of files."""
 
     kind: str
     library: str
@@ -85,13 +71,7 @@ def is_possible() -> bool:
 
 
 def read(path: Path, module: str) -> Table:
-    """Open a file by the reader of a module, in a process of its own.
-
-    Raises
-    ------
-    LogError
-        If the file cannot be read, or its parser crashes, hangs, or takes too much memory.
-    """
+    """Open a file by the reader of a module, in a process of its own."""
     process = _Process(path, module)
     file = _File(path, module, process, process.about)
     about = process.about

@@ -19,22 +19,13 @@ MOST_MISSING = 0.2
 outputs, and give another plant [share of rows].
 Derivation: that up to which offline/bridging fills missing outputs in.
 """
-_KEPT = 4
-"""Channels of a table that are held in memory [count]."""
-TIME = "time"
-"""Name of the column of merged stamps."""
+_KEPT = 4  # channels of a table that are held in memory [count]
+TIME = "time"  # name of the column of merged stamps
 
 
 @dataclass(frozen=True)
 class Channel:
-    """A column of a file, read when it is requested.
-
-    Parameters
-    ----------
-    name : str
-    read : callable
-        Returns its stamps in s since an instant that all channels of the file share, and its values.
-    """
+    """A column of a file, read when it is requested."""
 
     name: str
     read: Callable[[], Signal]
@@ -43,13 +34,6 @@ class Channel:
 def channel_table(path: Path, channels: Sequence[Channel]) -> Table:
     """Make a table of channels.
 
-    Raises
-    ------
-    LogError
-        If there are none.
-
-    Examples
-    --------
     >>> speed = Channel("rig.speed", lambda: Signal(np.array([0.0, 0.5]), np.array([7.0, 8.0])))
     >>> table = channel_table(Path("log.ulg"), [speed])
     >>> table.column("rig.speed"), table.stamps(0)
@@ -71,26 +55,7 @@ def channel_table(path: Path, channels: Sequence[Channel]) -> Table:
 
 
 def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tuple[Table, dict[str, int]]:
-    """Return columns that may have stamps of their own as columns of one clock.
-
-    Parameters
-    ----------
-    table : Table
-    roles : dict of str to int
-        The columns of ``input``, ``output`` and perhaps ``reference``, ``time``.
-    is_timed : bool
-        Whether a column of time or a sampling time is given: then the columns must have the same stamps.
-
-    Returns
-    -------
-    Table, dict of str to int
-        Those given, or a table of merged columns with the columns of the roles and of ``time`` there.
-
-    Raises
-    ------
-    LogError
-        If they have different stamps although a time is given; see also `merged`.
-    """
+    """Return columns that may have stamps of their own as columns of one clock."""
     if table.stamps is None:
         return table, roles
     if not is_timed:
@@ -106,21 +71,7 @@ def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tupl
 
 
 def merged(table: Table, roles: Mapping[str, int]) -> Table:
-    """Return a table with the time, and the columns of ``roles`` at common stamps; see `merge_rasters`.
-
-    Parameters
-    ----------
-    table : Table
-        Has stamps for each column.
-    roles : mapping of str to int
-        The columns of ``input``, ``output`` and perhaps ``reference``; they follow the time in this order.
-
-    Raises
-    ------
-    LogError
-        If a column is empty, or its stamps go back; if no output was measured while the input is known; or if more than
-        `MOST_MISSING` of the rows have no output.
-    """
+    """Return a table with the time, and the columns of ``roles`` at common stamps; see `merge_rasters`."""
     assert table.stamps is not None
     columns = table.columns(list(roles.values()))
     signals = {}
@@ -151,17 +102,6 @@ def side_by_side(table: Table) -> Table:
     Each value is held until the next one; before the first there is none.  The columns keep their numbers, and the time
     comes behind them.  To identify, two channels are `merged`.
 
-    Parameters
-    ----------
-    table : Table
-
-    Raises
-    ------
-    LogError
-        If no channel can be read.
-
-    Examples
-    --------
     >>> u = Channel("u", lambda: Signal(np.array([0.0, 2.0]), np.array([1.0, 2.0])))
     >>> y = Channel("y", lambda: Signal(np.arange(4.0), np.zeros(4)))
     >>> side_by_side(channel_table(Path("log.mf4"), [u, y])).column("u")

@@ -116,28 +116,7 @@ def open_recording(
     most_held: int = MOST_HELD,
     progress: Callable[[int, int], None] = lambda rows, about: None,
 ) -> Recording:
-    """Check a recorded log from its first row to its last, and open it for passes over its samples.
-
-    Parameters
-    ----------
-    path : path or Table
-        The file, or columns that are open already.
-    input, output : str or int
-    time : str or int, optional
-    dt : float, optional
-    reference : str or int, optional
-    begin, end : float, optional
-        See `read_log`.
-    most_held : int
-        A log of at most this many samples is held in memory.
-    progress : callable
-        Called with the number of rows checked so far, and the approximate number of all rows.
-
-    Raises
-    ------
-    LogError, InvalidArgumentError, MissingDependencyError
-        See `read_log`.
-    """
+    """Check a recorded log from its first row to its last, and open it for passes over its samples."""
     if time is not None and dt is not None:
         raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
     step = None if dt is None else check_dt(dt)
@@ -232,14 +211,6 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
 def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) -> tuple[str, StampUnit] | None:
     r"""Return the name of the time column and its unit, if that is guessed; None if it is stated.
 
-    Parameters
-    ----------
-    log : path or Table
-    time : str, optional
-        The time column; without it the one called t, time or timestamp.
-
-    Examples
-    --------
     >>> import tempfile
     >>> from pathlib import Path
     >>> with tempfile.TemporaryDirectory() as folder:

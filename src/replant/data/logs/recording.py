@@ -12,37 +12,12 @@ from numpy.typing import NDArray
 from replant.data.logs.table import Table
 from replant.log import Log
 
-MOST_HELD = 1 << 20
-"""Length up to which a log is held in memory: 24 MB [samples]."""
+MOST_HELD = 1 << 20  # length up to which a log is held in memory: 24 MB [samples]
 
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A log of input, output and perhaps a reference, checked from its first row to its last.
-
-    Parameters
-    ----------
-    table : Table
-        The file.
-    columns : tuple of int
-        Indices of the columns of input, output, the reference if there is one, and the time if the clock is irregular.
-    dt : float
-        Sampling time in seconds; of an irregular clock the usual interval.
-    stamped : bool
-        Whether the sampling time comes from the file's time stamps.
-    samples : int
-        Number of samples.
-    complete : bool
-        Whether every sample is finite.
-    held : Log or None
-        The whole log, if it is short enough to be held in memory.
-    begin, end : float or None
-        The part of the file that is read, in s from its first row; None: from the first, or to the last.
-    irregularity : str
-        Where the clock is first irregular, in words; empty for a regular clock.
-    unit : float
-        Unit of the time column in seconds.
-    """
+    """A log of input, output and perhaps a reference, checked from its first row to its last."""
 
     table: Table
     columns: tuple[int, ...]
@@ -85,15 +60,7 @@ class Recording:
     def newest(
         self, u: NDArray[np.float64], y: NDArray[np.float64], since_begin: NDArray[np.float64] | None = None
     ) -> Log:
-        """Return the whole log if it is held in memory, else a log of its newest samples, without its reference.
-
-        Parameters
-        ----------
-        u, y : (K,) arrays
-            The newest samples.
-        since_begin : (K,) array, optional
-            Of an irregular clock: their time since the first sample of the record, in s.
-        """
+        """Return the whole log if it is held in memory, else a log of its newest samples, without its reference."""
         if self.held is not None:
             return self.held
         earlier = self.samples - u.size

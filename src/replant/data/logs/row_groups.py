@@ -21,17 +21,7 @@ from replant.errors import LogError
 
 @dataclass(frozen=True)
 class RowGroups:
-    """Rows of a Parquet file.
-
-    Parameters
-    ----------
-    path : Path
-    groups : tuple of int or None
-        Numbers of the row groups, ascending; None for all.
-    column : str
-        A column whose value must be ``key``; empty for all rows of the groups.
-    key : str, int or None
-    """
+    """Rows of a Parquet file."""
 
     path: Path
     groups: tuple[int, ...] | None = None
@@ -42,15 +32,6 @@ class RowGroups:
 def read_row_groups(parts: Sequence[RowGroups]) -> Table:
     """Return the rows of several files as one table, in the order given.
 
-    Raises
-    ------
-    LogError
-        If a file cannot be read, has no column, or other columns than the first.
-    MissingDependencyError
-        If pyarrow is not installed.
-
-    Examples
-    --------
     >>> import tempfile
     >>> import pyarrow
     >>> from pyarrow import parquet
@@ -82,14 +63,7 @@ def read_row_groups(parts: Sequence[RowGroups]) -> Table:
 
 
 def first_stamp(part: RowGroups, number: int) -> float:
-    """Return the first value of a column, for sorting: time stamps as s since 1970; infinite where there is none.
-
-    Parameters
-    ----------
-    part : RowGroups
-    number : int
-        The column's.
-    """
+    """Return the first value of a column, for sorting: time stamps as s since 1970; infinite where there is none."""
     for block in _blocks_of(part, [number], [[0]]):
         known = block[0][np.isfinite(block[0])]
         if known.size:

@@ -17,8 +17,7 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, sh
 from replant.limits import duration
 from replant.time_stamps import TOLERANCE, StampResolution, is_regular_interval
 
-CHECKED = 1 << 18
-"""Stamps that the usual interval is taken from [samples]."""
+CHECKED = 1 << 18  # stamps that the usual interval is taken from [samples]
 FINE = 1e-4
 """Rounding error of the difference of two stamps up to which digits below it are left out [part of the interval]."""
 
@@ -32,8 +31,7 @@ _ALONE = r"(?:.*\.)?(millis|micros)(?:\(\))?"  # Arduino's clocks
 _UNIT_AT_END = re.compile(rf".*{_UNIT}|{_ALONE}", re.IGNORECASE)
 _TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?|{_ALONE}", re.IGNORECASE)
 
-_ENDLESS = 1e300
-"""Magnitude of a stamp beyond which the difference of two may leave float64 [s]."""
+_ENDLESS = 1e300  # magnitude of a stamp beyond which the difference of two may leave float64 [s]
 _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time column"
 
 
@@ -74,15 +72,6 @@ def has_unit(name: str) -> bool:
 def check_dt(dt: object) -> float:
     """Return a sampling time as float.
 
-    Raises
-    ------
-    ArgumentTypeError
-        If it is not a number.
-    InvalidArgumentError
-        If it is not finite and positive.
-
-    Examples
-    --------
     >>> check_dt(1)
     1.0
     """
@@ -120,15 +109,6 @@ class SamplingTime:
     their printed digits explains the larger deviations.  The sampling time of a regular clock is the mean interval, in
     which rounding of the stamps cancels; that of an irregular clock is the median, which gaps do not move.
 
-    Parameters
-    ----------
-    path, name : Path, str
-        The file and the column, for messages.
-    describe_row : callable
-        From a 0-based row to its place in the file in words.
-
-    Examples
-    --------
     >>> sampling_time = SamplingTime(Path("log.csv"), "t", "row {}".format)
     >>> sampling_time.add(np.array([0.0, 0.033]))
     >>> sampling_time.add(np.array([0.067, 0.1]))
@@ -145,26 +125,14 @@ class SamplingTime:
         self._resolution = StampResolution()
 
     def add(self, stamps: NDArray[np.float64]) -> None:
-        """Add the stamps of the next block.
-
-        Raises
-        ------
-        LogError
-            If a stamp is not finite, repeats or goes back; the message names the first such row.
-        """
+        """Add the stamps of the next block."""
         self._waiting.append(stamps)
         self._rows += stamps.size
         if self._seen or self._rows >= CHECKED:
             self._check()
 
     def clock(self, again: Callable[[], Iterable[NDArray[np.float64]]]) -> Clock:
-        """Return what the stamps say; ``again`` returns all of them once more, to find the first irregular one.
-
-        Raises
-        ------
-        LogError
-            See `add`.
-        """
+        """Return what the stamps say; ``again`` returns all of them once more, to find the first irregular one."""
         if self._rows > self._seen:
             self._check()
         median, digits = self._median, self._resolution.step

@@ -17,16 +17,12 @@ from replant.data.logs.limits import LONGEST_NAME, MOST_COLUMNS, MOST_EMPTY, too
 from replant.errors import SHOWN, ArgumentTypeError, LogError, shown
 from replant.interop.units import without_unit
 
-NAMES_SHOWN = 12
-"""Names that the error of a wrong name lists, closest first [count]."""
-LIST_SHOWN = 160
-"""Characters of all of them: one line stays readable [characters]."""
+NAMES_SHOWN = 12  # names that the error of a wrong name lists, closest first [count]
+LIST_SHOWN = 160  # characters of all of them: one line stays readable [characters]
 
-LONGEST_NUMBER = 20
-"""Digits of a column's number from which on it is that of no column [characters]."""
+LONGEST_NUMBER = 20  # digits of a column's number from which on it is that of no column [characters]
 
-NEAR = 0.6
-"""Likeness from which on a name is taken for the one that was meant [ratio of difflib]."""
+NEAR = 0.6  # likeness from which on a name is taken for the one that was meant [ratio of difflib]
 
 
 def nth_row(row: int) -> str:
@@ -44,35 +40,6 @@ def nth_row(row: int) -> str:
 class Table:
     """The columns of a log file.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    names : tuple of str
-        The columns' names in the file's order.
-    blocks : callable
-        From column numbers to an iterator over blocks of rows, each a list of one float64 array for each of them.
-    describe_row : callable
-        From a 0-based row to its place in the file in words, such as ``line 12``.
-    in_seconds : frozenset of int
-        Columns whose type in the file is time; they are returned in seconds since the first row.
-    origins : mapping of int to int
-        Of such columns the date of the first row in ns since 1970, where it is known; without a zone by the clock as it
-        is written.
-    approximate_rows : int
-        Approximate number of rows, for a progress bar.
-    notes : tuple of str
-        What the user should know about the file, such as a line that is left out: each is one line.
-    dt : float or None
-        Sampling time in seconds that the file states, for signals without a column of time.
-    left_out : mapping of str to str
-        Names in the file that are no columns because they cannot be read, and why.
-    stamps : callable or None
-        From a column's number to its time stamps in s, in a file whose columns have stamps of their own; their lengths
-        may differ.
-
-    Examples
-    --------
     >>> data = [np.array([0.0, 0.1]), np.array([5.0, 6.0])]
     >>> table = Table(Path("log.npz"), ("u", "y"), lambda numbers: iter([[data[n] for n in numbers]]))
     >>> table.column("y")
@@ -108,24 +75,12 @@ class Table:
         return self.columns([key])[0]
 
     def columns(self, keys: Sequence[str | int]) -> list[NDArray[np.float64]]:
-        """Return several columns as float64, by name or 0-based number, in one pass over the file.
-
-        Raises
-        ------
-        LogError
-            If a column does not exist or has a cell that is not a number.
-        """
+        """Return several columns as float64, by name or 0-based number, in one pass over the file."""
         blocks = list(self.stream(keys))
         return [np.concatenate([np.empty(0), *(block[index] for block in blocks)]) for index in range(len(keys))]
 
     def stream(self, keys: Sequence[str | int]) -> Generator[list[NDArray[np.float64]], None, None]:
-        """Yield several columns as float64, block of rows by block of rows, in one pass over the file.
-
-        Raises
-        ------
-        LogError
-            If a column does not exist or has a cell that is not a number.
-        """
+        """Yield several columns as float64, block of rows by block of rows, in one pass over the file."""
         numbers = [self.find(key) for key in keys]
         values = found = 0
         try:
@@ -142,13 +97,7 @@ class Table:
             raise unreadable_error(self.path, error) from error
 
     def find(self, key: str | int) -> int:
-        """Return the number of a column: its exact name, else that in any case, without its unit, or a 0-based number.
-
-        Raises
-        ------
-        LogError
-            If there is no such column (the message lists the names, closest first), or more than one.
-        """
+        """Return the number of a column: by its exact name, else in any case, without its unit, or 0-based."""
         if not isinstance(key, str):
             return self._number(key)
         for form in (str, _folded, _bare):

@@ -23,22 +23,13 @@ from replant.data.logs.table import Table
 from replant.data.logs.text_units import with_units
 from replant.errors import LogError, MissingDependencyError
 
-_COPIES = 3
-"""Arrays held at once, each beside a column as float64: npTDMS's values, ours and the stamps [count]."""
+_COPIES = 3  # arrays held at once, each beside a column as float64: npTDMS's values, ours and the stamps [count]
 
 _Place = tuple[str, str]
 
 
 def read(path: Path) -> Table:
-    """Open a TDMS file.
-
-    Raises
-    ------
-    MissingDependencyError
-        If npTDMS is not installed.
-    LogError
-        If it is damaged or holds no channel of numbers.
-    """
+    """Open a TDMS file."""
     with _opened(path) as file:
         listed = limits.at_most(path, (one for group in file.groups() for one in group.channels()), "channels")
         channels = [one for one in listed if one.dtype.kind in "biufM" and len(one)]

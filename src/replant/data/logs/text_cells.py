@@ -9,8 +9,7 @@ from replant.data.logs.limits import MOST_COLUMNS
 
 MISSING = frozenset({"", "na", "n/a", "null"})  # NaN, as nan, inf and infinity are numbers that float() knows
 
-_SHOWN = 40
-"""Characters of a cell that an error shows [characters]."""
+_SHOWN = 40  # characters of a cell that an error shows [characters]
 _QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside stands for one; ++ and *+: linear time on any text
 _UNIT = r"(?:\s+(?:\[[^\[\]]*\]|\([^()]*\)))?"  # a unit in brackets belongs to its name
 _WORD = re.compile(rf'\s*+(?:{_QUOTED}(?!\S)|([^\s"]\S*+{_UNIT})|\Z)')
@@ -31,13 +30,6 @@ def split_line(line: str, delimiter: str | None) -> list[str]:
 
     A quotation mark begins a quoted cell only as the first character of the cell; elsewhere it is ordinary text.
 
-    Raises
-    ------
-    CellError
-        If a quoted cell does not end, or goes on after its end.
-
-    Examples
-    --------
     >>> split_line('t; "u; V" ;y', ";")
     ['t', 'u; V', 'y']
     >>> split_line("time [s]  u", None)
@@ -95,13 +87,6 @@ def _broken(column: int, rest: str, delimiter: str | None) -> CellError:
 def parse_number(cell: str) -> float:
     """Read one cell with a decimal point: a number, or NaN for a missing one.
 
-    Raises
-    ------
-    ValueError
-        If the cell holds anything else.
-
-    Examples
-    --------
     >>> parse_number("1.5e3"), parse_number("NA")
     (1500.0, nan)
     """

@@ -32,21 +32,6 @@ def parse_column(
 ) -> NDArray[np.float64]:
     """Turn the cells of one column into float64: numbers, or seconds since the first stamp of the log.
 
-    Parameters
-    ----------
-    path : Path
-        The file, for messages.
-    layout : Layout
-    rows : sequence of (line, cells)
-    column : int
-
-    Raises
-    ------
-    LogError
-        If a cell is neither a number nor a time stamp of the column's form, nor missing.
-
-    Examples
-    --------
     >>> layout = Layout(("t", "u"), ";", 1, 2, "utf-8")
     >>> parse_column(Path("log.csv"), layout, [(2, ["0", "1,5"]), (3, ["1", ""])], 1)
     array([1.5, nan])

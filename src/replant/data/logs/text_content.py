@@ -12,17 +12,7 @@ from replant.data.logs.text_times import StampFormat, find_format, is_missing, p
 
 @dataclass(frozen=True)
 class Content:
-    """What the cells of a text log hold.
-
-    Parameters
-    ----------
-    stamps : mapping of int to StampFormat
-        The columns of dates or clock times that may be the time.
-    mark : DecimalMark or None
-        What separates the fractions of the file's numbers; None: no number tells.
-    marks : mapping of int to DecimalMark
-        The same for the columns that have another one.
-    """
+    """What the cells of a text log hold."""
 
     stamps: Mapping[int, StampFormat] = field(default_factory=dict)
     mark: DecimalMark | None = None
@@ -104,15 +94,6 @@ def later_mark(
 ) -> DecimalMark | None:
     """Return the first certain decimal mark in further rows, else what the first rows told.
 
-    Parameters
-    ----------
-    mark : DecimalMark or None
-    rows : iterable of (line, cells)
-    left_out : iterable of int
-        Columns that hold no numbers.
-
-    Examples
-    --------
     >>> later_mark(None, [(9, ["2", "1.234"]), (10, ["2", "0,5"])], []).line
     10
     """

@@ -10,8 +10,7 @@ from replant.data.logs.text_columns import parse_column
 from replant.data.logs.text_layout import Layout, is_data
 from replant.errors import LogError
 
-_TAIL_BYTES = 1 << 16
-"""End of a file in which its last line is looked for [bytes]."""
+_TAIL_BYTES = 1 << 16  # end of a file in which its last line is looked for [bytes]
 
 
 def cut_line(path: Path, layout: Layout) -> str:

@@ -25,19 +25,15 @@ from replant.errors import LogError
 COMMENT_MARKS = ("#", "%")
 DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks.  Of two with equal score the first one is taken
 QUOTES_REMEDY = "correct it, or write a quotation mark within a quoted cell twice"
-LONGEST_LINE = 1 << 22
-"""Longest line that is read: 131,072 columns of full precision [characters]."""
-MOST_LINES_ABOVE = 100_000
-"""Lines without data above the first row, or between two of the first ones [lines]."""
+LONGEST_LINE = 1 << 22  # longest line that is read: 131,072 columns of full precision [characters]
+MOST_LINES_ABOVE = 100_000  # lines without data above the first row, or between two of the first ones [lines]
 
-_SAMPLE_ROWS = 100
-"""Rows that the layout is detected from [rows]."""
+_SAMPLE_ROWS = 100  # rows that the layout is detected from [rows]
 
 _SAMPLE_CHARACTERS = 1 << 18
 """Characters that the layout is detected from; they bound the cost for files with very wide rows [characters]."""
 
-_HEAD_BYTES = 1 << 16
-"""Beginning of a file that its layout is detected from [bytes]."""
+_HEAD_BYTES = 1 << 16  # beginning of a file that its layout is detected from [bytes]
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
 _BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
 _EXCEL_HINT = re.compile(r"sep=.?", re.IGNORECASE)  # a first line that tells Excel the delimiter
@@ -45,27 +41,7 @@ _EXCEL_HINT = re.compile(r"sep=.?", re.IGNORECASE)  # a first line that tells Ex
 
 @dataclass(frozen=True)
 class Layout:
-    """The layout of a text log.
-
-    Parameters
-    ----------
-    names : tuple of str
-        The columns' names; "0", "1", ... where the file has none.
-    delimiter : str or None
-        What separates two cells; None stands for runs of blanks.
-    names_line : int or None
-        The 1-based line of the names, if there is one.
-    data_line : int
-        The 1-based line of the first row of data.
-    encoding : str
-        The text's encoding.
-    content : Content
-        What its cells hold.
-    is_cut : bool
-        Whether its last line is cut off, and left out.
-    title : range
-        The 1-based lines above the names, which are left out: a title, a serial number.
-    """
+    """The layout of a text log."""
 
     names: tuple[str, ...]
     delimiter: str | None
@@ -92,13 +68,6 @@ def is_data(line: str) -> bool:
 def sniff(path: Path) -> Layout:
     r"""Determine the layout of a text log from its first lines.
 
-    Raises
-    ------
-    LogError
-        If the file is empty, is not text, has no row of data, or begins with a row that may be names or data.
-
-    Examples
-    --------
     >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     file = Path(folder, "log.csv")
@@ -149,13 +118,7 @@ def _check_lengths(path: Path, number: int, names: Sequence[str]) -> None:
 
 
 def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
-    """Yield the lines of a text log, numbered from 1.
-
-    Raises
-    ------
-    LogError
-        If a line is longer than `LONGEST_LINE`.
-    """
+    """Yield the lines of a text log, numbered from 1."""
     with path.open(encoding=encoding, errors="replace") as file:
         number = 1
         while line := file.readline(LONGEST_LINE + 1):

@@ -29,21 +29,7 @@ class TwoMarksError(NumberError):
 
 @dataclass(frozen=True)
 class DecimalMark:
-    """What separates the fraction of the numbers of a log.
-
-    Parameters
-    ----------
-    mark : str
-        ``.`` or ``,``.
-    line : int
-        A line that has it, for messages.
-    cell : str
-        The cell in that line.
-    certain : bool
-        Whether this cell cannot have a thousands separator, as 1.234 might.
-    grouped : bool
-        Whether a cell of the log has a thousands separator beside it, or several.
-    """
+    """What separates the fraction of the numbers of a log."""
 
     mark: str
     line: int
@@ -102,19 +88,6 @@ def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
 def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> NDArray[np.float64]:
     """Turn the cells of a column into float64; a missing one is NaN.
 
-    Parameters
-    ----------
-    cells : sequence of str
-    mark : DecimalMark or None
-        What separates fractions; None: a point.
-
-    Raises
-    ------
-    NumberError
-        If a cell is no number, or may be two.
-
-    Examples
-    --------
     >>> parse_numbers(["3.000,25", "", "-2,5e-3"], mark_of("3.000,25", 2))
     array([ 3.00025e+03,          nan, -2.50000e-03])
     """

@@ -17,8 +17,7 @@ READ = "2024-05-01T10:00:00.5, with Z or +02:00 where it is known, 01.05.2024 10
 """The forms that are read, for messages."""
 
 _EPOCH = date(1970, 1, 1).toordinal()
-_NANOSECOND = 1_000_000_000
-"""Unit of the stamps [1/s]."""
+_NANOSECOND = 1_000_000_000  # unit of the stamps [1/s]
 _MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 _DATE = (
     r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})(?P=mark)(?P<day>\d{1,2})"
@@ -44,17 +43,7 @@ class StampError(ValueError):
 
 @dataclass(frozen=True)
 class Stamp:
-    """One time stamp.
-
-    Parameters
-    ----------
-    nanoseconds : int
-        Since 1970, of the local clock where there is no zone; since midnight where there is no date.
-    parts : str
-        What it has: some of ``d`` (date), ``c`` (clock), ``z`` (zone).
-    day, month : int
-        The first and the second number of a date of which either may be the day, else 0.
-    """
+    """One time stamp."""
 
     nanoseconds: int
     parts: str
@@ -64,19 +53,7 @@ class Stamp:
 
 @dataclass(frozen=True)
 class StampFormat:
-    """How a column of dates or clock times is read.
-
-    Parameters
-    ----------
-    parts : str
-        See `Stamp`.
-    month_first : bool or None
-        Whether 05/01/2024 is the first of May; None: unknown, and of no consequence while the date stays the same.
-    first : Stamp
-        The first stamp: seconds count from it.
-    date_column : int or None
-        The column that has the date, where this one has the clock time alone.
-    """
+    """How a column of dates or clock times is read."""
 
     parts: str
     month_first: bool | None
@@ -99,13 +76,6 @@ class StampFormat:
 
         Differences are taken in whole nanoseconds: each result is the closest float64.
 
-        Raises
-        ------
-        StampError
-            If a cell is no stamp of this format.
-
-        Examples
-        --------
         >>> cells = ["2024-05-01 23:59:59.9", "2024-05-02 00:00:00.0"]
         >>> found = find_format(cells)
         >>> found.seconds(cells)
@@ -150,19 +120,6 @@ def is_missing(cell: str) -> bool:
 def parse_stamp(cell: str, month_first: bool) -> Stamp:
     """Read one time stamp.
 
-    Parameters
-    ----------
-    cell : str
-    month_first : bool
-        Whether 05/01/2024 is the first of May.
-
-    Raises
-    ------
-    ValueError
-        If it is none, or not a date of the calendar.
-
-    Examples
-    --------
     >>> parse_stamp("1970-01-01T02:00:00.25+02:00", False)
     Stamp(nanoseconds=250000000, parts='dcz', day=0, month=0)
     >>> parse_stamp("12:00:01 AM", False).nanoseconds

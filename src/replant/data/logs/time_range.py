@@ -20,13 +20,6 @@ ROUND_OFF = 1e-6
 def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
     """Return the ends of a time range in s, open ones as 0 and infinity.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If an end is negative or no number, or the range is empty.
-
-    Examples
-    --------
     >>> check_range(2, None)
     (2.0, inf)
     """
@@ -42,25 +35,6 @@ def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
 def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: int | None, unit: float) -> Table:
     """Return the table of those rows that lie between two times in s, both included.
 
-    Parameters
-    ----------
-    table : Table
-    begin, end : float
-        In s from the first row.
-    dt : float or None
-        Sampling time in s, of a log without a time column.
-    time : int or None
-        The time column.
-    unit : float
-        One unit of its stamps in s.
-
-    Raises
-    ------
-    LogError
-        If no row lies between them.
-
-    Examples
-    --------
     >>> from pathlib import Path
     >>> data = [np.arange(10.0), np.arange(10.0) ** 2]
     >>> table = Table(Path("log.npz"), ("t", "y"), lambda numbers: iter([[data[n] for n in numbers]]))

@@ -12,10 +12,8 @@ from replant.data.logs.sampling_time import has_unit, unit_in_seconds
 from replant.errors import LogError, shown
 from replant.interop.units import unit_of
 
-LATEST = 1e11
-"""Stamp beyond which the unit cannot be the one taken: in seconds since 1970 it is the year 5138 [s]."""
-COARSE = 1.0
-"""Interval of stamps without a unit from which on they may be counts of ms, us or ns [their unit]."""
+LATEST = 1e11  # stamp beyond which the unit cannot be the one taken: in seconds since 1970 it is the year 5138 [s]
+COARSE = 1.0  # interval of stamps without a unit from which on they may be counts of ms, us or ns [their unit]
 
 _COUNTS = ((1e-3, "milliseconds", "ms"), (1e-6, "microseconds", "us"), (1e-9, "nanoseconds", "ns"))
 _REMEDY = "or give the sampling time (dt, --dt) instead of a time column"
@@ -78,13 +76,7 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
 
 
 def check_unit(path: Path, name: str, stamps: FloatArray) -> None:
-    """Check that the unit of time stamps (K,) can be the one taken.
-
-    Raises
-    ------
-    LogError
-        If their name states an unknown unit, or they lie beyond any date, as nanoseconds do that are taken as seconds.
-    """
+    """Check that the unit of time stamps (K,) can be the one taken."""
     unit = unit_of_stamps(name, stamps)
     if unit.refused:
         raise LogError(f"{path}: column {shown(name)}: {unit.doubt}; {unit.remedy}")

@@ -16,22 +16,12 @@ from replant.data.logs.table import Table
 from replant.errors import MissingDependencyError
 
 _STAMP = "timestamp"
-_COPIES = 2
-"""Size of what pyulog holds: the messages, and their fields as arrays [times the file]."""
-_PER_SECOND = 1_000_000
-"""Unit of the stamps [1/s]."""
+_COPIES = 2  # size of what pyulog holds: the messages, and their fields as arrays [times the file]
+_PER_SECOND = 1_000_000  # unit of the stamps [1/s]
 
 
 def read(path: Path) -> Table:
-    """Open a ULog file.  Of several instances of a topic the columns are ``topic[0].field``, ``topic[1].field``.
-
-    Raises
-    ------
-    MissingDependencyError
-        If pyulog is not installed.
-    LogError
-        If it is damaged or holds no topic.
-    """
+    """Open a ULog file.  Of several instances of a topic the columns are ``topic[0].field``, ``topic[1].field``."""
     try:
         from pyulog import ULog
     except ImportError as error:

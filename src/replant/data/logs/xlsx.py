@@ -23,21 +23,15 @@ from replant.data.logs.text_times import StampFormat, find_format, is_missing
 from replant.data.logs.text_units import units_in, with_units
 from replant.errors import LogError, MissingDependencyError, shown
 
-_HEADER_ROWS = 100
-"""First rows of a sheet among which the names are looked for [rows]."""
-_NEXT_ROWS = 10
-"""Rows below the names in which each column's first cell is looked for [rows]."""
-_SAMPLE_ROWS = 100
-"""Rows of data that dates written as text are told from [rows]."""
+_HEADER_ROWS = 100  # first rows of a sheet among which the names are looked for [rows]
+_NEXT_ROWS = 10  # rows below the names in which each column's first cell is looked for [rows]
+_SAMPLE_ROWS = 100  # rows of data that dates written as text are told from [rows]
 _EPOCH = datetime(1970, 1, 1)
 
 _Row = Sequence[Any]
-MOST_ROWS = 1 << 20
-"""Rows of a sheet: as many as Excel has [rows]."""
-MOST_SHEETS = 1000
-"""Sheets that are looked into [count]."""
-_COUNTED = 1 << 10
-"""Rows after which memory is asked for [rows]."""
+MOST_ROWS = 1 << 20  # rows of a sheet: as many as Excel has [rows]
+MOST_SHEETS = 1000  # sheets that are looked into [count]
+_COUNTED = 1 << 10  # rows after which memory is asked for [rows]
 
 
 class _Cells(Sequence[Any]):
@@ -73,17 +67,7 @@ def _as_float(number: float) -> float:
 
 @dataclass(frozen=True)
 class _Sheet:
-    """The table of a sheet.
-
-    Parameters
-    ----------
-    title : str
-    names : tuple of str
-    first : int
-        1-based row of the sheet that the data begin with.
-    columns : sequence of cells
-        The cells of the named columns.
-    """
+    """The table of a sheet."""
 
     title: str
     names: tuple[str, ...]
@@ -99,13 +83,6 @@ def read(path: Path) -> Table:
 
     Rows above the names are skipped; below the names may be a row of units.  Cells of dates and times are seconds since
     the first row.  Of a formula the value counts that was saved with it.
-
-    Raises
-    ------
-    MissingDependencyError
-        If openpyxl is not installed.
-    LogError
-        If the workbook is damaged, or no sheet has a table.
     """
     try:
         import openpyxl

@@ -44,26 +44,14 @@ class Address:
     options: dict[str, str] = field(default_factory=dict)
 
     def allow(self, *known: str) -> None:
-        """Check that the source knows every option that is given.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If an option is not among ``known``.
-        """
+        """Check that the source knows every option that is given."""
         for option in self.options:
             if option not in known:
                 listed = ", ".join(known)
                 raise InvalidArgumentError(f"{self.name}: unknown option {option!r}; known are: {listed}")
 
     def host_and_port(self, example: str) -> tuple[str, int]:
-        """Return host and port.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If one of them is missing; the message shows ``example``.
-        """
+        """Return host and port."""
         if not self.host:
             raise InvalidArgumentError(f"{self.name}: the host is missing; write {example}")
         if self.port is None:
@@ -71,22 +59,7 @@ class Address:
         return self.host, self.port
 
     def whole(self, option: str, default: int, *, least: int) -> int:
-        """Return an option as a whole number.
-
-        Parameters
-        ----------
-        option : str
-            Name of the option.
-        default : int
-            Value where the option is not given.
-        least : int
-            The smallest value allowed.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the option is no whole number, or less than ``least``.
-        """
+        """Return an option as a whole number."""
         text = self.options.get(option, str(default))
         try:
             value = int(text)
@@ -100,13 +73,7 @@ class Address:
         return value
 
     def positive(self, option: str) -> float | None:
-        """Return an option as a positive number, None where it is not given.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the option is not a positive, finite number.
-        """
+        """Return an option as a positive number, None where it is not given."""
         text = self.options.get(option)
         if text is None:
             return None
@@ -121,22 +88,7 @@ class Address:
         return value
 
     def one_of(self, option: str, choices: Collection[str], default: str) -> str:
-        """Return an option that must be one of several words.
-
-        Parameters
-        ----------
-        option : str
-            Name of the option.
-        choices : collection of str
-            The words allowed.
-        default : str
-            Value where the option is not given.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the option is another word.
-        """
+        """Return an option that must be one of several words."""
         value = self.options.get(option, default)
         if value not in choices:
             listed = ", ".join(choices)
@@ -147,13 +99,6 @@ class Address:
 def split(url: str) -> Address:
     """Return the parts of a URL that has a scheme and ``//``.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If its port is not a number or its options are not name=value.
-
-    Examples
-    --------
     >>> address = split("tcp://127.0.0.1:9000")
     >>> address.scheme, address.host, address.port
     ('tcp', '127.0.0.1', 9000)
@@ -194,13 +139,6 @@ def without_password(parts: SplitResult) -> str:
 def options_of(name: str, query: str) -> dict[str, str]:
     """Return the options that a query ``name=value&name=value`` holds; ``name`` is the URL, for the message.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the query is not written so.
-
-    Examples
-    --------
     >>> options_of("demo", "speed=max&seed=3")
     {'speed': 'max', 'seed': '3'}
     """

@@ -21,20 +21,13 @@ PROPORTIONAL = 0.3
 """Proportional gain of the controller [V per rad/s].
 Derivation: with the integral part it cancels the slow pole; the loop's poles are then at -7 and -43 rad/s.
 """
-INTEGRAL = 0.6
-"""Integral gain of the controller [V per rad]."""
-LOWEST, HIGHEST = 30.0, 70.0
-"""Range of the set-point [rad/s]."""
-SHORTEST, LONGEST = 50, 400
-"""Shortest and longest step of the set-point [samples]."""
-DITHER = 1.0
-"""Dither of the set-point, up and down: it excites the loop while the set-point stands still [rad/s]."""
-DITHER_HOLD = 5
-"""Samples that each value of it lasts [samples]."""
-LOAD = 0.4
-"""Standard deviation of the load, as the voltage that would do the same [V]."""
-LOAD_TIME = 0.5
-"""Time constant with which the load wanders [s]."""
+INTEGRAL = 0.6  # integral gain of the controller [V per rad]
+LOWEST, HIGHEST = 30.0, 70.0  # range of the set-point [rad/s]
+SHORTEST, LONGEST = 50, 400  # shortest and longest step of the set-point [samples]
+DITHER = 1.0  # dither of the set-point, up and down: it excites the loop while the set-point stands still [rad/s]
+DITHER_HOLD = 5  # samples that each value of it lasts [samples]
+LOAD = 0.4  # standard deviation of the load, as the voltage that would do the same [V]
+LOAD_TIME = 0.5  # time constant with which the load wanders [s]
 
 
 def controlled(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray, FloatArray]]:

@@ -24,14 +24,12 @@ BLOCK = 1 << 16
 [samples].
 """
 
-PART = 1 << 12
-"""Samples handed over at once at the most [samples]."""
+PART = 1 << 12  # samples handed over at once at the most [samples]
 LONGEST_STEP = 4000
 """Longest step of the demo's voltage: whoever watches sees the slow mode within seconds, too [samples]."""
 FLUTTER = 0.2
 """Flutter of the demo's voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]."""
-FLUTTER_HOLD = 20
-"""Samples that each value of it lasts [samples]."""
+FLUTTER_HOLD = 20  # samples that each value of it lasts [samples]
 LOOPS = (
     "none",
     "pi",
@@ -43,15 +41,6 @@ class DemoSource(Reader):
 
     Its URL is ``demo?speed=max&seed=0``.  That of the motor of `controlled`, 100 Hz, is ``demo?loop=pi``: its samples
     come with a reference.
-
-    Parameters
-    ----------
-    name : str
-    speed : float
-        1 for real time, infinite for as fast as possible.
-    seed : int
-    looped : bool
-        Whether it is the motor under its controller.
     """
 
     def __init__(self, name: str = "demo", speed: float = 1.0, seed: int = 0, *, looped: bool = False) -> None:
@@ -131,13 +120,6 @@ def demo_voltage(samples: int, seed: int) -> FloatArray:
 def open_demo(address: Address, columns: tuple[str, ...] | None) -> DemoSource:
     """Return the source of the URL ``demo``.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the URL has an unknown option, or one with an invalid value.
-
-    Examples
-    --------
     >>> open_demo(Address("demo?seed=3", "", path="demo", options={"seed": "3"}), None).name
     'demo?seed=3'
     """

@@ -10,10 +10,8 @@ import numpy as np
 
 from replant.data.streams.batch import Batch
 
-CAPACITY = 1 << 17
-"""Samples that wait at the most: 0.6 s at 200,000 samples/s, 4 MB [samples]."""
-LARGEST_BATCH = 1 << 14
-"""Samples handed over at once at the most [samples]."""
+CAPACITY = 1 << 17  # samples that wait at the most: 0.6 s at 200,000 samples/s, 4 MB [samples]
+LARGEST_BATCH = 1 << 14  # samples handed over at once at the most [samples]
 
 EMPTY = np.empty(0)
 
@@ -21,15 +19,6 @@ EMPTY = np.empty(0)
 class Inbox:
     """A ring buffer of samples.  Its memory never grows; samples that arrived one by one are returned together.
 
-    Parameters
-    ----------
-    capacity : int
-        Largest number of samples in the buffer.
-    drop : bool
-        Whether a full buffer drops its oldest samples, because the sender cannot wait.  Else `put` waits.
-
-    Examples
-    --------
     >>> inbox = Inbox(2, drop=True)
     >>> inbox.put(Batch(np.array([1.0, 2.0, 3.0]), np.zeros(3), None, None, arrived=0.0))
     1
@@ -71,13 +60,7 @@ class Inbox:
         return dropped
 
     def get(self, timeout: float) -> Batch:
-        """Return the samples in the buffer, the oldest first; an empty batch if none came within ``timeout`` s.
-
-        Raises
-        ------
-        BaseException
-            The failure given to `end`, once the buffer is empty.
-        """
+        """Return the samples in the buffer, the oldest first; an empty batch if none came within ``timeout`` s."""
         with self._changed:
             if not self._size and not self.ended:
                 self._changed.wait(timeout)

@@ -6,22 +6,12 @@ from collections import Counter
 
 import numpy as np
 
-LONGEST = 1 << 16
-"""The longest line; a longer one is skipped [bytes]."""
+LONGEST = 1 << 16  # the longest line; a longer one is skipped [bytes]
 
 
 class LineSplitter:
     r"""Splits one stream into lines.
 
-    Parameters
-    ----------
-    counters : Counter
-        Counts the lines that were skipped, as "too long" and "cut off".
-    longest : int
-        The longest line in bytes, without its line end.
-
-    Examples
-    --------
     >>> lines = LineSplitter(Counter())
     >>> lines.split(b"1,2\n3,"), lines.split(b"4\n5,6"), lines.rest()
     (b'1,2\n', b'3,4\n', b'5,6\n')

@@ -14,14 +14,10 @@ from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError, MissingDependencyError
 
 EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
-PORT = 1883
-"""Port of a broker, as registered [number]."""
-KEEPALIVE = 15
-"""MQTT's keep-alive interval: the broker hears from the client at least that often [s]."""
-LONGEST_MESSAGE = 1 << 20
-"""The longest message; a longer one is skipped and counted [bytes]."""
-TOGETHER = 256
-"""Largest number of messages parsed together [count]."""
+PORT = 1883  # port of a broker, as registered [number]
+KEEPALIVE = 15  # MQTT's keep-alive interval: the broker hears from the client at least that often [s]
+LONGEST_MESSAGE = 1 << 20  # the longest message; a longer one is skipped and counted [bytes]
+TOGETHER = 256  # largest number of messages parsed together [count]
 
 
 class MqttSource(Reader):
@@ -31,18 +27,6 @@ class MqttSource(Reader):
     messages of the break, up to its own limit; it also waits for acknowledgements, and drops messages that arrive
     faster than those.  Samples that are delivered twice are dropped by their sequence number.  A retained message is
     old: it is skipped and counted as "retained".  A full queue drops its oldest samples and counts them.
-
-    Parameters
-    ----------
-    address : Address
-        Host, port, topic (its path), user, password.
-    columns : tuple of str or None
-        See `Parser`.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without paho-mqtt.
     """
 
     def __init__(self, address: Address, columns: tuple[str, ...] | None = None) -> None:
@@ -129,13 +113,7 @@ class MqttSource(Reader):
 
 
 def import_paho(name: str) -> Any:
-    """Return paho's client module; ``name`` is the source's URL, for the message.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without paho-mqtt.
-    """
+    """Return paho's client module; ``name`` is the source's URL, for the message."""
     try:
         from paho.mqtt import client
     except ImportError as error:
@@ -144,15 +122,7 @@ def import_paho(name: str) -> Any:
 
 
 def open_mqtt(address: Address, columns: tuple[str, ...] | None) -> MqttSource:
-    """Return the source of a URL ``mqtt://``.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If host or topic is missing, or a wildcard in the topic is not a whole level.
-    MissingDependencyError
-        Without paho-mqtt.
-    """
+    """Return the source of a URL ``mqtt://``."""
     address.allow("columns", "qos")
     if not address.host:
         raise InvalidArgumentError(f"{address.name}: the broker is missing; write {EXAMPLE}")

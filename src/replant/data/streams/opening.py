@@ -39,21 +39,6 @@ def open_source(url: str) -> Source:
     Lines are CSV, of two fields ``u,y``, three ``t,u,y`` or four ``n,t,u,y`` (sequence number, time stamp in s, input,
     output) or as the URL's option says, ``?columns=n,u,y,r`` (r: reference); or they are JSON objects with these names.
 
-    Parameters
-    ----------
-    url : str
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the URL names no source, or one of its options is invalid; the message says what to write.
-    LogError
-        If it names a log that cannot be read.
-    MissingDependencyError
-        If the source needs a package that is not installed.
-
-    Examples
-    --------
     >>> source = open_source("demo?speed=max")
     >>> batch = next(filter(len, source.batches()))
     >>> batch.t[:3], batch.sequence[:3]

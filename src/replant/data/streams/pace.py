@@ -8,20 +8,12 @@ import time
 from replant.data.streams.address import Address
 from replant.data.streams.stop_request import StopRequest
 
-LONGEST_PAUSE = 3600.0
-"""The longest single pause: the system's timers may refuse a longer one [s]."""
+LONGEST_PAUSE = 3600.0  # the longest single pause: the system's timers may refuse a longer one [s]
 
 
 class Pace:
     """A clock that runs ``speed`` times as fast as real time, and starts when it is first read.
 
-    Parameters
-    ----------
-    speed : float
-        1 for real time, infinite for as fast as possible.
-
-    Examples
-    --------
     >>> Pace(math.inf).elapsed()
     inf
     """
@@ -44,13 +36,6 @@ class Pace:
 def speed_of(address: Address, default: float) -> float:
     """Return the option ``speed`` of a URL: a positive number, or infinity for ``max``.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If it is neither.
-
-    Examples
-    --------
     >>> speed_of(Address("demo?speed=max", "", options={"speed": "max"}), 1.0)
     inf
     """

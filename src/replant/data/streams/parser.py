@@ -27,10 +27,8 @@ from replant.data.streams.rows import (
 
 Item = TypeVar("Item")
 
-FEW = 10
-"""Lines up to which a block is parsed line by line: parsing it as a whole costs as much as ten lines [lines]."""
-LARGEST_NUMBER = 2.0**53
-"""Largest whole number up to which float64 represents every one exactly [number]."""
+FEW = 10  # lines up to which a block is parsed line by line: parsing it as a whole costs as much as ten lines [lines]
+LARGEST_NUMBER = 2.0**53  # largest whole number up to which float64 represents every one exactly [number]
 #: The reason under which a row with an invalid number or time stamp is counted.
 REASONS = {"n": "not a sequence number", "t": "time not finite"}
 
@@ -42,15 +40,6 @@ class Parser:
     have been cut), or from the first JSON object.  Blank lines and comments are skipped.  Every other line gives
     samples, or is counted by the reason why it gives none.
 
-    Parameters
-    ----------
-    counters : Counter
-        Counts the lines and samples that were refused, by reason.
-    columns : tuple of str or None
-        The columns, each one of `FIELDS`, in the order of the lines.
-
-    Examples
-    --------
     >>> counters = Counter()
     >>> parser = Parser(counters)
     >>> batch = parser.parse(b"0.0,1,0.5\n0.1,1,abc\n0.2,1,0.7\n", arrived=0.0)

@@ -13,8 +13,7 @@ from replant.data.streams.rows import FIELDS, Malformed
 
 #: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuyr", "uy  ").
 MAGIC = b"RPL1"
-HEADER = 8
-"""Bytes before the numbers of a packed payload [bytes]."""
+HEADER = 8  # bytes before the numbers of a packed payload [bytes]
 
 
 class Payloads:
@@ -23,15 +22,6 @@ class Payloads:
     A payload holds one or more lines (see `Parser`), or it is packed: `MAGIC`, the columns' letters padded with blanks
     to four, then rows of little-endian float64.
 
-    Parameters
-    ----------
-    parser : Parser
-        Parses the lines; its counters also count "not packed right".
-    bare : bool
-        Whether every payload is packed and holds the rows alone, without `MAGIC` and letters.
-
-    Examples
-    --------
     >>> from collections import Counter
     >>> payloads = Payloads(Parser(Counter()))
     >>> packed = MAGIC + b"uy  " + np.array([[1.0, 0.5], [1.0, 0.7]], "<f8").tobytes()

@@ -13,21 +13,11 @@ from replant.data.streams.parser import Parser
 from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
 
-BLOCK = 1 << 18
-"""Bytes taken at once at the most [bytes]."""
+BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
 
 class PipeSource(Reader):
-    """Lines from an open file, ``-`` for standard input.  While the queue is full nothing is read: the writer waits.
-
-    Parameters
-    ----------
-    name : str
-    file : int
-        The file's descriptor; it is not closed.
-    columns : tuple of str or None
-        See `Parser`.
-    """
+    """Lines from an open file, ``-`` for standard input.  While the queue is full nothing is read: the writer waits."""
 
     def __init__(self, name: str, file: int, columns: tuple[str, ...] | None = None) -> None:
         super().__init__(name, waits=True)
@@ -51,13 +41,7 @@ class PipeSource(Reader):
 
 
 def open_pipe(address: Address, columns: tuple[str, ...] | None) -> PipeSource:
-    """Return the source that reads standard input.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the process has no standard input.
-    """
+    """Return the source that reads standard input."""
     address.allow("columns")
     try:
         file = sys.stdin.fileno()

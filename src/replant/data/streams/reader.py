@@ -13,28 +13,13 @@ from replant.data.streams.sequence_numbers import Numbering
 from replant.data.streams.stop_request import StopRequest
 from replant.operating_system.worker import Worker
 
-TICK = 0.1
-"""Time without samples after which an empty batch comes [s]."""
-CLOSE_TIMEOUT = 1.0
-"""Time that a closed source may still take to let go of what it reads from [s]."""
-BACKOFF = 0.1, 5.0
-"""First and longest pause before connecting again [s]."""
+TICK = 0.1  # time without samples after which an empty batch comes [s]
+CLOSE_TIMEOUT = 1.0  # time that a closed source may still take to let go of what it reads from [s]
+BACKOFF = 0.1, 5.0  # first and longest pause before connecting again [s]
 
 
 class Reader(ABC):
-    """A `Source` that is read by its own thread.
-
-    Parameters
-    ----------
-    name : str
-        The URL without password, for messages.
-    waits : bool
-        Whether the sender can wait.  If so, a full queue stops the reading; if not, it drops its oldest samples.
-    replays : bool
-        Whether the sender may send samples again, see `Numbering`.
-    capacity : int
-        Largest number of samples that wait for the session.
-    """
+    """A `Source` that is read by its own thread."""
 
     def __init__(self, name: str, *, waits: bool, replays: bool = True, capacity: int = CAPACITY) -> None:
         self.name = name

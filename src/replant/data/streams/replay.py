@@ -19,23 +19,11 @@ from replant.data.streams.pace import Pace, speed_of
 from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
 
-BLOCK = 1 << 12
-"""Samples handed over at once at the most [samples]."""
+BLOCK = 1 << 12  # samples handed over at once at the most [samples]
 
 
 class ReplaySource(Reader):
-    """A log as a stream, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0.
-
-    Parameters
-    ----------
-    name : str
-    record : Batch
-        All samples of the log, numbered.
-    elapsed : (K,) array
-        When each sample is due, in s after the first one; never decreasing.
-    speed : float
-        Ratio to the speed of recording; infinite for as fast as possible.
-    """
+    """A log as a stream, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
 
     def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float = math.inf) -> None:
         super().__init__(name, waits=True, capacity=4 * BLOCK)
@@ -60,15 +48,7 @@ class ReplaySource(Reader):
 
 
 def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySource:
-    """Return the source of a recorded log, whose path and options are in the address.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If an option is invalid, or the replay is to be paced and neither a column nor an option tells the time.
-    LogError
-        If the log cannot be read.
-    """
+    """Return the source of a recorded log, whose path and options are in the address."""
     address.allow("input", "output", "reference", "time", "dt", "speed")
     options = address.options
     table = read_columns(Path(address.path))
@@ -102,24 +82,6 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
 def time_column(table: Table, named: str | None) -> int | None:
     """Return the index of the column of time stamps.
 
-    Parameters
-    ----------
-    table : Table
-    named : str or None
-        The column's name; None: the only column that is called t, time or timestamp.
-
-    Returns
-    -------
-    int or None
-        None if no column was named, and none or several are called so.
-
-    Raises
-    ------
-    LogError
-        If there is no column of that name.
-
-    Examples
-    --------
     >>> time_column(Table(Path("log.csv"), ("time", "u", "y"), lambda columns: iter([])), None)
     0
     """
@@ -132,19 +94,6 @@ def time_column(table: Table, named: str | None) -> int | None:
 def stamped_source(name: str, record: Batch, t: FloatArray, speed: float) -> ReplaySource:
     """Return the source of a record with time stamps; rows without a finite stamp are left out and counted.
 
-    Parameters
-    ----------
-    name : str
-        The URL, for messages.
-    record : Batch
-        K samples, numbered.
-    t : (K,) array
-        Time stamps in s.
-    speed : float
-        Ratio to the speed of recording.
-
-    Examples
-    --------
     >>> record = Batch(np.zeros(3), np.zeros(3), None, np.arange(3), arrived=0.0)
     >>> source = stamped_source("log.csv", record, np.array([0.0, np.nan, 0.2]), speed=math.inf)
     >>> source.counters

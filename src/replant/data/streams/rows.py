@@ -29,13 +29,6 @@ class Malformed(Exception):  # noqa: N818 - not an error of the program: a reaso
 def from_cells(line: str) -> Row:
     """Parse one line of CSV; a missing cell is NaN, as in a log.
 
-    Raises
-    ------
-    Malformed
-        If a cell is not a number.
-
-    Examples
-    --------
     >>> from_cells("0.5, 1e-3,")
     (0.5, 0.001, nan)
     """
@@ -48,13 +41,6 @@ def from_cells(line: str) -> Row:
 def check_width(row: Row, width: int) -> None:
     """Check that a row has ``width`` cells.
 
-    Raises
-    ------
-    Malformed
-        If it has more or fewer.
-
-    Examples
-    --------
     >>> check_width((0.5, 1.0), 3)
     Traceback (most recent call last):
     replant.data.streams.rows.Malformed: fields missing
@@ -82,13 +68,6 @@ def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
 def json_value(line: str) -> Any:
     """Parse one line of JSON.
 
-    Raises
-    ------
-    Malformed
-        If the line is not JSON.
-
-    Examples
-    --------
     >>> json_value('{"u": 1.5, "y": null}')
     {'u': 1.5, 'y': None}
     """
@@ -154,13 +133,6 @@ def from_json(value: Any, columns: Sequence[str]) -> list[Row]:
     ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample.  An object whose fields are arrays holds several samples;
     its n may be the number of the first.  null is NaN.
 
-    Raises
-    ------
-    Malformed
-        If an item is not an object, lacks a column, holds anything but numbers, or has arrays of different lengths.
-
-    Examples
-    --------
     >>> from_json({"n": 7, "u": [1, 2], "y": [0.5, None]}, ("n", "u", "y"))
     [(7.0, 1.0, 0.5), (8.0, 2.0, nan)]
     """

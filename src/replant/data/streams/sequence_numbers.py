@@ -20,10 +20,8 @@ sent again [samples].
 Derivation: the rule of RFC 3550, appendix A.1, with more room for packets that overtake.
 """
 
-WRAPS = 1 << 16, 1 << 32
-"""Values at which the counters of devices wrap [count]."""
-LEAPS_KEPT = 8
-"""Number of remembered leaps, from which the numbers may return [count]."""
+WRAPS = 1 << 16, 1 << 32  # values at which the counters of devices wrap [count]
+LEAPS_KEPT = 8  # number of remembered leaps, from which the numbers may return [count]
 
 
 class Numbering:
@@ -38,17 +36,6 @@ class Numbering:
     reset.  If the sender may send samples again, only numbers never used are accepted: after a counter has wrapped at
     2^16 or 2^32, or between the two ends of a leap, within one connection.
 
-    Parameters
-    ----------
-    counters : Counter
-        Counts "duplicate" (a number already passed: sent twice, or late), "number leap" (held back, or misread), "lost"
-        and "restarts".
-    replays : bool
-        Whether the sender may send samples again.  If so, every number that is not above the last one is dropped.  If
-        not, a device that was reset and counts from zero again is accepted after two samples.
-
-    Examples
-    --------
     >>> counters = Counter()
     >>> numbering = Numbering(counters, replays=True)
     >>> batch = Batch(np.zeros(6), np.zeros(6), None, np.array([1, 2, 2, 5, 4294967296, 6]), arrived=0.0)

@@ -13,10 +13,8 @@ from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError, MissingDependencyError
 
 EXAMPLE = "serial:///dev/ttyUSB0?baud=115200"
-BAUD = 115_200
-"""Usual rate of a serial line [bit/s]."""
-WAIT = 0.1
-"""The longest wait of one read; a closed source ends within this time [s]."""
+BAUD = 115_200  # usual rate of a serial line [bit/s]
+WAIT = 0.1  # the longest wait of one read; a closed source ends within this time [s]
 
 
 class SerialSource(Reader):
@@ -25,20 +23,6 @@ class SerialSource(Reader):
     The port is opened in the middle of a line: the rest of that line is skipped and counted as "cut off".  A full queue
     drops its oldest samples and counts them.  A board sends nothing again, and many boards restart when the port is
     opened: sequence numbers tell only which samples were lost.
-
-    Parameters
-    ----------
-    name, port : str
-    baud : int
-    columns : tuple of str or None
-        See `Parser`.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If there is no such port or it may not be opened.
-    MissingDependencyError
-        Without pyserial.
     """
 
     def __init__(self, name: str, port: str, baud: int = BAUD, columns: tuple[str, ...] | None = None) -> None:
@@ -89,13 +73,7 @@ class SerialSource(Reader):
 
 
 def import_pyserial(name: str) -> Any:
-    """Return the module of pyserial; ``name`` is the source's URL, for the message.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without pyserial.
-    """
+    """Return the module of pyserial; ``name`` is the source's URL, for the message."""
     try:
         import serial
     except ImportError as error:
@@ -139,15 +117,7 @@ def remedy(port: str) -> str:
 
 
 def open_serial(address: Address, columns: tuple[str, ...] | None) -> SerialSource:
-    """Return the source of a URL ``serial://``.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the port is missing or cannot be opened.
-    MissingDependencyError
-        Without pyserial.
-    """
+    """Return the source of a URL ``serial://``."""
     address.allow("baud", "columns")
     port = address.path or address.host.upper()  # a host is COM3
     if not port:

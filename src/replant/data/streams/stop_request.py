@@ -64,13 +64,7 @@ class StopRequest:
         return self.requested
 
     def wait_readable(self, file: HasFile | int | None, timeout: float) -> bool:
-        """Wait until ``file`` can be read, at most ``timeout`` s.
-
-        Returns
-        -------
-        bool
-            Whether the file can be read and no stop was requested.
-        """
+        """Wait until ``file`` can be read, at most ``timeout`` s."""
         if self.requested or self._sockets is None:
             return False
         files = [self._sockets[0]] if file is None else [self._sockets[0], file]

@@ -11,10 +11,8 @@ from replant.data.streams.parser import Parser
 from replant.data.streams.reader import Reader
 
 EXAMPLE = "tcp://127.0.0.1:9000"
-BLOCK = 1 << 18
-"""Largest number of bytes received at once [bytes]."""
-CONNECT_TIMEOUT = 5.0
-"""Time that the peer may take to accept [s]."""
+BLOCK = 1 << 18  # largest number of bytes received at once [bytes]
+CONNECT_TIMEOUT = 5.0  # time that the peer may take to accept [s]
 #: A peer that was switched off is noticed after 5 + 3 * 2 s.
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 
@@ -25,13 +23,6 @@ class TcpSource(Reader):
     While the queue is full nothing is read: the peer waits, and no sample is lost.  When a connection begins and a
     sequence number N is known, from `seek` or from earlier samples, the source sends the line ``after N``.  A peer that
     keeps its samples then continues with N + 1.  Samples that a peer sends again are dropped by their number.
-
-    Parameters
-    ----------
-    name, host : str
-    port : int
-    columns : tuple of str or None
-        See `Parser`.
     """
 
     def __init__(self, name: str, host: str, port: int, columns: tuple[str, ...] | None = None) -> None:
@@ -88,13 +79,6 @@ def enable_keepalive(peer: socket.socket) -> None:
 def open_tcp(address: Address, columns: tuple[str, ...] | None) -> TcpSource:
     """Return the source of a URL ``tcp://``.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If host or port is missing, or an option is unknown.
-
-    Examples
-    --------
     >>> open_tcp(Address("tcp://rig:9000", "tcp", "rig", 9000), None).name
     'tcp://rig:9000'
     """

@@ -12,36 +12,15 @@ from replant.data.streams.reader import Reader
 from replant.errors import InvalidArgumentError
 
 EXAMPLE = "udp://0.0.0.0:9000"
-BUFFER = 1 << 23
-"""Receive buffer that is requested from the system; the system may grant less [bytes]."""
-TOGETHER = 512
-"""Largest number of datagrams parsed together [count]."""
-LARGEST_DATAGRAM = 1 << 16
-"""Room for one datagram, more than UDP allows [bytes]."""
+BUFFER = 1 << 23  # receive buffer that is requested from the system; the system may grant less [bytes]
+TOGETHER = 512  # largest number of datagrams parsed together [count]
+LARGEST_DATAGRAM = 1 << 16  # room for one datagram, more than UDP allows [bytes]
 
 
 class UdpSource(Reader):
     """Datagrams with lines or packed numbers, received at ``udp://address:port``.
 
     A full queue drops its oldest samples and counts them.
-
-    Parameters
-    ----------
-    name : str
-        The URL, for messages.
-    host : str
-        Address of this computer to listen at; "0.0.0.0" for all of them.
-    port : int
-        0 for any free port; the attribute `port` tells which.
-    columns : tuple of str or None
-        See `Parser`.
-    bare : bool
-        Whether the datagrams hold float64 alone, see `Payloads`.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the port is in use, or the address is not one of this computer.
     """
 
     def __init__(
@@ -83,22 +62,6 @@ class UdpSource(Reader):
 def listen(name: str, host: str, port: int) -> socket.socket:
     """Return a socket that receives datagrams.
 
-    Parameters
-    ----------
-    name : str
-        The URL, for messages.
-    host : str
-        Address of this computer.
-    port : int
-        0 for any free port.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the port is in use, or the address is not one of this computer.
-
-    Examples
-    --------
     >>> with listen("udp://127.0.0.1:0", "127.0.0.1", 0) as listener:
     ...     listener.getsockname()[0]
     '127.0.0.1'
@@ -122,13 +85,7 @@ def listen(name: str, host: str, port: int) -> socket.socket:
 
 
 def open_udp(address: Address, columns: tuple[str, ...] | None) -> UdpSource:
-    """Return the source of a URL ``udp://``.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If host, port or, for ``format=doubles``, the columns are missing, or the port is in use.
-    """
+    """Return the source of a URL ``udp://``."""
     address.allow("columns", "format")
     bare = address.one_of("format", ("lines", "doubles"), "lines") == "doubles"
     if bare and columns is None:

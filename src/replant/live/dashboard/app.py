@@ -26,12 +26,9 @@ from replant.report.html.page import asset as report_asset
 from replant.report.html.uplot import uplot
 from replant.report.verdict_words import VERDICTS
 
-PERIOD = 0.2
-"""Time between two views to one browser [s]."""
-HISTORY_PERIOD = 1.0
-"""Time between two messages of what is long and changes slowly, history and responses [s]."""
-MOST_WATCHING = 256
-"""Browsers at a time [count]."""
+PERIOD = 0.2  # time between two views to one browser [s]
+HISTORY_PERIOD = 1.0  # time between two messages of what is long and changes slowly, history and responses [s]
+MOST_WATCHING = 256  # browsers at a time [count]
 _OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008
 """Codes with which a websocket is closed: over, try again later, policy [number]."""
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
@@ -40,21 +37,7 @@ _OWN = (*(f"{name}.js" for name in _SCRIPTS), "dashboard.css", "icon.svg")
 
 
 def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
-    """Return the dashboard of ``hub`` as an ASGI application.
-
-    Parameters
-    ----------
-    hub : Hub
-    token : str or None
-        Token that a browser must present; None if only this machine can reach the server.
-    hosts : tuple of str
-        Host names under which the server may be requested.
-
-    Raises
-    ------
-    MissingDependencyError
-        Without uPlot.
-    """
+    """Return the dashboard of ``hub`` as an ASGI application."""
     assets = _assets()
     page = _own("index.html")
 

@@ -15,18 +15,12 @@ from typing import Any
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-MOST = 512
-"""Connections at a time, at the most [count]."""
-LEAST = 8
-"""Connections at a time that are always allowed: a page is loaded over several [count]."""
-SHARE = 2
-"""Of the descriptors one in so many may be a connection [count]."""
-ASKING = 10.0
-"""Time for the headers of a request, the first or the next [s]."""
-ANSWERING = 120.0
-"""Time for a request and its answer: a report takes seconds, and a slow browser its time [s]."""
-LEAVING = 5.0
-"""Time from the goodbye until the connection is gone [s]."""
+MOST = 512  # connections at a time, at the most [count]
+LEAST = 8  # connections at a time that are always allowed: a page is loaded over several [count]
+SHARE = 2  # of the descriptors one in so many may be a connection [count]
+ASKING = 10.0  # time for the headers of a request, the first or the next [s]
+ANSWERING = 120.0  # time for a request and its answer: a report takes seconds, and a slow browser its time [s]
+LEAVING = 5.0  # time from the goodbye until the connection is gone [s]
 
 
 def most_connections() -> int:
@@ -62,16 +56,7 @@ class _Connection:
 
 
 class Connections:
-    """An ASGI application in front of another one, which limits number and duration of connections.
-
-    Parameters
-    ----------
-    app : ASGI application
-    most : int
-        Largest number of connections.
-    notice : callable
-        Called with a line of text when a connection had to be aborted.
-    """
+    """An ASGI application in front of another one, which limits number and duration of connections."""
 
     def __init__(self, app: ASGIApp, most: int, notice: Callable[[str], None]) -> None:
         self.app, self.most, self._notice = app, most, notice

@@ -14,8 +14,7 @@ from replant.errors import ReplantError
 
 #: The commands that a page may send to the identification.
 COMMANDS = ("freeze", "adapt", "reset")
-DIGITS = 7
-"""Digits of a number that is only drawn: a screen shows four [count]."""
+DIGITS = 7  # digits of a number that is only drawn: a screen shows four [count]
 _SLOW = ("bode", "step", "truth")  # they change slowly: they are sent with the history
 _DRAWN = ("window", *_SLOW, "history")
 
@@ -42,17 +41,6 @@ class Hub:
 
     Views are not queued: a slow browser gets the newest view and misses those in between.
 
-    Parameters
-    ----------
-    command : callable
-        Called with one of ``COMMANDS``, in the server's thread; it must return at once.
-    report : callable
-        Returns a report as HTML; called in a separate thread, one call at a time.
-    notice : callable
-        Called with a line of text for the user at the terminal, from the server's thread.
-
-    Examples
-    --------
     >>> hub = Hub(command=print, report=lambda: b"<!doctype html>")
     >>> hub.publish({"at": 0.5, "num": [1.25], "den": [1.0, 0.5], "delay": 0.0})
     >>> hub.newest["at"]
@@ -84,13 +72,7 @@ class Hub:
         return self._newest[1]
 
     def publish(self, view: dict[str, Any]) -> None:
-        """Replace the newest view; from any thread.  Without browsers this takes a few microseconds.
-
-        Parameters
-        ----------
-        view : dict
-            `View.to_json()`: JSON values, None for unknown numbers.
-        """
+        """Replace the newest view; from any thread.  Without browsers this takes a few microseconds."""
         self._newest = (self._newest[0] + 1, view)
         self._wake()
 
@@ -142,13 +124,7 @@ class Hub:
         return len(self._waiting)
 
     def command(self, name: str) -> None:
-        """Send a command to the identification.
-
-        Raises
-        ------
-        ValueError
-            If it is none of ``COMMANDS``.
-        """
+        """Send a command to the identification."""
         if name not in COMMANDS:
             raise ValueError(f"command must be one of {', '.join(COMMANDS)}, got {name!r}")
         self._command(name)
@@ -159,13 +135,7 @@ class Hub:
         return model
 
     async def report(self) -> bytes:
-        """Return a report of the identification as HTML; takes seconds, in a thread.
-
-        Raises
-        ------
-        ReplantError
-            While another one is being made.
-        """
+        """Return a report of the identification as HTML; takes seconds, in a thread."""
         if not self._reporting.acquire(blocking=False):
             raise ReplantError("a report is being made already: try again when it is finished")
         try:

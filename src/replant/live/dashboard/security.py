@@ -29,28 +29,15 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-LONGEST_TOKEN = 1024
-"""Characters of a token that are compared at all [characters]."""
-PAUSE = 0.5
-"""Time before a missing or wrong token is answered, one after the other: nobody tries many [s]."""
+LONGEST_TOKEN = 1024  # characters of a token that are compared at all [characters]
+PAUSE = 0.5  # time before a missing or wrong token is answered, one after the other: nobody tries many [s]
 MOST_WAITING = 32
 """Requests that may wait for that answer at a time; while so many do, a token is not even looked at [count]."""
 _SAFE = ("GET", "HEAD")
 
 
 class Guard:
-    """Passes on requests with the right host, origin and token, and adds security headers to the answers.
-
-    Parameters
-    ----------
-    app : ASGI application
-    token : str or None
-        Token that a request must carry: a browser once as ``?token=...`` and then in a cookie, a program as
-        ``Authorization: Bearer ...``.  None: no token is required.
-    hosts : tuple of str
-        Host names under which this server may be requested.  The IP address of the connection is always allowed: DNS
-        rebinding needs a name.
-    """
+    """Passes on requests with the right host, origin and token, and adds security headers to the answers."""
 
     def __init__(self, app: ASGIApp, token: str | None, hosts: tuple[str, ...]) -> None:
         self.app = app

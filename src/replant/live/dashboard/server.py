@@ -16,8 +16,7 @@ from replant.operating_system.worker import Worker
 if TYPE_CHECKING:
     import uvicorn
 
-GRACE = 1.0
-"""Time that browsers get to say goodbye [s]."""
+GRACE = 1.0  # time that browsers get to say goodbye [s]
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
@@ -85,26 +84,6 @@ class Dashboard:
 def serve(hub: Hub, host: str = "127.0.0.1", port: int = 0, token: str | None = None) -> Dashboard:
     """Serve the dashboard of ``hub`` from a thread, and return when the server is ready.
 
-    Parameters
-    ----------
-    hub : Hub
-    host : str
-        Address to listen on; any other than 127.0.0.1, ::1 and localhost requires a token.
-    port : int
-        0 for any free port.
-    token : str, optional
-        Token that a browser must present.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If another machine can reach the address and there is no token, if the token is not printable ASCII, or if the
-        server cannot listen on the address.
-    MissingDependencyError
-        Without the packages of the extra ``live``.
-
-    Examples
-    --------
     >>> with serve(Hub(command=print, report=bytes)) as dashboard:
     ...     dashboard.url == f"http://127.0.0.1:{dashboard.port}/"
     True

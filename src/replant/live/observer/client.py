@@ -24,20 +24,13 @@ from replant.online.identifier import Identifier
 from replant.operating_system.os_errors import one_line, refusal
 from replant.operating_system.worker import Worker
 
-INTERVAL = 0.2
-"""Time between two handovers at the least [s]."""
-SHARE = 0.02
-"""Part of the session's time that handing over may take [share]."""
-LAST_VIEW_TIMEOUT = 20.0
-"""Time that the last view may take: the process may just have begun [s]."""
-STARTING = 120.0
-"""Time that the process may take to serve the dashboard: it imports everything anew [s]."""
-TOO_OLD = 5.0
-"""Age beyond which a view says nothing of the present any more [s]."""
-PAUSES = 0.5, 30.0
-"""First and longest pause before the process is started again [s]."""
-LONG_LIFE = 60.0
-"""Life of a process after which its death is none of a row [s]."""
+INTERVAL = 0.2  # time between two handovers at the least [s]
+SHARE = 0.02  # part of the session's time that handing over may take [share]
+LAST_VIEW_TIMEOUT = 20.0  # time that the last view may take: the process may just have begun [s]
+STARTING = 120.0  # time that the process may take to serve the dashboard: it imports everything anew [s]
+TOO_OLD = 5.0  # age beyond which a view says nothing of the present any more [s]
+PAUSES = 0.5, 30.0  # first and longest pause before the process is started again [s]
+LONG_LIFE = 60.0  # life of a process after which its death is none of a row [s]
 RESTARTS = "observer restarts"  # as it is counted
 
 
@@ -45,15 +38,6 @@ class Observer:
     """Sends the identifier's state to the observer's process whenever that is idle, and receives its views.
 
     A process that dies is started again, each time after a longer pause.  The session continues without it.
-
-    Parameters
-    ----------
-    options : ObserverOptions
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the dashboard that the options ask for cannot be served.
     """
 
     def __init__(self, options: ObserverOptions) -> None:
@@ -162,20 +146,7 @@ class Observer:
                 self._notices.say("dashboard", f"replant: {reason}; trying again")
 
     def hand_over(self, identifier: Identifier, info: SessionInfo, *, learned: bool) -> bool:
-        """Send the state to the process, unless the process is busy or the last handover was too recent.
-
-        Parameters
-        ----------
-        identifier : Identifier
-        info : SessionInfo
-        learned : bool
-            Whether the identifier has learned since the last handover.  If not, only ``info`` is sent.
-
-        Returns
-        -------
-        bool
-            Whether anything was sent.
-        """
+        """Send the state to the process, unless the process is busy or the last handover was too recent."""
         now = time.monotonic()
         if not self._alive or self._busy or now < self._due:
             return False

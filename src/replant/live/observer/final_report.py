@@ -20,24 +20,11 @@ from replant.simulation.stretches import stretches_of
 from replant.statistics.autoregression import one_step
 from replant.statistics.lost_samples import one_step_with_lost
 
-ROUNDING = 1e-6
-"""Difference between an interval and the sampling time that is rounding [sampling times]."""
+ROUNDING = 1e-6  # difference between an interval and the sampling time that is rounding [sampling times]
 
 
 def report_of(identifier: Identifier, view: View) -> bytes:
-    """Return the HTML report of an identifier.
-
-    Parameters
-    ----------
-    identifier : Identifier
-    view : View
-        The view of this identifier; it provides source and history.
-
-    Raises
-    ------
-    ReplantError
-        If there is no model yet.
-    """
+    """Return the HTML report of an identifier."""
     from replant.report.html.report import write_report
 
     if identifier.settings is None:

@@ -7,20 +7,12 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.live.observer.view import Rows
 
-MOST_ROWS = 1000
-"""Rows of history kept [rows]."""
+MOST_ROWS = 1000  # rows of history kept [rows]
 
 
 class EstimateHistory:
     """Rows of (t, parameters, std), one for each view; when there are too many, every second row is dropped.
 
-    Parameters
-    ----------
-    size : int
-        Number of parameters P.
-
-    Examples
-    --------
     >>> history = EstimateHistory(1)
     >>> for k in range(5000):
     ...     history.append(float(k), np.array([0.5]), np.array([0.1]))
@@ -46,14 +38,7 @@ class EstimateHistory:
             self.append(t, parameters, std)
 
     def append(self, t: float, parameters: FloatArray, std: FloatArray) -> None:
-        """Append the newest row.  It stays if its number is a multiple of the stride; else the next row replaces it.
-
-        Parameters
-        ----------
-        t : float
-            Rig time in s.
-        parameters, std : (P,) arrays
-        """
+        """Append the newest row.  It stays if its number is a multiple of the stride; else the next row replaces it."""
         if self._rows and not self._newest_stays:
             self._rows -= 1
         if self._rows == MOST_ROWS:

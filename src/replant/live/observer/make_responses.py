@@ -15,22 +15,17 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.report.terminal.summary import true_parameters
 
-FREQUENCIES = 160
-"""Equally spaced frequencies of a Bode plot; each resonance adds some [count]."""
-TIMES = 120
-"""Times of a step response, and of its beginning where a mode settles early [count]."""
+FREQUENCIES = 160  # equally spaced frequencies of a Bode plot; each resonance adds some [count]
+TIMES = 120  # times of a step response, and of its beginning where a mode settles early [count]
 MOST_TIMES, PER_PERIOD = 480, 8
 """Times of the beginning where a mode oscillates, at the most, and for each period [count]."""
 FASTER = 0.25
 """Part of the step response within which the fastest mode settles, below which its beginning gets times of its own
 [share].
 """
-GROWN = 3.0
-"""Time constants of an unstable mode that are shown: later it hides all others [time constants]."""
-SIGMAS = 2.0
-"""Half-width of a band [standard deviations]."""
-WIDEST = 60.0
-"""Half-width at which a band is cut: beyond it nothing is known anyway [dB]."""
+GROWN = 3.0  # time constants of an unstable mode that are shown: later it hides all others [time constants]
+SIGMAS = 2.0  # half-width of a band [standard deviations]
+WIDEST = 60.0  # half-width at which a band is cut: beyond it nothing is known anyway [dB]
 
 NOTHING = np.zeros(0)
 
@@ -38,15 +33,6 @@ NOTHING = np.zeros(0)
 def bode_of(model: TransferFunction | None, uncertainty: Uncertainty, dt: float) -> view.Bode:
     """Return the frequency response, empty where it is not known or not finite.
 
-    Parameters
-    ----------
-    model : TransferFunction or None
-    uncertainty : Uncertainty
-    dt : float
-        Sampling time in s.
-
-    Examples
-    --------
     >>> unknown = Uncertainty(Structure(1), np.array([2.0, 4.0]), np.full((2, 2), np.nan))
     >>> found = bode_of(TransferFunction([4.0], [1.0, 2.0]), unknown, dt=0.01)
     >>> found.magnitude_db[0].round(1), found.magnitude_low[0]
@@ -123,17 +109,6 @@ def truth_of(
 ) -> view.Truth | None:
     """Return the true plant at the frequencies and times of the model's responses; None if it is not known.
 
-    Parameters
-    ----------
-    truth : TransferFunction or None
-    structure : Structure
-        Of the model: the true coefficients stand beside those of a model with as many poles and zeros.
-    model : TransferFunction or None
-    bode : Bode
-        Of the model.
-
-    Examples
-    --------
     >>> plant = TransferFunction([4.0], [1.0, 2.0])
     >>> found = truth_of(plant, Structure(1, bias=True), plant, view.Bode(np.ones(1), *[NOTHING] * 4))
     >>> found.parameters, found.step[-1].round(2)

@@ -24,10 +24,8 @@ from replant.report.figures.style import mapped_label
 from replant.runs.thinning import thin
 from replant.simulation.stretches import joined, stretches_of
 
-POINTS = 1200
-"""Points of the window: more than its picture has columns [count]."""
-NEWEST = 10.0
-"""Time at the end of a long window that may be looked at alone, and gets a third of the points [s]."""
+POINTS = 1200  # points of the window: more than its picture has columns [count]
+NEWEST = 10.0  # time at the end of a long window that may be looked at alone, and gets a third of the points [s]
 
 
 def make_view(
@@ -40,20 +38,6 @@ def make_view(
 ) -> View:
     """Return the view of an identifier, and append its row to ``history``.
 
-    Parameters
-    ----------
-    identifier : Identifier
-        It is not changed.
-    info : SessionInfo
-    history : EstimateHistory
-        The rows of earlier views.
-    truth : TransferFunction, optional
-        The true plant of a simulated rig.
-    signals : SignalNames
-        Names of input and output.
-
-    Examples
-    --------
     >>> from replant.model.structure import Structure
     >>> make_view(Identifier(Structure(1), dt=0.1), SessionInfo(source="demo"), EstimateHistory(2)).status
     'starting'

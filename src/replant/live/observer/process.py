@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 ENDING = (signal.SIGINT, signal.SIGTERM)
 UNHEARD = 5.0
 """Time without a handover, of which several come a second, after which the session is not heard any more [s]."""
-AGAIN = 5.0
-"""Time until a dashboard that could not be served is tried again [s]."""
+AGAIN = 5.0  # time until a dashboard that could not be served is tried again [s]
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from multiprocessing.connection import Connection
 from replant.live.observer.process import ENDING, Handover, ObserverOptions, observe
 from replant.operating_system.worker import Worker
 
-GOODBYE = 5.0
-"""Time that the process gets to end by itself [s]."""
+GOODBYE = 5.0  # time that the process gets to end by itself [s]
 
 
 class ObserverProcess:

@@ -16,20 +16,12 @@ from replant.report.number_format import grouped, off_by, std_alone, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
 from replant.report.verdict_words import colour_of, words_of
 
-LINES_APART = 5.0
-"""Time between two lines where nobody watches [s]."""
-REASONS_WIDTH = 71
-"""Width of the reasons, where a terminal has 80 columns [columns]."""
+LINES_APART = 5.0  # time between two lines where nobody watches [s]
+REASONS_WIDTH = 71  # width of the reasons, where a terminal has 80 columns [columns]
 
 
 class TerminalStatus:
-    """Write views to standard error.
-
-    Parameters
-    ----------
-    truth : TransferFunction or None
-        The true plant of a simulated rig, shown beside the estimate.
-    """
+    """Write views to standard error."""
 
     def __init__(self, truth: TransferFunction | None = None) -> None:
         from rich.console import Console
@@ -73,16 +65,7 @@ class TerminalStatus:
 
 
 def print_summary(view: View, truth: TransferFunction | None = None, *, to_stderr: bool = False) -> None:
-    """Print the result at the end of a session.
-
-    Parameters
-    ----------
-    view : View
-    truth : TransferFunction, optional
-        The true plant of a simulated rig.
-    to_stderr : bool
-        Whether to print to standard error, because standard output carries the estimates.
-    """
+    """Print the result at the end of a session."""
     from rich.console import Console
 
     Console(stderr=to_stderr).print(render(view, truth, running=False))
@@ -103,16 +86,7 @@ def status_line(view: View) -> str:
 
 
 def render(view: View, truth: TransferFunction | None = None, *, running: bool = True) -> Any:
-    """Return a view as an object that rich prints.
-
-    Parameters
-    ----------
-    view : View
-    truth : TransferFunction, optional
-        The true plant of a simulated rig.
-    running : bool
-        Whether the session is running: then rate and lag are shown, too.
-    """
+    """Return a view as an object that rich prints."""
     from rich.console import Group
     from rich.padding import Padding
     from rich.text import Text

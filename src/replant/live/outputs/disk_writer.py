@@ -10,17 +10,11 @@ from replant.live.outputs.notices import Notices
 from replant.operating_system.os_errors import one_line
 from replant.operating_system.worker import Worker
 
-MOST_WAITING = 16
-"""Pieces of work that wait for the disk at the most [count]."""
+MOST_WAITING = 16  # pieces of work that wait for the disk at the most [count]
 
 
 class DiskWriter:
-    """Runs jobs one after the other in its own thread; a job that fails is reported, and the next one is run.
-
-    Parameters
-    ----------
-    notices : Notices
-    """
+    """Runs jobs one after the other in its own thread; a job that fails is reported, and the next one is run."""
 
     def __init__(self, notices: Notices) -> None:
         self._notices = notices

@@ -13,8 +13,7 @@ VERSION = 1
 UNKNOWN = "unknown"  # the verdict while none is known
 LEAST_TTL = 5.0
 """Least time for which "trusted" may stand without an accepted sample: a network takes time to send again [s]."""
-INTERVALS = 10
-"""The same in sampling times: a slow plant's samples may come ten in a message [sampling times]."""
+INTERVALS = 10  # the same in sampling times: a slow plant's samples may come ten in a message [sampling times]
 #: `Estimate.status` while no sample is accepted, and when the session is over.
 WAITING, ENDED = "waiting", "ended"
 

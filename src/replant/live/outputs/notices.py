@@ -5,20 +5,12 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-AGAIN = 60.0
-"""Time until the next message about the same subject [s]."""
+AGAIN = 60.0  # time until the next message about the same subject [s]
 
 
 class Notices:
     """Passes messages on to ``show``, at most one a minute about each subject.
 
-    Parameters
-    ----------
-    show : callable
-        Called with a line of text, from any thread.
-
-    Examples
-    --------
     >>> notices = Notices(print)
     >>> notices.say("checkpoint", "no room on the disk")
     no room on the disk

@@ -24,10 +24,8 @@ from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import EstimateMessage
 from replant.operating_system.os_errors import one_line
 
-ROWS = 200_000
-"""Rows of a part: a few megabytes [rows]."""
-SECONDS = 30.0
-"""Time after which a part is written even if it is short [s]."""
+ROWS = 200_000  # rows of a part: a few megabytes [rows]
+SECONDS = 30.0  # time after which a part is written even if it is short [s]
 PART = "part-{:08d}.parquet"
 
 Samples = tuple[npt.NDArray[np.int64] | None, dict[str, FloatArray]]  # the device's numbers, and the columns
@@ -38,21 +36,6 @@ class ParquetRecorder:
 
     Columns of samples: n (the device's number, or null), t [s], u, y and, where there is a reference, r.  Columns of
     estimates: t, n, samples, each parameter and its standard deviation (std_...), status, verdict and excited.
-
-    Parameters
-    ----------
-    folder : path
-    disk_writer : DiskWriter
-        Writes the parts.
-    go_on : bool
-        Whether a record in the folder is continued; samples with numbers that it holds already are then left out.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the folder cannot be made, or holds a record that is not continued.
-    MissingDependencyError
-        Without pyarrow.
     """
 
     name = "record"
@@ -82,19 +65,7 @@ class ParquetRecorder:
         y: FloatArray,
         r: FloatArray | None = None,
     ) -> None:
-        """Record samples.
-
-        Parameters
-        ----------
-        n : (K,) array of int or None
-            The device's numbers.
-        t : (K,) array
-            Rig time in s.
-        u, y : (K,) arrays
-            Input and output in the device's units.
-        r : (K,) array, optional
-            Reference: with all samples of a record, or with none.
-        """
+        """Record samples."""
         if n is not None and n[0] <= self._last:
             new = int(np.searchsorted(n, self._last, side="right"))
             n, t, u, y, r = n[new:], t[new:], u[new:], y[new:], None if r is None else r[new:]

@@ -25,10 +25,8 @@ from replant.live.outputs.sinks import Sink
 from replant.operating_system.os_errors import one_line
 from replant.operating_system.worker import Worker
 
-TICK = 0.05
-"""Time between two looks of the watchdog, at the most [s]."""
-GOODBYE = 2.0
-"""Time that the sinks get to take the news of the end [s]."""
+TICK = 0.05  # time between two looks of the watchdog, at the most [s]
+GOODBYE = 2.0  # time that the sinks get to take the news of the end [s]
 
 
 @dataclass
@@ -44,21 +42,7 @@ class _Receiver:
 
 
 class Publisher:
-    """Sends estimates to sinks, each at its own rate.
-
-    Parameters
-    ----------
-    sinks : sequence of Sink
-    archive : Sink or None
-        Gets the session's estimates, but no messages of the watchdog: no controller uses a record.
-    ttl : float
-        Seconds for which "trusted" may stand without an accepted sample.
-    notices : Notices
-    on_reader_gone : callable
-        Called when the reader of a pipe has closed it.
-    now : callable
-        A clock in s.
-    """
+    """Sends estimates to sinks, each at its own rate."""
 
     def __init__(
         self,

@@ -22,12 +22,9 @@ from replant.live.outputs.message import (
     EstimateMessage,
 )
 
-MQTT_PORT = 1883
-"""Port of a broker, as registered [number]."""
-BROKER_TIMEOUT = 5.0
-"""Time that a broker may be away before it is said [s]."""
-KEEPALIVE = 1, 15
-"""Least and longest time in which the broker must hear from the client [s]."""
+MQTT_PORT = 1883  # port of a broker, as registered [number]
+BROKER_TIMEOUT = 5.0  # time that a broker may be away before it is said [s]
+KEEPALIVE = 1, 15  # least and longest time in which the broker must hear from the client [s]
 #: The message that the broker publishes when the connection to the session breaks.
 WILL = json.dumps(
     {"trusted": 0, "excited": 0, "ttl": 0.0, "status": ENDED, "verdict": UNKNOWN}, separators=(",", ":")
@@ -52,13 +49,7 @@ class Sink(Protocol):
 
 
 class LineSink:
-    """Writes JSON lines to an open file, by default standard output.
-
-    Parameters
-    ----------
-    descriptor : int
-        Descriptor of the open file.  It is written to directly, so that a reader gets each line at once.
-    """
+    """Writes JSON lines to an open file, by default standard output."""
 
     name = "-"
     interval = 0.01
@@ -82,11 +73,6 @@ class LineSink:
         """Write a line; a line with ``trusted: 1`` only when the reader of a pipe has read the lines before.
 
         Thus a slow reader never finds a backlog of outdated lines that all say ``trusted: 1``.
-
-        Raises
-        ------
-        BrokenPipeError
-            If the reader has closed the pipe.
         """
         self.behind = not self._has_room(alone=estimate.trusted)
         if self.behind:
@@ -151,12 +137,6 @@ class MqttSink:
 
     The sink connects in the background, and again after a break.  During a break estimates are left out; the newest one
     is sent after it.  If the session or its network dies, the broker publishes the session's last will, ``trusted: 0``.
-
-    Parameters
-    ----------
-    address : SplitResult
-    ttl : float
-        Seconds within which the broker has to notice that the session is gone.
     """
 
     interval = 0.01
@@ -193,13 +173,7 @@ class MqttSink:
         self._client.loop_start()
 
     def send(self, estimate: EstimateMessage) -> None:
-        """Publish the estimate as retained message, unless the broker is away or the one before is still unsent.
-
-        Raises
-        ------
-        ConnectionError
-            If the broker has been away for more than `BROKER_TIMEOUT`.
-        """
+        """Publish the estimate as retained message, unless the broker is away or the one before is still unsent."""
         now = time.monotonic()
         connected = self._client.is_connected()
         self.behind = not connected or self._unsent
@@ -230,22 +204,6 @@ class MqttSink:
 def open_sink(address: str, ttl: float = LEAST_TTL) -> Sink:
     """Return the sink of an address.
 
-    Parameters
-    ----------
-    address : str
-        ``-`` (standard output), ``udp://HOST:PORT`` or ``mqtt://[USER:PASSWORD@]HOST[:PORT]/TOPIC``.
-    ttl : float
-        Seconds within which a receiver has to notice that the session is gone.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the address has another form, or its host does not exist.
-    MissingDependencyError
-        For MQTT without paho-mqtt.
-
-    Examples
-    --------
     >>> open_sink("-").name
     '-'
     """

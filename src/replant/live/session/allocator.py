@@ -5,8 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 
-M_MMAP_THRESHOLD = -3
-"""Name of the setting in malloc.h [number]."""
+M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
 
 THRESHOLD = 1 << 17
 """Size from which on a block is given back to the system at once: glibc's initial value, which it raises as blocks of

@@ -20,16 +20,7 @@ ProgressEntries = Mapping[str, int | float | str]
 
 
 class CheckpointWriter:
-    """Writes checkpoints of an identifier into a file.
-
-    Parameters
-    ----------
-    path : path
-    every : float
-        Seconds between two checkpoints.
-    disk_writer : DiskWriter
-        Writes the periodic checkpoints in its thread, because a disk may be slow.
-    """
+    """Writes checkpoints of an identifier into a file."""
 
     def __init__(self, path: Path, every: float, disk_writer: DiskWriter) -> None:
         self._path, self._every, self._disk_writer = path, every, disk_writer
@@ -54,13 +45,7 @@ class CheckpointWriter:
                 self._idle.set()
 
     def write_now(self, identifier: Identifier, progress: ProgressEntries) -> None:
-        """Write a checkpoint and wait for it.
-
-        Raises
-        ------
-        CheckpointError
-            If it cannot be written; the file is then unchanged.
-        """
+        """Write a checkpoint and wait for it."""
         write(self._path, encode(vars(identifier), progress))
 
     def _write(self, data: bytes) -> None:
@@ -73,15 +58,6 @@ class CheckpointWriter:
 def resume(path: Path, request: Request) -> Loaded | None:
     """Return what a checkpoint holds; None if there is no checkpoint yet.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the checkpoint was made with other options than ``request``.
-    CheckpointError
-        If it cannot be used, and there is no previous one.
-
-    Examples
-    --------
     >>> from replant.model.structure import Structure
     >>> resume(Path("no-such-file.replant"), Request(Structure(1), dt=0.1)) is None
     True

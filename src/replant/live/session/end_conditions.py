@@ -34,17 +34,7 @@ class Limits:
         return None if self.samples is None else max(self.samples - samples, 0)
 
     def reached(self, *, seconds: float, samples: int, trusted: bool) -> bool:
-        """Return whether the session has to end.
-
-        Parameters
-        ----------
-        seconds : float
-            Real time since the session began, in s.
-        samples : int
-            Samples taken so far.
-        trusted : bool
-            Whether the verdict is "trusted".
-        """
+        """Return whether the session has to end."""
         return (
             (self.seconds is not None and seconds >= self.seconds)
             or (self.samples is not None and samples >= self.samples)

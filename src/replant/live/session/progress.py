@@ -13,8 +13,7 @@ from replant.errors import DamagedCheckpointError
 from replant.live.session.rig_clock import RigClock
 
 COUNTER = "counter "  # prefix of a counter's name in a checkpoint
-LATEST = 1e300
-"""Bound of every time in a checkpoint [s]."""
+LATEST = 1e300  # bound of every time in a checkpoint [s]
 
 
 @dataclass
@@ -44,17 +43,7 @@ class Progress:
     earlier: dict[str, int] = field(default_factory=dict)
 
     def advance(self, batch: Batch, t: FloatArray | None, dt: float) -> FloatArray:
-        """Count the samples of a batch and return their rig time (K,) in s.
-
-        Parameters
-        ----------
-        batch : Batch
-            K samples, at least one.
-        t : (K,) array or None
-            Rig time in s; None on a regular clock, where it follows from the number of samples.
-        dt : float
-            Sampling time in s.
-        """
+        """Count the samples of a batch and return their rig time (K,) in s."""
         clock = np.asarray((self.taken + 1 + np.arange(batch.u.size)) * dt) if t is None else t
         self.taken += batch.u.size
         if t is None:
@@ -100,13 +89,6 @@ class Progress:
     def of(cls, entries: Mapping[str, int | float | str]) -> Progress:
         """Return the progress with the entries of a checkpoint, see `with_counters`.
 
-        Raises
-        ------
-        DamagedCheckpointError
-            If an entry is not of the type or size that a session writes.
-
-        Examples
-        --------
         >>> Progress.of(Progress(3, 0.5, 7).with_counters({"lost": 1}))
         Progress(taken=3, at=0.5, sequence=7, offset=0.0, candidate=None, alone=False, earlier={'lost': 1})
         """

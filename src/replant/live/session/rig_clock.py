@@ -8,8 +8,7 @@ from replant.arguments import FloatArray
 from replant.engine.state import GAP
 from replant.kernels.schema import FARTHEST, LEAP
 
-BACK = 1.0
-"""Step back of the stamps below which they are late samples, which the identifier rejects one by one [s]."""
+BACK = 1.0  # step back of the stamps below which they are late samples, which the identifier rejects one by one [s]
 
 
 class RigClock:
@@ -21,21 +20,6 @@ class RigClock:
     by more than `LEAP` sampling times, and the very first stamp, advance rig time only once the next stamp confirms
     them.  Every stamp is returned: the identifier applies the same rule, rejects samples and counts them.
 
-    Parameters
-    ----------
-    dt : float
-        Sampling time in s.
-    last : float
-        Rig time of the newest sample so far, in s; minus infinity if there is none.
-    offset : float
-        Rig time minus stamp, in s.
-    candidate : float or None
-        The previous stamp, if it leapt or lay far back.
-    alone : bool
-        Whether rig time is the very first stamp, and not confirmed yet.
-
-    Examples
-    --------
     >>> clock = RigClock(dt=0.1)
     >>> clock.follow(np.array([500.0, 500.1])), clock.offset
     (array([500. , 500.1]), 0.0)

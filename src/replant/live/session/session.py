@@ -30,26 +30,7 @@ from replant.operating_system.os_errors import refusal
 
 
 class Session:
-    """Learns the samples of a source as they arrive, and sends the estimates to the outputs.
-
-    Parameters
-    ----------
-    source : Source
-    identifier : Identifier
-    disk_writer : DiskWriter
-        Writes for the recorder and the checkpoints; the session closes it at the end.
-    notices : Notices
-    observer : Observer
-    sinks : sequence of Sink
-    recorder : ParquetRecorder or None
-    checkpoints : CheckpointWriter or None
-    limits : Limits, optional
-        None: the session ends with its source.
-    progress : Progress
-        Of the session that this one resumes.
-    ttl : float or None
-        Seconds for which "trusted" may stand without an accepted sample; None: see `time_to_live`.
-    """
+    """Learns the samples of a source as they arrive, and sends the estimates to the outputs."""
 
     def __init__(
         self,
@@ -80,19 +61,7 @@ class Session:
         self._verdict, self._excited = UNKNOWN, False
 
     def run(self) -> bool:
-        """Run until the stream ends, a limit is reached, or SIGINT or SIGTERM asks for the end.
-
-        Returns
-        -------
-        bool
-            Whether the verdict was "trusted" in the end, where that was to end the session; else True.
-
-        Raises
-        ------
-        ReplantError
-            If the source fails for good, or the system refuses what learning needs.  The session has then saved and
-            sent what it had learned.
-        """
+        """Run until the stream ends, a limit is reached, or SIGINT or SIGTERM asks for the end."""
         start = time.monotonic()
         if self.progress.sequence is not None:
             self.source.seek(self.progress.sequence)

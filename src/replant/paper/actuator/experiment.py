@@ -38,20 +38,13 @@ from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.runs.run import run_online
 from replant.settings import Request
 
-SAMPLES = 240_000
-"""Length of the article's record: 240 s at 1 kHz [samples]."""
-BUFFER = 240_000
-"""The article's buffer [samples]."""
-BATCH = 10
-"""The article's batch [samples]."""
-NOISE = 1e-3
-"""Standard deviation of the laser's noise [mm]."""
-CREEP = 5e-3
-"""Creep in every tenfold of time [mm]."""
-FORGETTING_RATE = 0.1
-"""The article's forgetting rate [1/s]."""
-POINTS = 1200
-"""Points of a curve in Figures 7 and 8, whose panels are small [count]."""
+SAMPLES = 240_000  # length of the article's record: 240 s at 1 kHz [samples]
+BUFFER = 240_000  # the article's buffer [samples]
+BATCH = 10  # the article's batch [samples]
+NOISE = 1e-3  # standard deviation of the laser's noise [mm]
+CREEP = 5e-3  # creep in every tenfold of time [mm]
+FORGETTING_RATE = 0.1  # the article's forgetting rate [1/s]
+POINTS = 1200  # points of a curve in Figures 7 and 8, whose panels are small [count]
 
 STRUCTURE = Structure(poles=3, zeros=1, bias=True)
 #: sigma_y, and sigma in the order a2, a1, a0, b1, b0, bias: a sigma of 10 makes the bias' constant the article's 0.1.
@@ -71,8 +64,7 @@ OPTIMIZERS: Mapping[str, Callable[[float], Optimizer]] = {
     "Adam": lambda gain: Adam(5e-5 * gain),
 }
 OFFLINE, NORMALISED, DEFAULT = "least squares", "normalised", "replant"
-FURTHER = 5
-"""Records, other than the experiment's own, that tell how much of the default's error is chance [count]."""
+FURTHER = 5  # records, other than the experiment's own, that tell how much of the default's error is chance [count]
 RUNS = len(FILTERS) * (len(OPTIMIZERS) * len(GAINS) + 1) + 1 + FURTHER
 
 NOTES = (
@@ -179,18 +171,7 @@ class Actuator:
     elsewhere: tuple[Row, ...]
 
     def row(self, method: str, variant: str = "", filters: str = "gbt") -> Row:
-        """Return one row.
-
-        Parameters
-        ----------
-        method, variant, filters : str
-            As in the attributes of `Row`.
-
-        Raises
-        ------
-        KeyError
-            If there is no such row.
-        """
+        """Return one row."""
         for row in self.rows:
             if (row.method, row.variant, row.filters) == (method, variant, filters):
                 return row
@@ -244,18 +225,7 @@ def fit_normalised(record: Record, filters: str) -> FloatArray:
 
 
 def identifier(record: Record, method: str, variant: str, filters: str) -> Identifier:
-    """Return the identifier of one run before its first sample.
-
-    Parameters
-    ----------
-    record : Record
-    method : str
-        A key of `OPTIMIZERS`.
-    variant : str
-        A key of `GAINS`.
-    filters : str
-        A key of `FILTERS`.
-    """
+    """Return the identifier of one run before its first sample."""
     return Identifier(
         STRUCTURE,
         record.rig.dt,
@@ -268,15 +238,7 @@ def identifier(record: Record, method: str, variant: str, filters: str) -> Ident
 
 
 def reproduce_actuator(record: Record | None = None, on_run: Callable[[], None] = lambda: None) -> Actuator:
-    """Run the experiment: every optimizer, configuration and filter, least squares, and replant's default.
-
-    Parameters
-    ----------
-    record : Record, optional
-        By default `measure_rig()`.
-    on_run : callable
-        Called after each of the `RUNS`.
-    """
+    """Run the experiment: every optimizer, configuration and filter, least squares, and replant's default."""
     record = measure_rig() if record is None else record
     offline = fit_offline(record, on_run)
     goals = {filters: fit_normalised(record, filters) for filters in FILTERS}

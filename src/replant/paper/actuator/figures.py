@@ -28,8 +28,7 @@ WINDOWS = {"c": (151.7 / 240.0, 157.7 / 240.0), "d": (155.1 / 240.0, 156.6 / 240
 #: The two columns of Figures 7 and 8.
 COLUMNS = {"fig7": ("Gradient", "IntegralCost"), "fig8": ("AMSGrad", "Adam")}
 
-TOLD_APART = 0.01
-"""Distance from which on two curves can be told apart [part of the true value]."""
+TOLD_APART = 0.01  # distance from which on two curves can be told apart [part of the true value]
 
 _MEASURED = {"color": GREY, "lw": 2.6, "alpha": 0.5}
 _MODEL = {"exact": {"color": VERMILION, "lw": 0.9}, "gbt": {"color": BLUE, "lw": 0.9, "ls": (0, (3, 1.5))}}
@@ -70,13 +69,6 @@ def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
 
     True values are dashed.  The estimate of normalised least squares with the same filters, to which these optimizers
     converge, is dotted, except where it coincides with the true value.
-
-    Parameters
-    ----------
-    name : {"fig7", "fig8"}
-    actuator : Actuator
-    filters : str
-        A key of `FILTERS`.
     """
     true = actuator.record.true
     canvas = blank_figure(7.0, 9.2)

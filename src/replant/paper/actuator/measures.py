@@ -22,8 +22,7 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.online.trace import Trace
 
-BAND = 0.1
-"""Distance within which an estimate counts as settled [part of the true value]."""
+BAND = 0.1  # distance within which an estimate counts as settled [part of the true value]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,16 +80,6 @@ class Measures:
 def measure(course: Course, true: Mapping[str, float], dt: float) -> Measures:
     """Return the measures of the first ``len(true)`` parameters of a course.
 
-    Parameters
-    ----------
-    course : Course
-    true : dict
-        True values by name, in the order of the parameters.
-    dt : float
-        Sampling time in s.
-
-    Examples
-    --------
     >>> course = Course(np.zeros(1), np.arange(1, 5), np.array([[1.0], [3.0], [2.1], [2.0]]), length=4)
     >>> found = measure(course, {"a0": 2.0}, dt=0.5)
     >>> found.index, found.error, found.settled      # J = 2^2 + 1^2 + 1^2 + 0.1^2

@@ -10,8 +10,7 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.online.trace import Trace
 
-POINTS = 2000
-"""Points of a curve: more than a panel has pixels, few enough for a small SVG [count]."""
+POINTS = 2000  # points of a curve: more than a panel has pixels, few enough for a small SVG [count]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,31 +50,12 @@ def thin(values: FloatArray, points: int = POINTS) -> npt.NDArray[np.intp]:
 
 
 def curve(values: FloatArray, dt: float, points: int = POINTS) -> Curve:
-    """Return a signal as a curve.
-
-    Parameters
-    ----------
-    values : (K,) array
-        Samples from time 0 on.
-    dt : float
-        Sampling time in s.
-    points : int
-        See `thin`.
-    """
+    """Return a signal as a curve."""
     kept = thin(values, points)
     return Curve(np.asarray(kept * dt, np.float64), values[kept])
 
 
 def transients(trace: Trace, dt: float, points: int = POINTS) -> dict[str, Curve]:
-    """Return each parameter's estimate over time, by name; at t_k that of (21), before the update of sample k.
-
-    Parameters
-    ----------
-    trace : Trace
-    dt : float
-        Sampling time in s.
-    points : int
-        See `thin`.
-    """
+    """Return each parameter's estimate over time, by name; at t_k that of (21), before the update of sample k."""
     before = trace.before()
     return {name: curve(before[:, i], dt, points) for i, name in enumerate(trace.names)}

@@ -12,15 +12,7 @@ from replant.plotting.palette import TRUE, open_frame
 
 
 def draw_panel(axis: Any, curves: Iterable[tuple[str, Curve, Mapping[str, Any]]], true: float) -> None:
-    """Draw labelled curves and the true value.
-
-    Parameters
-    ----------
-    axis : matplotlib axes
-    curves : iterable of (str, Curve, dict)
-        Label, curve, and style of each.
-    true : float
-    """
+    """Draw labelled curves and the true value."""
     for label, curve, style in curves:
         axis.plot(curve.t, curve.values, label=label, **style)
     axis.axhline(true, label="true value", **TRUE)
@@ -28,17 +20,7 @@ def draw_panel(axis: Any, curves: Iterable[tuple[str, Curve, Mapping[str, Any]]]
 
 
 def limit(axis: Any, curves: Sequence[Curve], true: float, begin: float) -> None:
-    """Set the limits of an axis to the range of the curves from a time on, with a margin.
-
-    Parameters
-    ----------
-    axis : matplotlib axes
-    curves : sequence of Curve
-    true : float
-        True value, which is shown as well.
-    begin : float
-        In s.
-    """
+    """Set the limits of an axis to the range of the curves from a time on, with a margin."""
     shown = np.concatenate([curve.values[curve.t >= begin] for curve in curves] + [[true]])
     low, high = float(shown.min()), float(shown.max())
     margin = 0.5 * (high - low) or 0.1 * abs(true)
@@ -49,13 +31,6 @@ def legend_above(canvas: Any, title: str, columns: int) -> None:
     """Write a title above all panels, and below it one legend of all curves.
 
     The legend is filled column by column; blank entries at its end keep matplotlib from distributing them evenly.
-
-    Parameters
-    ----------
-    canvas : matplotlib.figure.Figure
-    title : str
-    columns : int
-        Of the legend.
     """
     from matplotlib.lines import Line2D
 

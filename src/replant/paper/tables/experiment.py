@@ -25,23 +25,6 @@ from replant.signals import square
 class Plant:
     """A simulated plant under a square wave, section 3 of the article.
 
-    Parameters
-    ----------
-    num, den : tuple of float
-        G(s), descending powers of s; den monic, num of lower order.
-    dt : float
-        Sampling time in s.
-    duration : float
-        Length of the record in s.
-    period : float
-        Of the square wave, in s.
-    amplitude : float
-        Of the square wave.
-    drift : float
-        Slope of the disturbance on the output, (23), in units of y per second.
-
-    Examples
-    --------
     >>> plant = Plant(num=(1.25,), den=(1.0, 0.5), dt=1e-3, duration=10.0, period=1.25)
     >>> plant.samples, plant.true
     (10000, {'a0': 0.5, 'b0': 1.25})
@@ -85,19 +68,7 @@ class Plant:
 
 @dataclass(frozen=True)
 class Experiment:
-    """One row of a table: a plant and the settings under which it is identified.
-
-    Parameters
-    ----------
-    plant : Plant
-    filter : StateVariableFilter
-    scaling : Scaling or None
-    optimizer : Optimizer
-    replay : Replay, optional
-        Its seed is set by `run`.
-    bias : bool
-        Extend the regressor by a constant, (24).
-    """
+    """One row of a table: a plant and the settings under which it is identified."""
 
     plant: Plant
     filter: StateVariableFilter
@@ -131,16 +102,7 @@ class Experiment:
 
 
 def trace(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> Trace:
-    """Run an experiment; return the estimate after every sample.
-
-    Parameters
-    ----------
-    experiment : Experiment
-    seed : int
-        Of the replay buffer; without effect if there is none.
-    record : tuple of two (K,) arrays, optional
-        Input and output, by default ``experiment.plant.record()``.
-    """
+    """Run an experiment; return the estimate after every sample."""
     u, y = experiment.plant.record() if record is None else record
     return experiment.identifier(seed).update_many(u, y)
 
@@ -148,16 +110,7 @@ def trace(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, Float
 def run_seeds(
     experiment: Experiment, seeds: Iterable[int], record: tuple[FloatArray, FloatArray]
 ) -> list[dict[str, float]]:
-    """Run an experiment with several seeds at once; return the performance indices of each.
-
-    Parameters
-    ----------
-    experiment : Experiment
-    seeds : iterable of int
-        Of the replay buffer.
-    record : tuple of two (K,) arrays
-        Input and output.
-    """
+    """Run an experiment with several seeds at once; return the performance indices of each."""
     ensemble = Ensemble([experiment.identifier(seed) for seed in seeds])
     return [experiment.indices(trace) for trace in ensemble.trace(*record)]
 
@@ -165,16 +118,6 @@ def run_seeds(
 def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> dict[str, float]:
     """Run an experiment; return its performance indices by name: "J_a0", ..., "J_sum".
 
-    Parameters
-    ----------
-    experiment : Experiment
-    seed : int
-        Of the replay buffer; without effect if there is none.
-    record : tuple of two (K,) arrays, optional
-        Input and output, by default ``experiment.plant.record()``.
-
-    Examples
-    --------
     >>> from replant.paper.tables.published import TABLES
     >>> indices = run(TABLES["table1"].row("Gradient, no buffer").experiment)
     >>> {name: f"{value:.2e}" for name, value in indices.items()}

@@ -114,8 +114,7 @@ def _amplitudes() -> Sequence[Line]:
 
 _FIRST_ORDER = {"a0": "1/s", "b0": "1/s"}
 _SECOND_ORDER = {"a1": "1/s", "a0": "1/s²", "b1": "1/s", "b0": "1/s²"}
-_DOTTED = (0, (1, 1))
-"""Dashes of a dotted line [line widths]."""
+_DOTTED = (0, (1, 1))  # dashes of a dotted line [line widths]
 
 #: Figures 1 to 4 by name.
 FIGURES = {

@@ -68,13 +68,7 @@ class Table:
     improvement: Improvement | None = None
 
     def row(self, label: str) -> Row:
-        """Return the row with this label.
-
-        Raises
-        ------
-        KeyError
-            If there is none.
-        """
+        """Return the row with this label."""
         for row in self.rows:
             if row.label == label:
                 return row

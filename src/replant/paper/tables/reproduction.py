@@ -16,8 +16,7 @@ from replant.fleet.sweep import sweep
 from replant.paper.tables.experiment import run_seeds
 from replant.paper.tables.published import Row, Table
 
-SEEDS = 20
-"""Runs of a row with a replay buffer: seeds 0 to 19 [count]."""
+SEEDS = 20  # runs of a row with a replay buffer: seeds 0 to 19 [count]
 
 LIMIT = 3.0
 """Distance of a published figure of one run from the mean of ours up to which they agree [standard deviations]."""
@@ -120,18 +119,6 @@ def reproduce(
 ) -> TableResult:
     """Run every experiment of a table.
 
-    Parameters
-    ----------
-    table : Table
-    seeds : int
-        Runs of each row with a buffer, at least 2.
-    on_run : callable, optional
-        Called after each of the `runs`, to show progress.
-    executor : Executor or str, optional
-        Where the runs are made, see `replant.fleet.fit`; the figures do not depend on it.
-
-    Examples
-    --------
     >>> from replant.paper.tables.published import TABLES
     >>> reproduce(TABLES["table2"])["AMSGrad, amplitude 0.1"]["J_b0"].verdict
     'equal'

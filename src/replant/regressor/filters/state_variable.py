@@ -79,15 +79,7 @@ class Filter:
         return None
 
     def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
-        """Return the fixed filter that this is where the estimate's denominator (n + 1,), monic, is this one.
-
-        Parameters
-        ----------
-        denominator : (n + 1,) array
-            A(s).
-        dt : float
-            Sampling time in s.
-        """
+        """Return the fixed filter that this is where the estimate's denominator (n + 1,), monic, is this one."""
         raise NotImplementedError
 
     def check(self, structure: Structure) -> None:

@@ -95,17 +95,7 @@ def _band(result: Result, omega: FloatArray, magnitude: FloatArray, phase: Float
 
 
 def finish_bode(top: Any, bottom: Any, omega: FloatArray, magnitude: FloatArray, phase: FloatArray) -> None:
-    """Set limits and ticks of a Bode diagram, so that all of ``magnitude`` in dB and ``phase`` in degrees is seen.
-
-    Parameters
-    ----------
-    top, bottom : matplotlib axes
-        Of magnitude and phase.
-    omega : array
-        Angular frequencies in rad/s, of which the first and the last are the limits.
-    magnitude, phase : arrays
-        In dB and degrees.
-    """
+    """Set limits and ticks of a Bode diagram, so that all of ``magnitude`` in dB and ``phase`` in degrees is seen."""
     from matplotlib.ticker import MaxNLocator, MultipleLocator
 
     span = float(np.ptp(phase))

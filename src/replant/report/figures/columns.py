@@ -13,21 +13,11 @@ from replant.data.inspection.columns import Column
 from replant.report.figures import style
 from replant.runs.thinning import thin
 
-MOST = 12
-"""Columns that are drawn [count]."""
+MOST = 12  # columns that are drawn [count]
 
 
 def draw_columns(found: Inspection) -> Any:
-    """Draw the columns of numbers of a log over time, or over samples where the log has no time column.
-
-    Parameters
-    ----------
-    found : Inspection
-
-    Returns
-    -------
-    array of one axis for each column, at most `MOST` of them
-    """
+    """Draw the columns of numbers of a log over time, or over samples where the log has no time column."""
     drawn = columns_drawn(found)
     axes = style.new_axes(len(drawn), 1, (9, 0.8 + 1.5 * len(drawn)), sharex=True)[:, 0]
     known = found.clock is not None and not math.isnan(found.clock.dt)
@@ -52,13 +42,7 @@ def columns_drawn(found: Inspection) -> list[Column]:
 
 
 def save_columns(folder: Path, found: Inspection) -> Path | None:
-    """Draw the columns as ``columns.png`` and return its path; None if there is none to draw.
-
-    Raises
-    ------
-    MissingDependencyError
-        If matplotlib is not installed.
-    """
+    """Draw the columns as ``columns.png`` and return its path; None if there is none to draw."""
     if not columns_drawn(found):
         return None
     path = folder / "columns.png"

@@ -13,10 +13,8 @@ from replant.report.figures import style
 from replant.runs.thinning import thin
 from replant.statistics.correlations import BAND_95, BAND_99, Correlations
 
-WIDE = 0.2
-"""Correlation that can be seen on an axis that reaches to 1 [number]."""
-FEW = 60
-"""Lags that can be told apart as stems [count]."""
+WIDE = 0.2  # correlation that can be seen on an axis that reaches to 1 [number]
+FEW = 60  # lags that can be told apart as stems [count]
 
 
 def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None) -> Any:

@@ -20,19 +20,7 @@ from replant.runs.result import Result
 def draw_models(
     models: Mapping[str, Model], results: Mapping[str, Result], log: Log, best: str, axes: Any = None
 ) -> Any:
-    """Draw outputs, step responses, magnitudes and poles of all models; return four axes.
-
-    Parameters
-    ----------
-    models : dict of Model
-    results : dict of Result
-        Their outputs over the log.
-    log : Log
-    best : str
-        The model whose response sets the limits of the axes.
-    axes : four matplotlib axes, optional
-        Drawn into; without them a figure is made.
-    """
+    """Draw outputs, step responses, magnitudes and poles of all models; return four axes."""
     drawn = style.new_axes(2, 2, (11.0, 7.0)) if axes is None else axes
     output, step, magnitude, poles = given_axes("axes", drawn, 4)
     tail, phase = given_axes("axes", style.new_axes(2, 1, (4.0, 3.0)), 2)  # not shown

@@ -12,10 +12,8 @@ from replant.report.figures import style
 from replant.runs.result import Result
 from replant.runs.thinning import thin
 
-WIDEST = 1.5
-"""How far a panel reaches about the reference at the least [part of its size]."""
-DEFAULT_SIZE = (9.0, 1.9, 1.7)
-"""Width, height of a row, height of the rest [inches]."""
+WIDEST = 1.5  # how far a panel reaches about the reference at the least [part of its size]
+DEFAULT_SIZE = (9.0, 1.9, 1.7)  # width, height of a row, height of the rest [inches]
 
 
 def draw_overlay(
@@ -95,15 +93,7 @@ def _draw(axis: Any, result: Result, i: int, dt: float, end: float, name: str, c
 
 
 def limits(others: Sequence[Result], reference: Result, i: int) -> tuple[float, float]:
-    """Return the limits of a panel: the reference is shown completely, the others as far as they stay near it.
-
-    Parameters
-    ----------
-    others : sequence of Result
-    reference : Result
-    i : int
-        Index of the parameter.
-    """
+    """Return the limits of a panel: the reference is shown completely, the others as far as they stay near it."""
     low, high = _settled(reference, i)
     middle = float(reference.parameters[i])
     ends = [abs(float(other.parameters[i]) - middle) for other in others]

@@ -76,17 +76,6 @@ def usable_uncertainty(result: Result) -> Uncertainty | None:
 def zero_covariance(num: FloatArray, covariance: FloatArray, zero: complex) -> FloatArray:
     """Return the covariance (2, 2) of a zero's real and imaginary part: N(z) = 0 gives dz/db_i = -z^i / N'(z).
 
-    Parameters
-    ----------
-    num : (m + 1,) array
-        Numerator N, descending powers of s.
-    covariance : (m + 1, m + 1) array
-        Of ``num``.
-    zero : complex
-        In rad/s.
-
-    Examples
-    --------
     >>> zero_covariance(np.array([2.0, 4.0]), np.diag([0.0, 0.16]), -2.0)   # b0 / b1, b0 off by 0.4
     array([[0.04, 0.  ], [0.  , 0.  ]])
     """

@@ -18,8 +18,7 @@ from replant.runs.record_clock import Clock
 from replant.runs.result import Result
 from replant.runs.thinning import thin
 
-LAST = 10
-"""Of a record one in so many samples, the last ones, is drawn apart [samples]."""
+LAST = 10  # of a record one in so many samples, the last ones, is drawn apart [samples]
 AROUND_DB, AROUND_DEGREES = 20.0, 90.0
 """How far the axes reach beyond the response of the reference at the most [dB, degrees]."""
 

@@ -13,14 +13,11 @@ from replant.report.figures import style
 
 SEGMENTS = 8
 """Stretches of the record, half overlapping, over whose periodograms the measured spectrum is the mean [count]."""
-SHORTEST = 64
-"""Samples that a stretch needs [samples]."""
-POINTS = 300
-"""Points of the model's curve [count]."""
+SHORTEST = 64  # samples that a stretch needs [samples]
+POINTS = 300  # points of the model's curve [count]
 ABOVE_LEGEND = 20.0
 """Distance of the title from the axis: the legend is between them, as side by side they touch [points]."""
-DECADES = 3.0
-"""Decades below half the sampling rate that are shown [decades]."""
+DECADES = 3.0  # decades below half the sampling rate that are shown [decades]
 
 
 def periodogram(residual: FloatArray, dt: float) -> tuple[FloatArray, FloatArray] | None:

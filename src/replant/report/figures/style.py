@@ -25,34 +25,20 @@ DASHES: tuple[Any, ...] = (
 )  # fmt: skip
 #: Colour and dashes of each of many curves; dashes, because in grey colours are not enough.
 LINES = tuple((COLOURS[i % 6], DASHES[(i + (0, 3, 1, 4, 2, 5)[i // 6]) % 6]) for i in range(36))
-SIGMAS = 2.0
-"""Half-width of every band [standard deviations]."""
+SIGMAS = 2.0  # half-width of every band [standard deviations]
 NO_EXCITATION, NO_CONDITION = 1e-12, 1e10
 """Eigenvalue below which, and condition number beyond which, figures are round-off [number]."""
-SHOWN = 3_000
-"""Points of a curve; beyond it min and max of each stretch stand for the stretch [count]."""
-SHOWN_SMALL = 1_000
-"""The same in a panel of half the width [count]."""
-LEVEL = 1e-9
-"""Movement below which a signal stands still [part of its size]."""
-FARTHEST = 1e30
-"""Farthest that an axis reaches: what diverged is not worth more [number]."""
+SHOWN = 3_000  # points of a curve; beyond it min and max of each stretch stand for the stretch [count]
+SHOWN_SMALL = 1_000  # the same in a panel of half the width [count]
+LEVEL = 1e-9  # movement below which a signal stands still [part of its size]
+FARTHEST = 1e30  # farthest that an axis reaches: what diverged is not worth more [number]
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def new_axes(rows: int, columns: int, size: tuple[float, float], **options: Any) -> Any:
-    """Return an array (rows, columns) of axes on a new figure.
-
-    Parameters
-    ----------
-    rows, columns : int
-    size : tuple of two floats
-        Width and height in inches.
-    **options
-        Passed on to `matplotlib.figure.Figure.subplots`.
-    """
+    """Return an array (rows, columns) of axes on a new figure."""
     return blank_figure(*size).subplots(rows, columns, squeeze=False, **options)
 
 
@@ -141,14 +127,6 @@ def symbol(name: str) -> str:
 def symbols(structure: Structure, input_label: str, output_label: str) -> list[str]:
     """Return each parameter's symbol with its unit, in the order of the names.
 
-    Parameters
-    ----------
-    structure : Structure
-    input_label, output_label : str
-        With the unit in brackets at the end; b has a unit only if both signals have one.
-
-    Examples
-    --------
     >>> symbols(Structure(poles=2), "voltage [V]", "speed [rpm]")
     ['a₁ [1/s]', 'a₀ [1/s²]', 'b₀ [rpm/V/s²]']
     """
@@ -229,16 +207,7 @@ def settled_limits(values: FloatArray, extra: Sequence[float] = ()) -> tuple[flo
 
 
 def near_the_end(values: FloatArray, std: FloatArray | None, true: float | None) -> list[float]:
-    """Return the values that the limits must show besides the estimate: its last band, and the true value.
-
-    Parameters
-    ----------
-    values : (H,) array
-        The estimate over time.
-    std : (H,) array or None
-        Its standard deviation.
-    true : float or None
-    """
+    """Return the values that the limits must show besides the estimate: its last band, and the true value."""
     shown = [] if true is None else [true]
     if std is not None and values.size and math.isfinite(std[-1]):
         last, half = float(values[-1]), SIGMAS * min(float(std[-1]), FARTHEST)

@@ -9,8 +9,7 @@ from replant.report.figures.correlation import reach
 from replant.report.html.report_data import Material
 from replant.report.number_format import complex_number, number, percent
 
-SEEN = 0.01
-"""Part of the record below which a stretch cannot be seen in a picture [part of the record]."""
+SEEN = 0.01  # part of the record below which a stretch cannot be seen in a picture [part of the record]
 
 
 def of_fit(material: Material) -> str:

@@ -17,21 +17,7 @@ from replant.report.number_format import percent
 
 
 def write_models(path: Path, comparison: ModelComparison, command: str = "") -> Path:
-    """Write a comparison of models into one self-contained HTML file, and return its path.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write; its folder is created if missing.
-    comparison : ModelComparison
-    command : str
-        The command line that makes it again.
-
-    Raises
-    ------
-    MissingDependencyError
-        If matplotlib is not installed.
-    """
+    """Write a comparison of models into one self-contained HTML file, and return its path."""
     log, contenders = comparison.log, comparison.contenders
     body = [
         section("", f'<p class="claim">{html.escape(claim(comparison))}</p>', _table(comparison), _reasons(comparison)),

@@ -35,25 +35,7 @@ from replant.runs.comparison import Contender, best
 def write_comparison(
     path: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess, command: str = ""
 ) -> Path:
-    """Write the comparison into one self-contained HTML file, and return its path.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write; its folder is created if missing.
-    contenders : sequence of Contender
-        At least one with a result.
-    log : Log
-    preprocess : Preprocess
-        Its input map determines the units.
-    command : str
-        The command line that reproduces the comparison.
-
-    Raises
-    ------
-    MissingDependencyError
-        If matplotlib is not installed.
-    """
+    """Write the comparison into one self-contained HTML file, and return its path."""
     plant_label = style.mapped_label(log.input_name, preprocess.input_map)
     structure = next(entry.result.structure for entry in contenders if entry.result is not None)
     labels = style.symbols(structure, plant_label, log.output_name)

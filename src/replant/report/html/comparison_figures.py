@@ -110,23 +110,7 @@ def _ends(results: Mapping[str, Result], i: int) -> str:
 
 
 def save_figures(folder: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess) -> list[Path]:
-    """Draw outputs, Bode diagrams and estimates over time of all methods into PNG files, and return their paths.
-
-    Parameters
-    ----------
-    folder : Path
-        Created if missing.
-    contenders : sequence of Contender
-        At least one with a result.
-    log : Log
-    preprocess : Preprocess
-        Its input map determines the units.
-
-    Raises
-    ------
-    MissingDependencyError
-        If matplotlib is not installed.
-    """
+    """Draw outputs, Bode diagrams and estimates over time of all methods into PNG files, and return their paths."""
     results, first = results_of(contenders), best(contenders)
     plant_label = style.mapped_label(log.input_name, preprocess.input_map)
     labels = {"input_label": plant_label, "output_label": log.output_name}

@@ -17,13 +17,7 @@ HEADINGS = ("log", "simulated", "one step", "offset", "residual beyond its limit
 
 
 def section(validations: Sequence[tuple[str, Validation]]) -> str:
-    """Return the section; empty without another log.
-
-    Parameters
-    ----------
-    validations : sequence of (str, Validation)
-        By the name of the log.
-    """
+    """Return the section; empty without another log."""
     if not validations:
         return ""
     found = tables.table(HEADINGS, [_row(*each) for each in validations], "Validation on other logs", "table wide")

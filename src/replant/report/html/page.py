@@ -59,17 +59,7 @@ def heading(title: str) -> str:
 
 
 def write_page(path: Path, *, title: str, eyebrow: str, lede: str, body: str) -> Path:
-    """Write a page without scripts into one self-contained file, and return its path.
-
-    Parameters
-    ----------
-    path : Path
-        Its folder is created if missing.
-    title, eyebrow, lede : str
-        Plain text: the heading, the line above it, and the paragraph below it.
-    body : str
-        HTML.
-    """
+    """Write a page without scripts into one self-contained file, and return its path."""
     page = Template(asset("page.html")).substitute(
         title=html.escape(title),
         heading=heading(title),
@@ -90,17 +80,7 @@ def icon(gravity: str) -> str:
 
 
 def section(name: str, *parts: str, anchor: str = "") -> str:
-    """Return a section of a page.
-
-    Parameters
-    ----------
-    name : str
-        Its heading; empty for none.
-    *parts : str
-        HTML.
-    anchor : str
-        Target of links to the section.
-    """
+    """Return a section of a page."""
     title = f"<h2>{html.escape(name)}</h2>" if name else ""
     place = f' id="{html.escape(anchor)}"' if anchor else ""
     return f"<section{place}>{title}{''.join(parts)}</section>"

@@ -17,10 +17,8 @@ from replant.runs.overview import POINTS
 from replant.runs.record_clock import Clock
 from replant.runs.thinning import Thinned, thin
 
-PARAMETER_POINTS = 120_000
-"""Points of all transients together [count]."""
-LARGEST = 3e38
-"""What float32 holds [number]."""
+PARAMETER_POINTS = 120_000  # points of all transients together [count]
+LARGEST = 3e38  # what float32 holds [number]
 
 
 def charts(material: Material) -> dict[str, list[dict[str, Any]]]:

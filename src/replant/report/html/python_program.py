@@ -12,8 +12,7 @@ from replant.regressor.scaling import Scaling
 from replant.runs.result import Result
 from replant.settings import Settings
 
-WIDEST = 88
-"""Width of a line [characters]."""
+WIDEST = 88  # width of a line [characters]
 
 
 def identifier_as_python(settings: Settings) -> str:

@@ -48,8 +48,7 @@ DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
 CONTRADICTED = '<p class="note">The samples contradict this model: see the verdict above.</p>'
 
 
-BESIDE = 3
-"""Poles up to which G(s) is short enough to stand beside the figures [count]."""
+BESIDE = 3  # poles up to which G(s) is short enough to stand beside the figures [count]
 
 
 def write_report(
@@ -67,36 +66,7 @@ def write_report(
     validations: Sequence[tuple[str, Validation]] = (),
     advice: tuple[str, str] | None = None,
 ) -> Path:
-    """Write the report of ``result`` into one self-contained HTML file, and return its path.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write; its folder is created if missing.
-    result : Result
-    log : Log
-        The record of the result; of a simulated record ``log.path`` need not exist.
-    filter, preprocess : optional
-        Those of an offline fit; an online run has them in its settings.
-    truth : (P,) sequence, optional
-        True parameters, of a simulated plant.
-    command, python : str
-        A command line and a Python program that reproduce the result.  By default the program is generated from the
-        settings of an online run.
-    title : str
-        By default the file's name.
-    candidates : (headings, rows, rest), optional
-        The structures that a search found worth reading, in words, and what is to be said of the others.
-    validations : sequence of (str, Validation)
-        The model's validations on other logs, by their names.
-    advice : (words, command), optional
-        What to do next.
-
-    Raises
-    ------
-    MissingDependencyError
-        If matplotlib, which the extra ``report`` installs, or uPlot is missing.
-    """
+    """Write the report of ``result`` into one self-contained HTML file, and return its path."""
     settings = result.settings
     if settings is not None:
         filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001

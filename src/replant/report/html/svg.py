@@ -21,10 +21,8 @@ from replant.report.figures import (
 from replant.report.figures.over_time import draw_transients
 from replant.report.html.report_data import Material
 
-HALF, WHOLE = 4.5, 7.4
-"""Half and whole width of the page [inches]."""
-MOST_TRANSIENTS = 6
-"""Transients in a picture, so that each fits on a sheet of paper [count]."""
+HALF, WHOLE = 4.5, 7.4  # half and whole width of the page [inches]
+MOST_TRANSIENTS = 6  # transients in a picture, so that each fits on a sheet of paper [count]
 
 # the variables of the page's style sheet, by the figures' colours
 _VARIABLES = {
@@ -130,16 +128,7 @@ def spectrum_picture(material: Material) -> str:
 
 
 def svg(figure: Any, name: str, *, themed: bool = True) -> str:
-    """Return a matplotlib figure as an ``svg`` element.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    name : str
-        Prefix of the element's ids, so that they differ from those of other figures.
-    themed : bool
-        Whether the colours follow the page, or stay as drawn.
-    """
+    """Return a matplotlib figure as an ``svg`` element."""
     import matplotlib as mpl
 
     buffer = io.StringIO()

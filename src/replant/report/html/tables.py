@@ -33,18 +33,7 @@ PACKAGES = ("replant", "numpy", "scipy", "matplotlib")
 
 
 def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kind: str = "table") -> str:
-    """Return a table whose first column holds the row headings.
-
-    Parameters
-    ----------
-    headings : sequence of str
-    rows : iterable of sequences of str
-        Plain text, which is escaped, or `Html`.
-    name : str
-        The table's name for screen readers.
-    kind : str
-        Classes of the style sheet.
-    """
+    """Return a table whose first column holds the row headings."""
     head = "".join(f'<th scope="col">{_escaped(heading)}</th>' for heading in headings)
     body = "".join(
         f'<tr><th scope="row">{_escaped(first)}</th>' + "".join(f"<td>{_escaped(cell)}</td>" for cell in rest) + "</tr>"

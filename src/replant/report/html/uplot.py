@@ -19,13 +19,7 @@ UPLOT_PYTHON = "uPlot.iife.js", "uPlot.min.css"
 
 @cache
 def uplot() -> tuple[str, str]:
-    """Return uPlot's script and style sheet.
-
-    Raises
-    ------
-    MissingDependencyError
-        If the build could not fetch them, and uplot-python is not installed either.
-    """
+    """Return uPlot's script and style sheet."""
     own = resources.files("replant.report").joinpath("assets", "uplot")
     places = [(own, OWN)]
     spec = importlib.util.find_spec("uplot")  # need not be imported for its files

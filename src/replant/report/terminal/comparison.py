@@ -14,8 +14,7 @@ from replant.runs.comparison import Contender, best
 
 OUTCOME = ("verdict", "simulated", "one step", "time")
 VERDICT = 1 + OUTCOME.index("verdict")  # its column, behind the method's
-GAP = 2
-"""Spaces between columns of the terminal's table [columns]."""
+GAP = 2  # spaces between columns of the terminal's table [columns]
 
 
 def as_json(contenders: Sequence[Contender]) -> dict[str, Any]:
@@ -51,14 +50,6 @@ def print_comparison(console: Any, contenders: Sequence[Contender], structure: S
     """Print a table with a row for each method, that of the best simulated fit in bold.
 
     On a narrow terminal the columns are printed in several blocks.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-    contenders : sequence of Contender
-    structure : Structure
-    samples : int
-        Length of the record.
     """
     from rich.cells import cell_len
 

@@ -15,14 +15,10 @@ from replant.identified.model_json import finite
 from replant.report.number_format import duration, interval
 from replant.report.terminal.summary import wrapped
 
-FEW = 8
-"""Different values up to which their number is shown [count]."""
-LISTED = 30
-"""Columns that the table shows [count]."""
-STEADY = 1e-3
-"""Jitter below which it is not worth a number [part of dt]."""
-INDENT = 11
-"""Indent of the text below the table [columns]."""
+FEW = 8  # different values up to which their number is shown [count]
+LISTED = 30  # columns that the table shows [count]
+STEADY = 1e-3  # jitter below which it is not worth a number [part of dt]
+INDENT = 11  # indent of the text below the table [columns]
 NOTHING = "-"
 HEADINGS = ("column", "type", "min", "max", "missing", "smallest step", "looks like")
 RIGHT = ("min", "max", "missing")
@@ -105,26 +101,14 @@ def looks_like(column: Column, found: Inspection) -> str:
 
 
 def print_look(console: Any, found: Inspection) -> None:
-    """Print columns, clock, guesses and the suggested command.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-    found : Inspection
-    """
+    """Print columns, clock, guesses and the suggested command."""
     print_findings(console, found)
     console.print()
     _say(console, command_of(found) or "No command to suggest: name two columns with --input and --output.")
 
 
 def print_findings(console: Any, found: Inspection) -> None:
-    """Print the same without the command.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-    found : Inspection
-    """
+    """Print the same without the command."""
     rows = _counted(found.rows, "row")
     if not found.contents.whole:
         rows = f"the first {found.rows:,} of about {max(found.rows, found.table.approximate_rows):,} rows"

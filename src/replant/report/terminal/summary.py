@@ -17,8 +17,7 @@ from replant.report.verdict_words import colour_of
 from replant.runs.record_clock import Clock
 from replant.runs.result import Result
 
-REASON_INDENT = 9
-"""Indent of the reasons, below the figures [columns]."""
+REASON_INDENT = 9  # indent of the reasons, below the figures [columns]
 
 
 def as_json(result: Result) -> dict[str, Any]:
@@ -41,19 +40,7 @@ def record_line(samples: int, dt: float, seconds: float) -> str:
 def print_result(
     console: Any, result: Result, *, truth: TransferFunction | None = None, record: str = "", lead: str = ""
 ) -> None:
-    """Print G(s), coefficients, poles, fit and verdict.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-    result : Result
-    truth : TransferFunction, optional
-        The true model, of a simulated plant.
-    record : str
-        The size of the record, as `record_line` writes it.
-    lead : str
-        What to do by the verdict, in a few words.
-    """
+    """Print G(s), coefficients, poles, fit and verdict."""
     console.print()
     if result.parameters.any():
         _print_model(console, result.model, truth)

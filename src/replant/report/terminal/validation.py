@@ -13,14 +13,7 @@ from replant.report.terminal.summary import print_verdict
 
 
 def as_json(validation: Validation, source: str) -> dict[str, Any]:
-    """Return the JSON object of a validation; figures that are not known become null.
-
-    Parameters
-    ----------
-    validation : Validation
-    source : str
-        Name of the log.
-    """
+    """Return the JSON object of a validation; figures that are not known become null."""
     auto, cross = validation.outside
     by_frequency = validation.by_frequency
     return {
@@ -35,15 +28,7 @@ def as_json(validation: Validation, source: str) -> dict[str, Any]:
 
 
 def print_validation(console: Any, validation: Validation, source: str) -> None:
-    """Print a validation: fits, offset, tests of the residual, and the verdict in words.
-
-    Parameters
-    ----------
-    console : rich.console.Console
-    validation : Validation
-    source : str
-        Name of the log.
-    """
+    """Print a validation: fits, offset, tests of the residual, and the verdict in words."""
     console.print(f"\nOn {source}", highlight=False, markup=False, style="bold")
     simulated, one_step = (percent(fit, ascii_only=True) for fit in (validation.fit, validation.one_step))
     console.print(f"Fit      {simulated} {validation.how}, {one_step} one step ahead", highlight=False)
