@@ -119,7 +119,10 @@ class JudgingObserver(FakeObserver):
     def hand_over(self, identifier: rp.Identifier, info: SessionInfo, *, learned: bool) -> bool:
         assessment = identifier.assess()
         self.view = self.last = SimpleNamespace(
-            verdict=assessment.status, excited=assessment.excited, std=identifier.uncertainty.std
+            verdict=assessment.status,
+            excited=assessment.excited,
+            parameters=identifier.parameters,
+            std=identifier.uncertainty.std,
         )
         return super().hand_over(identifier, info, learned=learned)
 

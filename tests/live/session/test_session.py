@@ -30,7 +30,7 @@ def learned(u: np.ndarray, y: np.ndarray, t: np.ndarray | None = None) -> bytes:
 
 
 def view(verdict: str, *, excited: bool = True) -> Any:
-    return SimpleNamespace(verdict=verdict, excited=excited, std=np.array([0.25, 0.5]))
+    return SimpleNamespace(verdict=verdict, excited=excited, parameters=np.full(2, np.nan), std=np.array([0.25, 0.5]))
 
 
 # --- what is learned
@@ -197,6 +197,24 @@ def test_estimates_carry_the_newest_verdict_and_the_last_one_always_goes_out() -
     np.testing.assert_array_equal(last.parameters, session.identifier.parameters)
     np.testing.assert_array_equal(last.std, [0.25, 0.5])
     assert [estimate.samples for estimate in slow.sent] == [sink.sent[0].samples, u.size, u.size]
+
+
+def test_a_verdict_is_of_the_model_that_was_judged() -> None:
+    """An estimate that has moved since, beyond what its standard deviations allow, is another one."""
+    u, y = record()
+    told = {}
+    for moved in (3.0, 5.0):
+        ident = rp.Identifier(**vars(REQUEST))
+        ident.update_many(u, y)
+        std = np.array([0.25, 0.5])
+        judged = SimpleNamespace(
+            verdict="trusted", excited=True, parameters=ident.parameters + [0.0, moved * std[1]], std=std
+        )
+        sink = FakeSink()
+        session, _ = make(FakeSource(u, y), observer=FakeObserver(judged), sinks=[sink])
+        session.run()
+        told[moved] = (sink.sent[-2].verdict, sink.sent[-2].excited, np.isnan(sink.sent[-2].std).all())
+    assert told == {3.0: ("trusted", True, False), 5.0: (UNKNOWN, False, True)}
 
 
 def test_that_the_input_rests_is_sent_though_the_verdict_stays() -> None:

@@ -46,7 +46,8 @@ class EstimateMessage:
     parameters : (P,) array
         NaN until there is a first model.
     std : (P,) array
-        Standard deviations.  They and the verdict may be tenths of a second older than the sample.
+        Standard deviations.  They and the verdict may be tenths of a second older than the sample; NaN and "unknown"
+        where the estimate has moved since by more than they allow.
     status : {"starting", "running", "diverged", "waiting", "ended"}
         "waiting" while no sample is accepted, "ended" when the session is over.
     verdict : str

@@ -10,10 +10,11 @@ from dataclasses import replace
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.assessment.estimate_tests import MOVED_SIGMAS
 from replant.data.streams import Batch, Source
 from replant.errors import CheckpointError, InvalidArgumentError, SystemRefusedError
 from replant.live.observer.client import Observer
-from replant.live.observer.view import SessionInfo
+from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import UNKNOWN, EstimateMessage, time_to_live
 from replant.live.outputs.notices import Notices
@@ -183,12 +184,17 @@ class Session:
             self._notices.say(subject, f"replant: {subject}: {reason}; identification continues")
 
     def _update_verdict(self) -> None:
-        """Take the newest verdict from the observer; a new verdict is sent even if no sample comes."""
-        view = self._observer.view
-        before = self._verdict, self._excited
+        """Take the newest verdict on the present model; a new verdict is sent even if no sample comes."""
+        view, before = self._view, (self._verdict, self._excited)
         self._verdict, self._excited = (UNKNOWN, False) if view is None else (view.verdict, view.excited)
         if (self._verdict, self._excited) != before and self.progress.taken:
             self._publisher.mark()
+
+    @property
+    def _view(self) -> View | None:
+        """The newest view; None where it speaks of another model."""
+        view = self._observer.view
+        return view if view is not None and is_of(view, self.identifier.parameters) else None
 
     def _flush_record(self) -> None:
         if self._recorder is not None:
@@ -200,7 +206,7 @@ class Session:
         return self.progress.with_counters(self.source.counters)
 
     def _estimate(self) -> EstimateMessage:
-        view, identifier = self._observer.view, self.identifier
+        view, identifier = self._view, self.identifier
         unknown = np.full(identifier.structure.size, np.nan)
         return EstimateMessage(
             self.progress.at,
@@ -256,3 +262,9 @@ class Session:
             self._checkpoints.write_now(self.identifier, self._progress_entries)
         except CheckpointError as error:
             self._observer.show(f"replant: {error}")
+
+
+def is_of(view: View, parameters: FloatArray) -> bool:
+    """Return whether a view speaks of parameters (P,): one that has moved beyond chance since is another model's."""
+    with np.errstate(invalid="ignore"):  # infinite where the model has left float64
+        return not (np.abs(parameters - view.parameters) > MOVED_SIGMAS * view.std).any()
