@@ -17,10 +17,12 @@ from replant.online import identifier as module
 from support.interrupts import interrupt
 
 DT = 0.1
+SAMPLES = 2500
+CONFIRMS = SAMPLES // 3 + 1  # the sample that confirms a leap of the input
 FIXED = {"filter": rp.StateVariableFilter(cutoff=1.0), "instruments": False, "startup": 20}
 
 
-def stream(seed: int, samples: int = 2500) -> tuple[FloatArray, FloatArray]:
+def stream(seed: int, samples: int = SAMPLES) -> tuple[FloatArray, FloatArray]:
     """Return a record with a start-up, solutions, reviews, an alarm, rejected samples and inputs that leap."""
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.choice([-1.0, 1.0], samples // 8 + 1), 8)[:samples]
@@ -56,6 +58,9 @@ def interrupted(one: Any, twin: Any, seed: int, most: int, same: Callable[[Any, 
             count += 1
             done = one.taken
             twin.update_many(u[twin.taken : done], y[twin.taken : done])
+            if done == CONFIRMS:  # it may have been looked at, so that the one before is taken
+                one.update_many(u[done : done + 1], y[done : done + 1])
+                twin.update_many(u[done : done + 1], y[done : done + 1])
             assert same(one, twin), f"seed {seed}, interrupt {count}, {done} samples"
     twin.update_many(u[twin.taken :], y[twin.taken :])
     assert same(one, twin), f"seed {seed}, at the end"

@@ -424,7 +424,7 @@ class Identifier(Estimate):
         """Samples given so far, rejected ones included: where to go on after an interrupt.
 
         Samples are in order from the first to this one: each was taken, with all that was due after it, and none behind
-        it was looked at.
+        it was looked at, but one that confirms a sample held back.
         """
         counts = {reason: count for reason, count in self.rejected.items() if reason not in COUNTED}
         return self.samples + sum(counts.values()) + self._dropped
