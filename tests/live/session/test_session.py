@@ -208,7 +208,7 @@ def test_a_verdict_is_of_the_model_that_was_judged() -> None:
         ident.update_many(u, y)
         std = np.array([0.25, 0.5])
         judged = SimpleNamespace(
-            verdict="trusted", excited=True, parameters=ident.parameters + [0.0, moved * std[1]], std=std
+            verdict="trusted", excited=True, parameters=ident.parameters + moved * np.array([0.0, std[1]]), std=std
         )
         sink = FakeSink()
         session, _ = make(FakeSource(u, y), observer=FakeObserver(judged), sinks=[sink])
