@@ -216,6 +216,6 @@ def _check_together(chosen: Settings | Request) -> None:
 
 LONGEST_STARTUP = 20_000
 """Measured outputs collected at the most, before a start-up that does not suffice is taken as it is [samples].
-Origin: not recorded; kept, see sensitivity.
+Derivation: two thirds of what is stored (`engine.dimensions.STORED`): the record is solved once more as a whole.
 Sensitivity: halved or doubled, nothing changes on these records.
 """

@@ -80,7 +80,7 @@ def test_swapped_columns_show_by_their_levels() -> None:
     assert level_finding(y, np.ones(3000)) == []
 
 
-@every(("usual", "wrong"), [(0.1, False), (0.119, False), (0.081, False), (1.0, True), (0.01, True)])
+@every(("usual", "wrong"), [(0.1, False), (0.114, False), (0.086, False), (1.0, True), (0.01, True)])
 def test_a_clock_that_contradicts_the_sampling_time(usual: float, wrong: bool) -> None:
     assert bool(clock_finding(usual, 0.1)) == wrong
 

@@ -63,7 +63,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 SLOW = 3.0
 """Scatter of the estimate along its path beyond which slow noise is named as the reason [standard deviations that the
 residual's power and colour make].
-Origin: not recorded; kept, see sensitivity.
+Level: a normal deviate beyond 3 has the chance 0.3 %; it adds a reason, and decides nothing.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

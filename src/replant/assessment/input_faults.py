@@ -38,7 +38,7 @@ from replant.statistics.projections import without
 
 WIDTHS = (0.2, 0.5)
 """Half widths of the plays tried [part of the largest input].
-Origin: two of them explain the larger part of any play between 0.1 and 0.7.
+Derivation: two of them explain the larger part of any play between 0.1 and 0.7.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

@@ -53,7 +53,7 @@ from replant.statistics.robust import robust_std
 
 POOREST_FIT = 10.0
 """Simulated fit below which the input explains next to nothing [%].
-Origin: at a fit of 10 the noise has four times the power of the model's output: a right model of such a plant is of
+Derivation: at a fit of 10 the noise has four times the power of the model's output: a right model of such a plant is of
 little use.
 Sensitivity: halved or doubled, nothing changes on these records.
 """

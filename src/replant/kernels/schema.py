@@ -51,7 +51,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 ROOM: Final = 64
 """Rows of the estimate's path; once the record is long at least half of them are in use [count].
-Origin: white noise keeps its standard deviations within a third.
+Derivation: 32 rows know the standard deviation of white noise to an eighth.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 

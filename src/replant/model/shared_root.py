@@ -27,7 +27,7 @@ from replant.statistics.linear_algebra import quiet, roots
 
 WEAK = 10.0
 """Smallest F up to which intervals of first order are not valid, so that a root may be shared [ratio of variances].
-Origin: the rule of Staiger and Stock for weak instruments.  Of 600 fits with one or two poles and zeros too many it
+Level: the rule of Staiger and Stock for weak instruments.  Of 600 fits with one or two poles and zeros too many it
 was exceeded by none; of 992 estimates of random plants 131 had a coefficient over three standard deviations off, 103 of
 them among the 156 below it.
 Sensitivity: not measured.

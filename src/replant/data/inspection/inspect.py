@@ -20,7 +20,7 @@ from replant.data.logs.table import Table
 POLES = 2  # poles of the model that is suggested first [count]
 DEAD = 1.0
 """Delay that is a dead time, not a slow beginning [part of the time from there to half the response].
-Origin: the slow beginning of two poles reaches 0.6.
+Derivation: the slow beginning of two equal poles reaches 0.6.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 CLEAR = 3.0  # delay from which on a search for the dead time is suggested [samples]

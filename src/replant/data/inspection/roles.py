@@ -24,9 +24,9 @@ BY_NAME = 2.0
 Origin: a pump's "speed" is its input where it moves in steps and the flow follows it; under a controller names decide.
 Sensitivity: halved, nothing changes on the recorded logs; doubled, the pump's speed is taken for its output.
 """
-CLOSE = 0.5
+CLOSE = 0.25 * BY_INFLUENCE
 """Difference of the scores of both directions below which either may be the right one [number].
-Origin: a quarter of the weight of who follows whom.
+Derivation: a quarter of the weight of who follows whom.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 NOTABLE = 0.02
