@@ -32,7 +32,7 @@ from replant.offline.fit import RawRecord
 from replant.offline.srivc import refine
 from replant.runs.run import run_online
 from replant.settings import Request
-from replant.simulation.prediction import runs_away
+from replant.simulation.model_run import runs_away
 
 CLOSE, FAR = 1.0, 5.0  # points below the anchor: as good as it; far too low to be trusted
 CACHE = Path("out/public_logs.json")

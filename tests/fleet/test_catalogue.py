@@ -13,7 +13,7 @@ from replant.data.logs import parquet as reader
 from replant.errors import LogError
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.job import Job
-from replant.fleet.plan import planned, work_of
+from replant.fleet.work import planned, work_of
 from replant.model.structure import Structure
 from support.fleets import as_csv, as_parquet, as_table, recorded
 

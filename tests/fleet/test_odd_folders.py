@@ -12,7 +12,7 @@ from pyarrow import parquet
 import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.fleet.catalogue import find_rigs
-from replant.fleet.folder import report_path
+from replant.fleet.files import report_path
 from replant.fleet.job import Job
 from replant.fleet.store import Store
 from replant.operating_system.whole_file import ENDING

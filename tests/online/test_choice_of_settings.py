@@ -10,7 +10,7 @@ import pytest
 
 import replant as rp
 from replant.engine.record_regressors import regressors
-from replant.offline.choose_filter import choose_filter
+from replant.offline.least_squares import choose_filter
 from replant.online.defaults import settle
 from replant.optimizers import OPTIMIZERS
 from replant.settings import Request

@@ -9,7 +9,7 @@ import replant as rp
 from replant.arguments import FloatArray
 from replant.assessment import simulate
 from replant.engine.record import Record
-from replant.simulation.prediction import prediction_error
+from replant.simulation.model_run import prediction_error
 from support.cases import every
 
 DT = 0.05

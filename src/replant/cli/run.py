@@ -26,7 +26,7 @@ from replant.data.logs import Recording
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result
 from replant.runs.run import run_source
-from replant.runs.whole_log import judged_by_log
+from replant.runs.run_log import judged_by_log
 from replant.settings import Request
 from replant.simulation.score import FITTED
 

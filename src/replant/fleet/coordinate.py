@@ -1,9 +1,10 @@
-"""Coordinate: tasks given to workers, few at a time; those of workers that died are given again."""
+"""Coordinate: tasks given to workers, few at a time, again where a worker died; how far the fleet is."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, Future, wait
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from replant.errors import SystemRefusedError
@@ -96,3 +97,24 @@ def _renewed(workers: Workers, error: BaseException, lost: int) -> tuple[Workers
             "has more memory; what is done stays done"
         ) from error
     return workers.renew(), lost + 1
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a fleet is.
+
+    Attributes
+    ----------
+    rigs, done, failed : int
+        All rigs; those that are done, with those of an earlier run; how many of these failed in this run.
+    samples : int
+        Samples used in this run.
+    part : float
+        Part of the work that is done, by the plan, up to 1.
+    """
+
+    rigs: int
+    done: int
+    failed: int
+    samples: int
+    part: float

@@ -11,9 +11,8 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.errors import InvalidArgumentError
-from replant.fleet.deviation_words import BEFORE, compared
-from replant.fleet.folder import TABLE
-from replant.fleet.oddness import FEWEST, limit_of
+from replant.fleet.files import TABLE
+from replant.fleet.oddness import BEFORE, FEWEST, compared, limit_of
 from replant.fleet.quantities import Figures, figures_of, quantities_of
 from replant.fleet.results import Fleet
 from replant.fleet.robust import Location, located

@@ -12,14 +12,12 @@ from pathlib import Path
 from typing import Any
 
 from replant.fleet.catalogue import find_rigs
-from replant.fleet.coordinate import carried_out
+from replant.fleet.coordinate import Progress, carried_out
 from replant.fleet.executors import workers
 from replant.fleet.job import Job
-from replant.fleet.plan import planned
-from replant.fleet.progress import Progress
 from replant.fleet.results import Fleet
 from replant.fleet.store import Store
-from replant.fleet.work import carry_out, one_thread
+from replant.fleet.work import carry_out, one_thread, planned
 from replant.limits import file_path
 from replant.model.structure import Structure
 from replant.optimizers import Optimizer

@@ -10,10 +10,10 @@ from typing import Any
 
 from replant.data.logs import Recording
 from replant.errors import ReplantError, SystemRefusedError
+from replant.fleet.files import printable
 from replant.fleet.job import Job, Rig
-from replant.fleet.printable import printable
-from replant.fleet.result_row import FAILED, Row
 from replant.fleet.rig_record import begin_of, opened
+from replant.fleet.store import FAILED, Row
 from replant.fleet.watched_record import Watched
 from replant.identified.model import Model
 from replant.offline.fit import fit

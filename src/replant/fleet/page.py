@@ -12,14 +12,12 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.fleet.drift import Drift, drift_between
-from replant.fleet.files import replacing
-from replant.fleet.folder import report_path
+from replant.fleet.files import replacing, report_path
 from replant.fleet.histogram import histogram
 from replant.fleet.oddness import CHANCE, Oddness, oddness_of
 from replant.fleet.quantities import Quantity, quantities_of
-from replant.fleet.result_row import FAILED
 from replant.fleet.results import Fleet
-from replant.fleet.store import column
+from replant.fleet.store import FAILED, column
 from replant.report.html.page import asset, heading, icon, section, style, today, words
 from replant.report.number_format import number
 

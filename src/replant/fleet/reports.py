@@ -12,8 +12,7 @@ from replant.errors import InvalidArgumentError, ReplantError
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.coordinate import carried_out
 from replant.fleet.executors import workers
-from replant.fleet.files import replacing
-from replant.fleet.folder import REPORTS, report_path
+from replant.fleet.files import REPORTS, replacing, report_path
 from replant.fleet.identify import result_of
 from replant.fleet.job import Job, Rig
 from replant.fleet.oddness import oddness_of

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from replant.errors import InvalidArgumentError, LogError
-from replant.fleet.folder import ABOUT, MODELS, TABLE
+from replant.fleet.files import ABOUT, MODELS, TABLE
 from replant.fleet.job import Job
 from replant.fleet.store import column, read_table
 from replant.identified.model import Model

@@ -18,7 +18,7 @@ from replant.limits import increasing
 from replant.log import Log
 from replant.model.response import Response
 from replant.simulation.fitted_run import bridged
-from replant.simulation.model_output import model_output
+from replant.simulation.model_run import model_output
 from replant.statistics.autoregression import ahead
 from replant.statistics.linear_algebra import quiet
 

@@ -24,7 +24,7 @@ from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.identified.fields import ModelFields
 from replant.regressor.preprocess import screen
-from replant.simulation.model_output import model_output
+from replant.simulation.model_run import model_output
 from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import one_step
 from replant.statistics.correlations import Correlations, correlation_lags, correlations

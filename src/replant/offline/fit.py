@@ -27,9 +27,8 @@ from replant.limits import increasing
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.offline.choose_filter import choose_filter
 from replant.offline.fit_result import FitResult
-from replant.offline.least_squares import least_squares
+from replant.offline.least_squares import choose_filter, least_squares
 from replant.offline.reference_use import ReferenceUse, use_of
 from replant.offline.samples import Samples
 from replant.offline.solve import Solution, solve
@@ -37,7 +36,7 @@ from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
 from replant.simulation.fitted_run import FittedRun
-from replant.simulation.prediction import prediction_error, runs_away
+from replant.simulation.model_run import prediction_error, runs_away
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.lost_samples import one_step_with_lost

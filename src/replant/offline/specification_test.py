@@ -40,8 +40,7 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.offline.refined import Refined
-from replant.simulation.model_run import ModelRun, run_model
-from replant.simulation.prediction import runs_away
+from replant.simulation.model_run import ModelRun, run_model, runs_away
 from replant.statistics.autoregression import Autoregression, likelihood_ratio
 from replant.statistics.linear_algebra import pseudo_inverse, quiet
 from replant.statistics.projections import lengths_of, orthogonal, products, without

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from replant.arguments import FloatArray
 from replant.engine.record_regressors import regressors
-from replant.offline.choose_filter import choose_filter
+from replant.offline.least_squares import choose_filter
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.replay import Replay
 from replant.regressor.filters import RefinedFilter

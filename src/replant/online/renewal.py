@@ -20,7 +20,7 @@ from replant.offline.solve import Solution, solve
 from replant.online.change_response import believed
 from replant.online.restart import AGAIN, is_at_rest, remembers_all, restart_at
 from replant.settings import Settings
-from replant.simulation.prediction import prediction_error
+from replant.simulation.model_run import prediction_error
 from replant.statistics.autoregression import likelihood_ratio
 from replant.statistics.linear_algebra import quiet
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from replant.checkpoint.encoding import Progress
-from replant.checkpoint.files import AnyPath, write
-from replant.checkpoint.newest_sound import newest_sound
+from replant.checkpoint.files import AnyPath, newest_sound, write
 from replant.online.identifier import Identifier
 
 

@@ -17,7 +17,7 @@ from replant.offline.solve import Solution, solve
 from replant.online.change_response import since_change
 from replant.online.restart import remembers_all, restart_at
 from replant.settings import Settings
-from replant.simulation.prediction import prediction_error, runs_away
+from replant.simulation.model_run import prediction_error, runs_away
 from replant.statistics.linear_algebra import quiet
 
 

@@ -5,17 +5,25 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from replant.arguments import record, vector
+from replant.assessment.other_columns import other_columns, with_other_columns
+from replant.assessment.verdict import Verdict
 from replant.errors import InvalidArgumentError
 from replant.interop.other_words import in_our_words
 from replant.limits import increasing
+from replant.log import Log
 from replant.model.structure import Structure
+from replant.offline.fewer_poles import is_asked_for, with_fewer_poles
+from replant.offline.fit import RawRecord
 from replant.offline.samples import Samples
 from replant.optimizers import Optimizer
 from replant.regressor.preprocess import Preprocess
 from replant.runs.result import Result
 from replant.runs.run import run_online
 from replant.settings import AUTO, Request, filter_for
+from replant.simulation.stretches import flags_of
 
 AT_REST = Preprocess("identity", "mean", "mean")
 
@@ -91,3 +99,23 @@ def run(
         raise InvalidArgumentError(f"reference must have one value for each of {u.size} samples, got {r.size}")
     result = run_online(request, u, y, reference=r, t=stamps)
     return replace(result, model=result.model.of_log(given.input_name, given.output_name, given.source, given.sha256))
+
+
+def judged_by_log(result: Result, log: Log) -> Result:
+    """Return the result of a run over a whole log; its verdict names fewer poles, and columns that explain the rest."""
+    settings = result.settings
+    smaller = is_asked_for(result.verdict, result.structure)
+    if not (log.others or smaller) or settings is None or not result.parameters.any() or log.earlier:
+        return result
+    y = np.where(flags_of(result.left_out, 0, log.output.size), np.nan, log.output)
+    raw = RawRecord(result.structure, log.dt, settings.preprocess, log.input, y, log.stamps, settings.filter.input_hold)
+    if not raw.usable.any():
+        return result
+    record, verdict = raw.made_ready(y, None), result.verdict
+    if smaller and settings.instruments:
+        verdict = with_fewer_poles(verdict, result.structure, result.parameters, raw.made_ready(y, log.reference))
+    others = {name: signal[raw.made_use_of] for name, signal in log.others.items()}
+    found = other_columns(result.structure, result.parameters, record, log.dt, others)
+    verdict = with_other_columns(verdict, found)
+    kept = Verdict(verdict.status, verdict.reasons, verdict.excited)
+    return replace(result, verdict=verdict, model=replace(result.model, verdict=kept))

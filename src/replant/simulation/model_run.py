@@ -1,12 +1,16 @@
-r"""Model run: the residual of a model over a record, and the signals that the tests correlate it with.
+r"""A model's run over a record: its output, simulated or predicted, its residual, and the signals of the tests.
 
 The residual of B/A is :math:`e = A/D\, y - B/D\, u`.  D is A where that is stable: e is then the measured output minus
 the simulated one.  Else D is A with its unstable poles reflected: the residual of a right model is as white as the
 noise, and needs no simulation that diverges.
+
+The predicted output is the one that makes the residual e = A/D y - B/D u zero, where D is A with its unstable poles
+reflected.  It depends on past outputs, and takes the place of the simulated output.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,9 +19,11 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
-from replant.simulation.auxiliary_model import AuxiliaryModel
+from replant.model.transfer_function import TransferFunction
+from replant.simulation.auxiliary_model import SLOWEST, AuxiliaryModel
 from replant.simulation.nuisances import triangle_of, weights_of
-from replant.statistics.linear_algebra import quiet
+from replant.simulation.offset_fit import Simulation, fit_percent, simulate
+from replant.statistics.linear_algebra import quiet, roots
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,3 +95,72 @@ def run_model(
         zeta = apart.run(theta, whole, by_reference).since(known).zeta
         instruments = np.hstack([zeta[:, full.denominator], zeta[:, own]])
     return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances, direct, instruments)
+
+
+def model_output(
+    model: TransferFunction,
+    u: FloatArray,
+    y: FloatArray,
+    dt: float,
+    *,
+    input_hold: str = "zoh",
+    t: FloatArray | None = None,
+) -> Simulation:
+    """Return the output of a model beside a record, offset and initial state fitted to the measured output.
+
+    >>> g = TransferFunction([1.0], [1.0, -1.0])
+    >>> u = np.sin(np.arange(40.0))
+    >>> found = model_output(g, u, g.simulate(u, 0.1), 0.1)
+    >>> found.is_prediction, found.fit > 99.0
+    (True, True)
+    """
+    span = dt * (u.size - 1) if t is None else float(t[-1] - t[0])
+    if not runs_away(model.den, span):
+        return simulate(model, u, y, dt, input_hold=input_hold, t=t)
+    kept = np.isfinite(u) & np.isfinite(y)
+    output = np.full(u.size, np.nan)
+    clock = dt * np.arange(u.size) if t is None else t
+    intervals = np.diff(clock[kept], prepend=clock[kept][:1] - dt)
+    if t is None and kept.all():
+        intervals = np.array([dt])
+    n, m = model.den.size - 1, model.num.size - 1
+    parameters = np.concatenate([model.den[1:], model.num])
+    structure = Structure(n, m, model.delay, feedthrough=n == m)
+    error = None
+    if kept.any():
+        error = prediction_error(structure, parameters, Record(u[kept], y[kept], intervals, input_hold), dt)
+    if error is not None:
+        output[kept] = y[kept] - error
+    return Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
+
+
+RUNAWAY = 1.0
+"""Growth of a model's free response within a record beyond which it is predicted, not simulated [exponent].
+Derivation: an initial state may grow to e times its size; a pole at zero, as it is estimated, grows much less.
+"""
+
+
+@quiet
+def runs_away(denominator: FloatArray, span: float) -> bool:
+    """Return whether the free response of a model grows too much within ``span`` s for a simulation to mean something.
+
+    >>> runs_away(np.array([1.0, -1.0]), 20.0), runs_away(np.array([1.0, 1.0, 0.0]), 20.0)
+    (True, False)
+    """
+    fastest = float(roots(denominator).real.max())
+    return math.isfinite(fastest) and fastest * span > RUNAWAY
+
+
+@quiet
+def prediction_error(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> FloatArray | None:
+    """Return the error (K,) of the output predicted one step ahead, offset and initial state fitted to the record.
+
+    For a model of any stability; that of a stable one is simulated.  None where it leaves float64.
+    """
+    model = AuxiliaryModel(structure, dt, record.input_hold, margin=SLOWEST / record.span)
+    theta, known = np.zeros(model.entries), structure.coefficients
+    theta[:known] = parameters[:known]
+    done = model.run(theta, record)
+    theta[known:] = weights_of(triangle_of(done.phi[:, known:], done.error))
+    done = model.run(theta, record)
+    return done.ahead if np.isfinite(done.ahead).all() else None

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.data.streams.batch import Batch
 from replant.data.streams.inbox import LARGEST_BATCH, Inbox
+from replant.data.streams.source import Batch
 from support.waiting import PATIENCE
 
 

@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replant.data.logs import read_columns
-from replant.data.streams.batch import Batch
 from replant.data.streams.lines import LONGEST, LineSplitter
 from replant.data.streams.parser import FEW, Parser
 from replant.data.streams.payload import MAGIC, Payloads
 from replant.data.streams.rows import json_values
+from replant.data.streams.source import Batch
 from support.cases import every
 
 ANY = settings(derandomize=True, max_examples=150, deadline=None)

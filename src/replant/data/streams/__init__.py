@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from replant.data.streams.batch import Batch
 from replant.data.streams.opening import open_source
-from replant.data.streams.source import Source
+from replant.data.streams.source import Batch, Source
 
 __all__ = ["Batch", "Source", "open_source"]

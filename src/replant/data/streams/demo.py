@@ -11,10 +11,10 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.data.streams import controlled_motor
 from replant.data.streams.address import Address
-from replant.data.streams.batch import Batch
 from replant.data.streams.controlled_motor import controlled
-from replant.data.streams.pace import Pace, speed_of
 from replant.data.streams.reader import Reader
+from replant.data.streams.replay import Pace, speed_of
+from replant.data.streams.source import Batch
 from replant.model.response import Response
 from replant.rigs import deap_rig, motor_rig
 from replant.signals import random_steps, white_noise

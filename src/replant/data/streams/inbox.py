@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.data.streams.batch import Batch
+from replant.data.streams.source import Batch
 
 CAPACITY = 1 << 17  # samples that wait at the most: 0.6 s at 200,000 samples/s, 4 MB [samples]
 LARGEST_BATCH = 1 << 14  # samples handed over at once at the most [samples]

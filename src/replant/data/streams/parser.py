@@ -10,7 +10,6 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.data.logs.text_layout import is_data
-from replant.data.streams.batch import Batch
 from replant.data.streams.rows import (
     BY_WIDTH,
     Malformed,
@@ -24,6 +23,7 @@ from replant.data.streams.rows import (
     table_from_cells,
     table_from_json,
 )
+from replant.data.streams.source import Batch
 
 Item = TypeVar("Item")
 

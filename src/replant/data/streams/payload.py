@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.data.streams.batch import Batch
 from replant.data.streams.parser import Parser
 from replant.data.streams.rows import FIELDS, Malformed
+from replant.data.streams.source import Batch
 
 #: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuyr", "uy  ").
 MAGIC = b"RPL1"

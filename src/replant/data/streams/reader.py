@@ -7,9 +7,9 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator
 
-from replant.data.streams.batch import Batch
 from replant.data.streams.inbox import CAPACITY, Inbox
 from replant.data.streams.sequence_numbers import Numbering
+from replant.data.streams.source import Batch
 from replant.data.streams.stop_request import StopRequest
 from replant.operating_system.worker import Worker
 

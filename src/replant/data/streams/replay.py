@@ -14,9 +14,9 @@ from replant.data.logs import Table, read_columns
 from replant.data.logs.rasters import on_one_clock
 from replant.data.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.data.streams.address import Address
-from replant.data.streams.batch import Batch
-from replant.data.streams.pace import Pace, speed_of
 from replant.data.streams.reader import Reader
+from replant.data.streams.source import Batch
+from replant.data.streams.stop_request import StopRequest
 from replant.errors import InvalidArgumentError
 
 BLOCK = 1 << 12  # samples handed over at once at the most [samples]
@@ -105,3 +105,39 @@ def stamped_source(name: str, record: Batch, t: FloatArray, speed: float) -> Rep
     source = ReplaySource(name, record, elapsed, speed)
     source.count_refused("time not finite", int(kept.size - kept.sum()))
     return source
+
+
+LONGEST_PAUSE = 3600.0  # the longest single pause: the system's timers may refuse a longer one [s]
+
+
+class Pace:
+    """A clock that runs ``speed`` times as fast as real time, and starts when it is first read.
+
+    >>> Pace(math.inf).elapsed()
+    inf
+    """
+
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self._start: float | None = None
+
+    def elapsed(self) -> float:
+        """Return the time of the record that has passed, in s."""
+        now = time.monotonic()
+        self._start = now if self._start is None else self._start
+        return math.inf if math.isinf(self._speed) else (now - self._start) * self._speed
+
+    def wait(self, stop: StopRequest, until: float) -> None:
+        """Wait until ``until`` s of the record have passed, or a stop is requested."""
+        stop.wait(min(max(until - self.elapsed(), 0.0) / self._speed, LONGEST_PAUSE))
+
+
+def speed_of(address: Address, default: float) -> float:
+    """Return the option ``speed`` of a URL: a positive number, or infinity for ``max``.
+
+    >>> speed_of(Address("demo?speed=max", "", options={"speed": "max"}), 1.0)
+    inf
+    """
+    if address.options.get("speed") == "max":
+        return math.inf
+    return address.positive("speed") or default

@@ -6,7 +6,7 @@ from collections import Counter
 
 import numpy as np
 
-from replant.data.streams.batch import Batch
+from replant.data.streams.source import Batch
 
 LEAP = 50
 """Numbers ahead of the last one beyond which a number leaps, and within which the next one confirms it [samples].
