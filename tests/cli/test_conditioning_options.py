@@ -10,7 +10,7 @@ import pytest
 
 import replant as rp
 from replant.cli import main
-from replant.cli.optimizer_option import OptimizerChoice
+from replant.cli.option_types import OptimizerChoice
 from replant.optimizers import OPTIMIZERS
 from replant.signals import prbs
 from support.cases import every

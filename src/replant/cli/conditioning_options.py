@@ -1,22 +1,165 @@
-"""The options that condition a log before it is identified."""
+"""The options that condition a log before it is identified: bands of frequencies, stretches of time, trends, rates."""
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable
 from typing import Any
 
 import click
 import numpy as np
 
-from replant.cli.band_option import Band, words_of
+from replant.arguments import BoolArray
 from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
-from replant.cli.stretch_options import has_stretches, stretched
 from replant.data.band import bandpass
 from replant.data.conditioning import decimate, detrend, resample
 from replant.data.rest import from_rest
 from replant.errors import InvalidArgumentError
 from replant.log import Log
+
+Edges = tuple[float | None, float | None]
+
+
+class Band(click.ParamType[Edges]):
+    """The type of options that are a band of frequencies in Hz, such as 0.1:10; an edge that is left out is open."""
+
+    name = "band"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Edges:
+        """Return the two edges in Hz.
+
+        >>> Band().convert("0.1:10", None, None), Band().convert(":10Hz", None, None)
+        ((0.1, 10.0), (None, 10.0))
+        """
+        if isinstance(value, tuple):
+            return value
+        low, colon, high = str(value).partition(":")
+        try:
+            edges = _edge(low), _edge(high)
+        except ValueError:
+            edges = None, None
+        if not colon or edges == (None, None):
+            self.fail(f"{value!r} is no band of frequencies; write 0.1:10, 0.1: or :10, in Hz", param, ctx)
+        return edges
+
+    def written(self, band: Edges) -> str:
+        """Return a band as `convert` reads it.
+
+        Examples
+        --------
+        >>> Band().written((0.1, None))
+        '0.1:'
+        """
+        return ":".join("" if edge is None else f"{edge:.12g}" for edge in band)
+
+
+def words_of(low: float | None, high: float | None) -> str:
+    """Return a band in words.
+
+    Examples
+    --------
+    >>> words_of(0.1, 10.0), words_of(0.1, None)
+    ('0.1 to 10 Hz', '0.1 Hz and more')
+    """
+    if high is None:
+        return f"{low:g} Hz and more"
+    return f"{high:g} Hz and less" if low is None else f"{low:g} to {high:g} Hz"
+
+
+def _edge(text: str) -> float | None:
+    text = text.strip().removesuffix("Hz").strip()
+    if not text:
+        return None
+    edge = float(text)
+    if not 0.0 < edge < math.inf:
+        raise ValueError(text)
+    return edge
+
+
+UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
+
+
+class Stretch(click.ParamType[tuple[float, float]]):
+    """The type of options that are a stretch of time, such as 12s:32s; without an end it goes on to the last sample."""
+
+    name = "stretch"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
+        """Return begin and end in s from the first sample.
+
+        >>> Stretch().convert("12s:1.5min", None, None), Stretch().convert("60:", None, None)
+        ((12.0, 90.0), (60.0, inf))
+        """
+        if isinstance(value, tuple):
+            return value
+        begin, colon, end = str(value).partition(":")
+        times = _seconds(begin, 0.0), _seconds(end, math.inf)
+        if not colon or math.isnan(times[0]) or not times[0] < times[1]:
+            self.fail(f"{value!r} is no stretch of time; write 12s:32s, from and to after the first sample", param, ctx)
+        return times
+
+    def written(self, stretch: tuple[float, float]) -> str:
+        """Return a stretch as `convert` reads it.
+
+        Examples
+        --------
+        >>> Stretch().written((12.0, 90.0)), Stretch().written((60.0, math.inf))
+        ('12:90', '60:')
+        """
+        begin, end = stretch
+        return f"{begin:g}:" + (f"{end:g}" if math.isfinite(end) else "")
+
+
+def _seconds(text: str, otherwise: float) -> float:
+    found = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*(ms|s|min|h|d|)\s*", text)
+    return float(found[1]) * UNITS[found[2]] if found else math.nan if text.strip() else otherwise
+
+
+def _option(name: str, text: str) -> Callable[[Any], Any]:
+    return click.option(name, type=Stretch(), multiple=True, metavar="A:B", help=f"{text}  Repeat it for several.")
+
+
+STRETCHES = [
+    _option("--use", "Use only this stretch of time, such as 0s:60s; the input before it is known all the same."),
+    _option("--leave-out", "Leave out the output of this stretch of time, such as 12s:32s."),
+    _option("--validate-on", "Leave out this stretch, and validate the model on it."),
+]
+NAMES = ("use", "leave_out", "validate_on")
+
+
+def has_stretches(options: dict[str, Any]) -> bool:
+    """Return whether an option names a stretch."""
+    return any(options.get(name) for name in NAMES)
+
+
+def stretched(log: Log, options: dict[str, Any]) -> Log:
+    """Return a log without the outputs that the options leave out; the input goes on to act."""
+    from dataclasses import replace
+
+    clock = log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0]
+    clock = clock + (options.get("begin") or 0.0)
+    used, kept, held = (_within(clock, name, options) for name in NAMES)
+    left = (used if options.get("use") else np.ones(clock.size, bool)) & ~kept & ~held
+    if not (left & np.isfinite(log.output)).any():
+        raise InvalidArgumentError("--use, --leave-out, --validate-on: no output is left to make a model of")
+    note(f"{int((~left).sum()):,} of {clock.size:,} outputs are left out, as --use, --leave-out or --validate-on say")
+    return replace(log, output=np.where(left, log.output, np.nan))
+
+
+def _within(clock: Any, name: str, options: dict[str, Any]) -> BoolArray:
+    """Return which samples (K,) lie in the stretches of an option."""
+    found = np.zeros(clock.size, bool)
+    for begin, end in options.get(name) or ():
+        inside = (clock >= begin) & (clock < end)
+        if not inside.any():
+            option = name.replace("_", "-")
+            lasts = f"{clock[0]:.6g} to {clock[-1]:.6g} s" if clock.size else "no time"
+            raise InvalidArgumentError(f"--{option} {begin:g}:{end:g}: no sample lies there; the log has {lasts}")
+        found |= inside
+    return found
+
 
 ESTIMATE, REST = "estimate", "rest"
 CONDITIONING: list[Callable[[Any], Any]] = [

@@ -10,9 +10,9 @@ from typing import Any
 
 import click
 
+from replant.cli.conditioning_options import UNITS
 from replant.cli.nearest_word import Choice
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
-from replant.cli.stretch_options import UNITS
 from replant.errors import InvalidArgumentError
 from replant.live.observer.view import SignalNames
 from replant.live.run_session import Plan, run

@@ -12,14 +12,12 @@ from typing import Any
 import click
 
 from replant.cli.column_options import input_option, output_option
-from replant.cli.conditioning_options import CONDITIONING, conditioned, input_hold_of, is_conditioned
+from replant.cli.conditioning_options import CONDITIONING, STRETCHES, conditioned, input_hold_of, is_conditioned
 from replant.cli.missing_options import check_complete
 from replant.cli.nearest_word import Choice
 from replant.cli.notes import note, silence
-from replant.cli.optimizer_option import OptimizerChoice
+from replant.cli.option_types import OptimizerChoice, Seconds, Whole
 from replant.cli.progress import ask
-from replant.cli.ranges import Seconds, Whole
-from replant.cli.stretch_options import STRETCHES
 from replant.data.inspection.other_columns import with_others
 from replant.data.logs import (
     Log,

@@ -12,10 +12,10 @@ from typing import Any
 import click
 
 from replant.assessment.verdict import Verdict
+from replant.cli.conditioning_options import NAMES as STRETCH_NAMES
 from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
 from replant.cli.options import read
-from replant.cli.stretch_options import NAMES as STRETCH_NAMES
 from replant.data.logs import Log, read_columns
 from replant.data.logs.digest import digest
 from replant.data.logs.sampling_time import time_candidates

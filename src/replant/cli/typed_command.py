@@ -9,10 +9,8 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from replant.cli.band_option import Band
-from replant.cli.optimizer_option import OptimizerChoice
-from replant.cli.ranges import Range
-from replant.cli.stretch_options import Stretch
+from replant.cli.conditioning_options import Band, Stretch
+from replant.cli.option_types import OptimizerChoice, Range
 
 #: Options that say what is done with a result, not how it is made.
 OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", "quiet", "progress")

@@ -22,10 +22,8 @@ from replant.live.outputs.parquet_recorder import ParquetRecorder
 from replant.live.outputs.publisher import Publisher
 from replant.live.outputs.sinks import Sink
 from replant.live.session.checkpointing import CheckpointWriter
-from replant.live.session.end_conditions import Limits
-from replant.live.session.end_signals import stop_on_signals
-from replant.live.session.progress import Progress
-from replant.live.session.throughput import Throughput
+from replant.live.session.end_conditions import Limits, stop_on_signals
+from replant.live.session.progress import Progress, Throughput
 from replant.online.identifier import Identifier
 from replant.operating_system.os_errors import refusal
 
