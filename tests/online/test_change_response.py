@@ -166,6 +166,20 @@ def test_a_gain_that_the_noise_hides_from_the_alarm_is_found(seed: int) -> None:
     assert ident.assess().status == "trusted"
 
 
+@every("seed", range(4))
+def test_a_gain_that_toggles_is_followed_each_time(seed: int) -> None:
+    """One model for both is no explanation: neither the samples before the first change, nor those since, are its."""
+    plant, rng = rp.TransferFunction([2.0], [1.0, 2.0]), np.random.default_rng(seed)
+    u = binary(seed, 6000, 5)
+    doubled = np.arange(u.size) // 1000 % 2 == 1
+    y = plant.simulate(np.where(doubled, 2.0, 1.0) * u, DT) + 0.05 * rng.standard_normal(u.size)
+    ident = rp.Identifier(poles=1, dt=DT)
+    for begin in range(0, u.size, 1000):
+        ident.update_many(u[begin : begin + 1000], y[begin : begin + 1000])
+        true = 2.0 if doubled[begin] else 1.0
+        np.testing.assert_allclose(ident.transfer_function.dc_gain, true, rtol=0.1, err_msg=f"sample {begin + 1000}")
+
+
 def test_the_verdict_can_be_asked_for_at_any_sample_of_an_alarm_and_after() -> None:
     """Where the record begins anew there is but one sample to judge by: nothing to trust, and nothing to fail on."""
     u = binary(1, 6000, 8)

@@ -226,7 +226,7 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
         refined, begin = contest.estimate(found), old.samples - contest.since.u.size
         if refined is None:
             return None
-        before = old.before_began if begin <= old.changed_at else old.record_began
+        before = old.before_began if begin <= old.changed_at else _one_plant_since(old)
         of_plant = found.supposition is Supposition.PLANT
         new = restart(old, settings, refined, contest.since, begin if of_plant else before)
         new.change, new.changed_at, new.before_began = found.supposition, begin, before
@@ -246,6 +246,11 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
         new.past_kept, new.past_due = 0, new.samples
     _end(new)
     return new
+
+
+def _one_plant_since(state: State) -> int:
+    """Return the accepted samples before those that one G(s) is taken to have made."""
+    return state.changed_at if state.change.is_of_plant else state.record_began
 
 
 def _end(state: State) -> None:
