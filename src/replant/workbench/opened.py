@@ -174,6 +174,7 @@ class Opened:
             "name": self.name, "file": self.path.name, "path": str(self.path), "state": self.state, "error": self.error,
             "read": min(1.0, self.rows / self.about) if self.about and self.state == READING else None,
             "rows": self.samples.rows, "columns": columns, "findings": self.look.get("findings", []),
+            "doubts": self.look.get("doubts", []),
             "delay": self.look.get("delay"), "dt": (self.look.get("clock") or {}).get("dt"), "setup": of(self.setup),
             "wish": vars(self.wish), "grown": _modified(self.path) != self.modified, "version": self.modified,
         }  # fmt: skip

@@ -15,7 +15,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.data.conditioning import decimate, detrend, resample
-from replant.data.inspection import inspect
+from replant.data.inspection import Inspection, inspect
 from replant.data.inspection.columns import Kind
 from replant.data.inspection.inspect import key_of
 from replant.data.logs import open_recording
@@ -24,6 +24,7 @@ from replant.identified.validation import Validation
 from replant.log import Log
 from replant.report.terminal.look import as_json, findings_of
 from replant.statistics.correlations import BAND_95
+from replant.workbench.doubts import doubts
 from replant.workbench.samples import joined_extremes, rounded
 from replant.workbench.setup import Setup, Stretch
 
@@ -44,7 +45,18 @@ def look(path: str, chosen: tuple[str, str, str]) -> dict[str, Any]:
     told["clock_number"] = None if clock is None or math.isnan(clock.dt) else clock.column.number
     told["findings"] = [list(each) for each in findings_of(found)]
     told["delay"] = found.delay
+    told["doubts"] = [vars(each) for each in doubts(*_seen(found))]
     return told
+
+
+def _seen(found: Inspection) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    """Return time in s from the first row, input and output, as far as they were looked at."""
+    clock, values = found.clock, found.contents.values
+    u, y = (None if role is None else values[role.column.number] for role in (found.roles.input, found.roles.output))
+    if clock is None or math.isnan(clock.dt) or clock.backward:
+        return (1.0 if clock is None or math.isnan(clock.dt) else clock.dt) * np.arange(found.rows), u, y
+    stamps = values[clock.column.number]
+    return np.asarray((stamps - stamps[0]) * clock.unit, np.float64), u, y
 
 
 @lru_cache(KEPT_LOGS)
@@ -145,14 +157,14 @@ def responses(models: dict[str, str]) -> dict[str, Any]:
 
 def _responses(model: Model, lasts: float, omega: FloatArray) -> dict[str, Any]:
     step, bode, poles = model.step(lasts), model.bode(omega), model.poles()
-    every = max(1, step.time.size // CURVE)
+    t = np.linspace(0.0, lasts, CURVE)  # a grid that all models share: that of a model depends on how it oscillates
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = 20.0 * np.log10(bode.magnitude)
         wide = (20.0 / math.log(10.0)) * _twice(bode.relative_std, omega.size)
     turn, spread = np.degrees(_twice(bode.phase_std, omega.size)), _twice(step.std, step.time.size)
-    over_time = (("t", step.time), ("y", step.output), ("wide", spread))
+    over_time = {"t": t, "y": np.interp(t, step.time, step.output), "wide": np.interp(t, step.time, spread)}
     return {
-        "step": {name: rounded(values[::every]) for name, values in over_time},
+        "step": {name: rounded(values) for name, values in over_time.items()},
         "bode": {"size": rounded(size), "wide": rounded(wide), "phase": rounded(np.degrees(bode.phase)),
                  "turn": rounded(turn)},
         "poles": [_complex(pole) for pole in poles.values], "zeros": [_complex(zero) for zero in poles.zeros],

@@ -155,7 +155,7 @@ async function fetchShapes() {
 }
 
 function drawParts({ setup, name }) {
-  const parts = setup.validate_on.map(([from, to], i) => [String(i), `validation, ${+from.toPrecision(6)} – ${to === null ? "end" : +to.toPrecision(6)} s`]);
+  const parts = setup.validate_on.map(([from, to], i) => [String(i), `validation, ${+from.toPrecision(6)} s – ${to === null ? "end" : `${+to.toPrecision(6)} s`}`]);
   const options = [...parts, ["", "all of the log"]], told = JSON.stringify([name, options]), select = at("part");
   if (select.dataset.told === told) return;
   const before = select.dataset.told ? select.value : (kept().get("part") ?? "0");

@@ -36,6 +36,17 @@ function drawFindings({ findings }) {
   at("findings").replaceChildren(...rows);
 }
 
+/** What may be wrong, with a button that shows it and one that leaves it out. */
+function drawDoubts({ doubts, setup }) {
+  keyed(at("doubts"), doubts, each => `${each.begin} ${each.end} ${each.what}`, each => {
+    const width = each.end - each.begin, words = `${number(each.begin, 4)} – ${number(each.end, 4)} s: ${each.what}`;
+    return element("li", {}, element("button", { type: "button", class: "reason", title: "Show it", onclick: () => show([each.begin - 2 * width, each.end + 2 * width]) }, words),
+      element("button", { type: "button", class: "small", onclick: () => addStretch("leave_out", +each.begin.toPrecision(12), +each.end.toPrecision(12)) }, "Leave out"));
+  }, (row, each) => {
+    row.lastChild.disabled = setup.leave_out.some(([from, to]) => from <= each.begin + 1e-9 && (to ?? Infinity) >= each.end - 1e-9);
+  });
+}
+
 // --- signals ---
 /** Which columns are drawn, those with a role first; time is the axis. */
 function drawn({ columns }) {
@@ -162,6 +173,7 @@ export function drawData() {
   at("reading").classList.toggle("grave", opened.state === "broken");
   drawColumns(opened);
   drawFindings(opened);
+  drawDoubts(opened);
   drawStretches(opened.setup);
   at("clock").hidden = opened.setup.dt === null;
   fill(at("dt"), opened.setup.dt === null ? "" : String(opened.setup.dt));

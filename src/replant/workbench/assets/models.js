@@ -139,7 +139,7 @@ function drawResult(one, card) {
   typeset(one(".formula"), card);
   const known = card.known === null || card.known >= 1 ? "a coefficient is not known" : `coefficients within ± ${share(card.known)}`;
   write(one(".figures"), `${percent(card.fit)} on the ${count(card.samples)} samples it was made from; ${known}`);
-  one(".unseen-on").replaceChildren(...card.unseen.map(each => element("li", {}, element("span", { class: "on" }, `${percent(each.fit)} on ${each.on}, unseen:`), " ",
+  one(".unseen-on").replaceChildren(...card.unseen.map(each => element("li", {}, element("span", { class: "on" }, `Unseen, ${each.on}: ${percent(each.fit)},`), " ",
     element("span", { class: "word", "data-gravity": each.verdict.gravity }, each.verdict.headline))));
   const heard = card.unseen.flatMap((each, i) => each.verdict.reasons.map(reason => [reason, i])), all = reasons.length + heard.length;
   write(one("summary"), `${all === 1 ? "The reason" : `${all} reasons`}${card.candidates.length ? ` · ${card.tried} structures tried` : ""}`);

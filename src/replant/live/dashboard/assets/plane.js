@@ -48,7 +48,7 @@ function both(poles, covariances) {
     if (!known(pole.real) || !known(pole.imag) || pole.imag < 0) return;
     const outline = covariances?.[i] ? ellipse(pole, covariances[i]) : null;
     found.push({ ...pole, outline });
-    if (pole.imag) found.push({ real: pole.real, imag: -pole.imag, outline: outline?.map(([x, y]) => [x, -y]) });
+    if (pole.imag) found.push({ ...pole, imag: -pole.imag, outline: outline?.map(([x, y]) => [x, -y]) });
   });
   return found;
 }
