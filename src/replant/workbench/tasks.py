@@ -54,7 +54,8 @@ def _seen(found: Inspection) -> tuple[FloatArray, FloatArray | None, FloatArray 
     clock, values = found.clock, found.contents.values
     u, y = (None if role is None else values[role.column.number] for role in (found.roles.input, found.roles.output))
     if clock is None or math.isnan(clock.dt) or clock.backward:
-        return (1.0 if clock is None or math.isnan(clock.dt) else clock.dt) * np.arange(found.rows), u, y
+        dt = 1.0 if clock is None or math.isnan(clock.dt) else clock.dt
+        return dt * np.arange(found.rows, dtype=np.float64), u, y
     stamps = values[clock.column.number]
     return np.asarray((stamps - stamps[0]) * clock.unit, np.float64), u, y
 
