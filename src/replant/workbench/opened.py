@@ -176,8 +176,13 @@ class Opened:
             "rows": self.samples.rows, "columns": columns, "findings": self.look.get("findings", []),
             "doubts": self.look.get("doubts", []),
             "delay": self.look.get("delay"), "dt": (self.look.get("clock") or {}).get("dt"), "setup": of(self.setup),
-            "wish": vars(self.wish), "grown": _modified(self.path) != self.modified, "version": self.modified,
+            "wish": vars(self.wish), "grown": self.has_changed, "version": self.modified,
         }  # fmt: skip
+
+    @property
+    def has_changed(self) -> bool:
+        """Whether the file has changed since it was read."""
+        return _modified(self.path) != self.modified
 
     def kept(self) -> dict[str, Any]:
         """Return the log for the file of a session."""

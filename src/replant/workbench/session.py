@@ -16,7 +16,7 @@ from replant.operating_system.whole_file import replacing
 from replant.workbench.cards import DONE, FAILED, OPEN, ORDERS, RUNNING, STOPPED, Card, card_of, in_order, title_of
 from replant.workbench.command import words_of
 from replant.workbench.jobs import Jobs, Outcome
-from replant.workbench.opened import Opened
+from replant.workbench.opened import BROKEN, Opened
 from replant.workbench.setup import Setup, Wish
 from replant.workbench.work import Work
 
@@ -38,7 +38,7 @@ class Session:
         self.cards: dict[str, Card] = {}
         self.active, self.order, self.shown = "", "made", list[str]()
         self.lock = threading.RLock()
-        self._number, self._closed = 0, False
+        self._number, self._closed, self._grown = 0, False, set[str]()
         self._timer: threading.Timer | None = None
 
     # --- what the pages see ---
@@ -112,6 +112,18 @@ class Session:
         roles = ("input", "output", "reference", "time", "dt")
         if any(getattr(before, each) != getattr(setup, each) for each in roles):
             log.refresh()
+
+    def look_for_growth(self) -> None:
+        """Tell the pages of logs whose files have changed, as the record of a live session does."""
+        with self.lock:
+            grown = {log.name for log in self.logs.values() if log.has_changed}
+            for name in grown:
+                if self.logs[name].state == BROKEN:  # as of a record whose first part was not written yet
+                    self.logs[name].read_again()
+            if grown == self._grown:
+                return
+            self._grown = grown
+        self.changed()
 
     # --- models ---
 

@@ -200,7 +200,7 @@ def _checked(name: str, given: Any) -> Any:
 def _stretches(given: Any) -> tuple[Stretch, ...]:
     if not isinstance(given, Iterable) or isinstance(given, str):
         raise InvalidArgumentError("stretches must be a list of [begin, end]")
-    found = sorted((Stretch.of(each) for each in given), key=lambda each: each.begin)
+    found = sorted({Stretch.of(each) for each in given}, key=lambda each: (each.begin, each.end or math.inf))
     if len(found) > MOST_STRETCHES:
         raise InvalidArgumentError(f"at most {MOST_STRETCHES} stretches of one kind are kept: join some")
     return tuple(found)

@@ -14,8 +14,11 @@ from typing import Any
 from replant.errors import InvalidArgumentError
 from replant.live.dashboard import Dashboard, Hub, serve
 from replant.live.session.end_signals import stop_on_signals
+from replant.operating_system.worker import Worker
 from replant.workbench import places
 from replant.workbench.session import SUFFIX, Session, read
+
+PERIOD = 2.0  # time between two looks at whether a log has changed [s]
 
 
 def start(logs: Sequence[Path], host: str, port: int) -> None:
@@ -41,18 +44,25 @@ def opened(logs: Sequence[Path], host: str = "127.0.0.1", port: int = 0) -> Iter
         raise InvalidArgumentError(f"open one session ({SUFFIX}) by itself, or logs")
     kept_in = own or (places.session_of(logs) if logs else places.newest_session())
     hub = Hub(command=_nothing, report=bytes, notice=_say)
-    session = Session(kept_in, hub.publish)
+    session, ended = Session(kept_in, hub.publish), threading.Event()
     try:
         if kept_in.exists():
             session.restore(read(kept_in), str(kept_in))
         for path in [] if own else logs:
             session.open(path)
         session.changed()
+        Worker(lambda: _watch(session, ended)).start()
         with _served(session, hub, host, port) as served:
             yield served
             served.announce_end()
     finally:
+        ended.set()
         session.close()
+
+
+def _watch(session: Session, ended: threading.Event) -> None:
+    while not ended.wait(PERIOD):
+        session.look_for_growth()
 
 
 def _served(session: Session, hub: Hub, host: str, port: int) -> Dashboard:

@@ -131,11 +131,17 @@ function updateCard(room, card) {
   if (done) drawResult(one, card);
 }
 
+/** The gravest verdict of a card, and on which stretch it is; of two as grave that on what the model has not seen. */
+function gravestOf(card) {
+  const grave = verdict => ["good", "warn", "bad"].indexOf(verdict.gravity);
+  return [...card.unseen.map(each => [each.on, each.verdict]), ["", card.verdict]].reduce((one, other) => (grave(other[1]) > grave(one[1]) ? other : one));
+}
+
 function drawResult(one, card) {
-  const { gravity, headline, reasons } = card.verdict;
-  one(".judged").dataset.gravity = gravity;
-  drawSign(one(".sign"), gravity);
-  write(one(".judged span"), `${headline}: ${reasons[0]?.text ?? ""}`);
+  const { reasons } = card.verdict, [on, gravest] = gravestOf(card);
+  one(".judged").dataset.gravity = gravest.gravity;
+  drawSign(one(".sign"), gravest.gravity);
+  write(one(".judged span"), `${gravest.headline}${on ? ` on ${on}` : ""}: ${gravest.reasons[0]?.text ?? ""}`);
   typeset(one(".formula"), card);
   const known = card.known === null || card.known >= 1 ? "a coefficient is not known" : `coefficients within ± ${share(card.known)}`;
   write(one(".figures"), `${percent(card.fit)} on the ${count(card.samples)} samples it was made from; ${known}`);
@@ -159,7 +165,7 @@ export function drawCards() {
   write(at("count"), cards.length ? `${cards.length} model${cards.length === 1 ? "" : "s"}${running ? `, ${running} being made` : ""}` : "No models yet");
   if (document.activeElement !== at("order")) at("order").value = order;
   const last = cards.filter(card => card.state === "done").at(-1);
-  write(at("announced"), last ? `${last.title}: fit ${percent(fitOf(last))}, ${last.verdict.headline}` : "");
+  write(at("announced"), last ? `${last.title}: fit ${percent(fitOf(last))}, ${gravestOf(last)[1].headline}` : "");
 }
 
 at("order").addEventListener("change", () => act("sort", { order: at("order").value }));
