@@ -194,3 +194,47 @@ def test_it_can_be_read_and_fits(browser, motor: Path, scheme: str) -> None:
                 at.seen(f"{view}-{width}-{scheme}")
         at.close()
         assert at.complaints == []
+
+
+def stuck_log(path: Path) -> Path:
+    """A motor whose sensor is stuck for a while, and whose second half has another gain."""
+    log = rp.examples.motor()
+    output = log.output.copy()
+    output[1000:1150] = 150.125
+    output[2500:] += 0.4 * (output[2500:] - output.mean())
+    rows = zip(log.input.tolist(), output.tolist(), strict=True)
+    path.write_text("t,u,y\n" + "".join(f"{0.02 * k:.2f},{u},{y}\n" for k, (u, y) in enumerate(rows)))
+    return path
+
+
+@pytest.mark.slow
+def test_what_the_inspection_and_a_reason_speak_of_is_shown(browser, tmp_path: Path) -> None:
+    with opened([stuck_log(tmp_path / "stuck.csv")]) as served:
+        at = Workbench(browser, served.url)
+        at.is_read()
+        stuck = at.page.locator("#doubts .reason")
+        at.until(lambda: stuck.count() == 1)
+        assert "stays at" in stuck.inner_text()
+        stuck.click()
+        at.until(lambda: at.zoomed().startswith("14"))
+        at.page.locator("#doubts .small").click()
+        at.until(lambda: at.page.get_by_label("leave out from, in s").input_value() == "20")
+        at.page.locator("#detrend").check()
+        at.until(lambda: "are identified" in at.text("conditioned"))
+        at.add("validate_on", "60", "")
+        at.fit("1")
+        at.page.locator(".card summary").click()
+        reasons = at.page.locator(".card .reason")
+        place = at.page.locator(".looked h2")
+        for k in range(reasons.count()):
+            reasons.nth(k).click()
+            at.until(lambda: place.count() == 1)
+        at.until(lambda: at.page.locator("#verdicts b").first.inner_text().endswith("%"))
+        at.seen("reason")
+        with at.page.expect_download() as coming:
+            at.page.click("#save-report")
+        assert b"<!doctype html>" in Path(coming.value.path()).read_bytes()[:40].lower()
+        at.page.check("[name=form][value=python]", force=True)
+        assert "rp.detrend(log)" in at.text("code")
+        at.close()
+        assert at.complaints == []

@@ -48,7 +48,9 @@ class Column:
             if (last - first) / points < size * FACTOR * (BUCKET if size == 1 else 1) / 2:
                 break
             level, size = found, size * (BUCKET if size == 1 else FACTOR)
-        low, high = (part[first // size : -(-last // size)] for part in level)
+        rows = slice(first // size, -(-last // size))
+        low = level[0][rows]
+        high = low if size == 1 else level[1][rows]
         joined = max(1, -(-low.size // points))
         low, high = joined_extremes(low, high, joined)
         places = first // size * size + size * joined * np.arange(low.size, dtype=np.float64)
@@ -60,7 +62,7 @@ class Column:
 def joined_extremes(low: FloatArray, high: FloatArray, count: int) -> Level:
     """Return least and greatest values of each ``count`` entries; NaN where all of them are."""
     if count == 1 or not low.size:
-        return np.asarray(low), np.asarray(high)
+        return low, high
     edges = np.arange(0, low.size, count)
     return np.fmin.reduceat(low, edges), np.fmax.reduceat(high, edges)
 
