@@ -32,7 +32,7 @@ def test_it_serves_until_ctrl_c_and_takes_the_next_port_where_one_is_in_use(moto
 
 
 def test_a_mistake_is_one_line(tmp_path: Path) -> None:
-    damaged = tmp_path / "a.replant"
+    damaged = tmp_path / "a.workbench"
     damaged.write_text("{}")
     for words in (["no.csv"], [str(damaged)], [str(damaged), str(damaged)], ["--at", "nowhere"]):
         done = subprocess.run(

@@ -176,7 +176,7 @@ def test_a_session_is_saved_to_one_file_and_opened_again(motor: Path, tmp_path: 
         page.do("setup", log="log1", setup={"validate_on": [[40.0, None]], "detrend": True})
         assert page.do("fit", log="log1", wish={"poles": "1", "delay": "0.01"})[0] == 200
         made = page.card("done")
-        saved = tmp_path / "plant.replant"
+        saved = tmp_path / "plant.workbench"
         saved.write_bytes(page.send("GET", "/session")[1])
     with client(saved) as page:
         page.is_read()
@@ -202,8 +202,8 @@ DAMAGES += [json.dumps(WHOLE | part) for part in ({"logs": [{"path": 3}]}, {"car
 @every("damage", DAMAGES)
 def test_a_damaged_session_is_refused_in_one_line(damage: str) -> None:
     with pytest.raises(ReplantError) as told:
-        parsed(damage, "plant.replant")
-    assert str(told.value).startswith("plant.replant: ")
+        parsed(damage, "plant.workbench")
+    assert str(told.value).startswith("plant.workbench: ")
     assert "\n" not in str(told.value)
 
 

@@ -26,6 +26,6 @@ def command(logs: tuple[Path, ...], place: str) -> None:
     """Open LOGs on a local page: look at them, cut a range, try orders, compare, keep a model.
 
     LOG is a recorded log (csv, mat, parquet and more), the folder of a live session's --record, or a session that the
-    page has saved (.replant).  Without one, the session that was open last is opened again.  Ctrl-C ends it.
+    page has saved (.workbench).  Without one, the session that was open last is opened again.  Ctrl-C ends it.
     """
     start(logs, *address_of("--at", place))

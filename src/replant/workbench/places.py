@@ -37,13 +37,13 @@ def session_of(logs: Sequence[Path]) -> Path:
     named = "\n".join(sorted(str(path.absolute()) for path in logs))
     sessions = folder() / "sessions"
     sessions.mkdir(exist_ok=True)
-    return sessions / f"{hashlib.sha256(named.encode('utf-8', 'surrogateescape')).hexdigest()[:16]}.replant"
+    return sessions / f"{hashlib.sha256(named.encode('utf-8', 'surrogateescape')).hexdigest()[:16]}.workbench"
 
 
 def newest_session() -> Path:
     """Return the file of the session that was open last, or that of no logs."""
     none = session_of(())
-    return max(none.parent.glob("*.replant"), key=lambda path: path.stat().st_mtime, default=none)
+    return max(none.parent.glob("*.workbench"), key=lambda path: path.stat().st_mtime, default=none)
 
 
 def token() -> str:

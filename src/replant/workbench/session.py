@@ -21,7 +21,7 @@ from replant.workbench.setup import Setup, Wish
 from replant.workbench.work import Work
 
 FORM = 1  # version of the file of a session [number]
-SUFFIX = ".replant"
+SUFFIX = ".workbench"
 SAVING = 0.3  # time after a change until the session is kept [s]
 MOST_LOGS = 32  # logs of a session [count]
 MOST_SHOWN = 6  # models that are compared at a time: as many as there are colours [count]

@@ -115,7 +115,8 @@ function paintShapes() {
   plane.draw({ poles, zeros, pole_covariance: poles.map(pole => pole.covariance) });
 }
 const sum = (a, b) => (a === null || b === null ? null : a + b);
-const regionOf = (model, pole) => model.regions.find(region => Math.abs(region.real - pole.real) < 1e-9 * (1 + Math.abs(pole.real)) && Math.abs(region.imag - pole.imag) < 1e-9 * (1 + Math.abs(pole.imag)))?.covariance ?? null;
+/** The region of a pole; none where it is less well known than its size, as it would hide all others. */
+const regionOf = (model, pole) => model.regions.filter(({ covariance: c }) => c[0][0] !== null && c[0][0] + c[1][1] < pole.real ** 2 + pole.imag ** 2).find(region => Math.abs(region.real - pole.real) < 1e-9 * (1 + Math.abs(pole.real)) && Math.abs(region.imag - pole.imag) < 1e-9 * (1 + Math.abs(pole.imag)))?.covariance ?? null;
 
 function paintVerdicts() {
   const items = names().filter(Boolean).map(card => ({ card, here: found?.models[card.name] }));
