@@ -176,11 +176,12 @@ def test_it_can_be_read_and_fits(browser, motor: Path, scheme: str) -> None:
     with opened([motor]) as served:
         at = Workbench(browser, served.url, color_scheme=scheme)
         at.is_read()
-        at.page.get_by_label("Role of column a").select_option("input")
-        at.page.get_by_label("Role of column b").select_option("output")
-        at.add("leave_out", "10", "12")
-        at.add("validate_on", "40", "")
-        at.fit("1:3")
+        if not at.done():  # else it is the session of the case before
+            at.page.get_by_label("Role of column a").select_option("input")
+            at.page.get_by_label("Role of column b").select_option("output")
+            at.add("leave_out", "10", "12")
+            at.add("validate_on", "40", "")
+            at.fit("1:3")
         for width in (1280, 820, 400):
             at.page.set_viewport_size({"width": width, "height": 860})
             for view in ("data", "models", "compare") if width < 1152 else ("data", "compare"):
