@@ -112,7 +112,7 @@ def test_a_log_is_never_changed_and_a_dropped_one_is_found_again(motor: Path, st
     assert [path for path in (state / "logs").iterdir() if path.name.startswith("drop-")] == []
 
 
-TWO_HUNDRED = [[0, 1]] * 200
+TWO_HUNDRED = [[k, k + 1] for k in range(200)]
 MISTAKES = [
     ("nosuch", {}, 404),
     ("fit", {"log": "log9"}, 409),
