@@ -25,6 +25,7 @@ OUTSIDE = {
     "report",
     "fleet",
     "live",
+    "workbench",
     "paper",
     "cli",
     "__main__",
@@ -47,6 +48,7 @@ ADAPTERS = {
     "live.dashboard.app": {"starlette"},
     "live.dashboard.connections": {"starlette", "uvicorn"},
     "live.dashboard.security": {"starlette"},
+    "workbench.app": {"starlette"},
 }
 FORKS = {"online.turns": {"os"}}  # says what a forked process does first; it touches no file
 #: Finds the native library, and has it made in a clone.

@@ -20,6 +20,7 @@ from support.cases import every
 
 LINES = sorted({line for examples in EXAMPLES.values() for _, line in examples})
 SLOW = ("replant live", "replant demo", "replant reproduce")
+SERVES = "replant open"  # until Ctrl-C: tests/workbench starts and ends it
 
 
 def test_every_command_has_examples() -> None:
@@ -77,7 +78,7 @@ def run_example(capsys, monkeypatch: pytest.MonkeyPatch, folder: Path, line: str
     assert (folder / "plots").is_dir() == ("--out plots" in line)
 
 
-@every("line", [line for line in LINES if not line.startswith(SLOW)], quick=12)
+@every("line", [line for line in LINES if not line.startswith((*SLOW, SERVES))], quick=12)
 def test_examples_run(capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str) -> None:
     run_example(capsys, monkeypatch, tmp_path, line)
 

@@ -19,6 +19,7 @@ from replant.operating_system.os_errors import refusal
 
 # For each command: the module of replant.cli with the click command ``command``, and the command's line of help.
 COMMANDS = {
+    "open": ("open", "Open logs on a local page: look, cut, fit, compare, keep a model."),
     "look": ("look", "Show what is in a recorded log, and suggest a command to begin with."),
     "run": ("run", "Identify G(s) online, in one pass over a recorded log."),
     "fit": ("fit", "Fit G(s) to a whole recorded log at once (batch); search structures."),

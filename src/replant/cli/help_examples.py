@@ -4,9 +4,14 @@ from __future__ import annotations
 
 EXAMPLES = {
     "replant": (
+        ("look, cut, fit and compare on a page", "replant open log.csv"),
         ("see what is in a log, and what to type next", "replant look log.csv"),
         ("fit two poles to all of it", "replant fit log.csv -i u -o y -p 2"),
         ("watch a simulated rig live, without hardware", "replant live demo --for 20s"),
+    ),
+    "open": (
+        ("a log on a page", "replant open log.csv"),
+        ("the session that was open last", "replant open"),
     ),
     "look": (
         ("columns, clock, likely input and output", "replant look log.csv"),

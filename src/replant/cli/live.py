@@ -154,7 +154,7 @@ def command(source: str, loop: bool, **options: Any) -> None:
         options["record"],
         options["checkpoint"],
         options["every"],
-        _address(options["dashboard"]),
+        None if options["dashboard"] in (None, "off") else address_of("--dashboard", options["dashboard"]),
         _token(options),
         None if rig is None else rig.plant,
         demo_signals(source),
@@ -246,11 +246,16 @@ def _request(options: dict[str, Any]) -> Request:
     )  # fmt: skip
 
 
-def _address(text: str | None) -> tuple[str, int] | None:
-    """Return host and port of the dashboard; None if it is not requested."""
-    if text is None or text == "off":
-        return None
+def address_of(option: str, text: str) -> tuple[str, int]:
+    """Return host and port of a page.
+
+    Examples
+    --------
+    >>> address_of("--dashboard", "127.0.0.1:8710")
+    ('127.0.0.1', 8710)
+    """
     host, _, port = text.rpartition(":")
     if not host or not port.isdigit() or int(port) > 65535:
-        raise InvalidArgumentError(f"--dashboard {text}: write HOST:PORT, as in {DASHBOARD}, or off")
+        off = ", or off" if option == "--dashboard" else ""
+        raise InvalidArgumentError(f"{option} {text}: write HOST:PORT, as in {DASHBOARD}{off}")
     return host.strip("[]"), int(port)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -88,13 +89,27 @@ def run(plan: Plan) -> bool:
             opened.callback(sinks[-1].close)
         observer = Observer(ObserverOptions(address, terminal=True, truth=plan.truth, signals=plan.signals))
         opened.callback(observer.close)
-        for line in messages + ([f"replant: watch it at {observer.url}"] if observer.url else []):
+        watched = [f"replant: watch it at {observer.url}"] if observer.url else []
+        for line in messages + watched:
             observer.show(line)
         session = _session(plan, source, sinks, observer, progress, identifier)
+        if plan.record is not None:
+            observer.show(f"replant: cut and fit it meanwhile: {_open_command(plan.record)}")
         reached = session.run()
     view = observer.last or make_view(session.identifier, session.info, EstimateHistory(plan.request.structure.size))
     print_summary(view, plan.truth, to_stderr="-" in plan.sinks)
     return reached
+
+
+def _open_command(record: Path) -> str:
+    """Return the command that opens a record in the workbench.
+
+    Examples
+    --------
+    >>> _open_command(Path("rig 1"))
+    "replant open 'rig 1'"
+    """
+    return shlex.join(["replant", "open", str(record)])
 
 
 def _session(

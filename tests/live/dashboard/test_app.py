@@ -60,7 +60,7 @@ def test_nothing_else_is_served(dashboard: Dashboard, path: str) -> None:
 
 def test_the_page_and_all_that_it_loads_weigh_little(dashboard: Dashboard) -> None:
     weight = 0
-    for path in ("", *(f"assets/{name}" for name in app._assets())):
+    for path in ("", *(f"assets/{name}" for name in app.dashboard_assets())):
         status, headers, body = ask(dashboard.port, f"GET /{path}", "Accept-Encoding: gzip")
         assert (status, headers.get("content-encoding", "gzip")) == (200, "gzip")
         weight += len(body)

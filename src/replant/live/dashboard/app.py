@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import logging
+from collections.abc import Sequence
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -32,14 +33,36 @@ MOST_WATCHING = 256  # browsers at a time [count]
 _OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008
 """Codes with which a websocket is closed: over, try again later, policy [number]."""
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_SCRIPTS = ("dashboard", "verdict", "format", "model", "plane", "chart", "span", "signals", "responses", "parameters")
-_OWN = (*(f"{name}.js" for name in _SCRIPTS), "dashboard.css", "icon.svg")
+_SCRIPTS = (
+    "dashboard",
+    "verdict",
+    "sign",
+    "format",
+    "model",
+    "plane",
+    "chart",
+    "span",
+    "signals",
+    "responses",
+    "parameters",
+)
+_OWN = (*(f"{name}.js" for name in _SCRIPTS), "frame.css", "dashboard.css", "icon.svg")
 
 
 def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
     """Return the dashboard of ``hub`` as an ASGI application."""
-    assets = _assets()
-    page = _own("index.html")
+    return page_app(_own("index.html"), dashboard_assets(), _routes(hub), token=token, hosts=hosts)
+
+
+def page_app(
+    page: bytes,
+    assets: dict[str, bytes],
+    routes: Sequence[Route | WebSocketRoute],
+    *,
+    token: str | None,
+    hosts: tuple[str, ...],
+) -> Starlette:
+    """Return a page with its assets and its other routes, under the protections of every page of replant."""
 
     async def index(_: Request) -> Response:
         return Response(page, media_type="text/html")
@@ -54,7 +77,7 @@ def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starle
         routes=[
             Route("/", index),
             Route("/assets/{name}", asset),
-            *_routes(hub),
+            *routes,
         ],
         middleware=[
             Middleware(Guard, token=token, hosts=hosts),
@@ -73,7 +96,7 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
     """Return the routes of views, commands, models and reports."""
 
     async def live(socket: WebSocket) -> None:
-        await _stream(hub, socket)
+        await stream(hub, socket)
 
     async def model_json(_: Request) -> Response:
         return _model(hub, "application/json", "model.json", lambda model: json.dumps(model, indent=2) + "\n")
@@ -93,7 +116,7 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
 
     async def report(_: Request) -> Response:
         try:
-            return _file(await hub.report(), "text/html", "report.html")
+            return file_answer(await hub.report(), "text/html", "report.html")
         except ReplantError as error:
             return PlainTextResponse(f"{error}\n", 503)
         except Exception:
@@ -109,7 +132,7 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
     ]
 
 
-async def _stream(hub: Hub, socket: WebSocket) -> None:
+async def stream(hub: Hub, socket: WebSocket) -> None:
     """Send views until the last one, or until the browser closes the websocket or sends anything."""
     if hub.browsers >= min(MOST_WATCHING, most_connections() // 2):
         await socket.close(_TRY_LATER, "too many browsers are connected")
@@ -175,10 +198,11 @@ def _model(hub: Hub, kind: str, name: str, written: Any) -> Response:
     model = hub.model()
     if not model:
         return PlainTextResponse("There is no model yet.\n", 404)
-    return _file(written(model).encode(), kind, name)
+    return file_answer(written(model).encode(), kind, name)
 
 
-def _file(content: bytes, kind: str, name: str) -> Response:
+def file_answer(content: bytes, kind: str, name: str) -> Response:
+    """Return an answer that the browser saves under a name."""
     return Response(content, media_type=kind, headers={"Content-Disposition": f'attachment; filename="{name}"'})
 
 
@@ -221,7 +245,7 @@ def _words() -> str:
 
 
 @cache
-def _assets() -> dict[str, bytes]:
+def dashboard_assets() -> dict[str, bytes]:
     """Return everything that the page loads, by name."""
     found = {name: _own(name) for name in _OWN}
     found["words.js"] = _words().encode()

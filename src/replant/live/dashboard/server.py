@@ -5,8 +5,9 @@ from __future__ import annotations
 import ipaddress
 import socket
 import time
+from collections.abc import Callable
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError, shown
@@ -81,8 +82,16 @@ class Dashboard:
         self.stop()
 
 
-def serve(hub: Hub, host: str = "127.0.0.1", port: int = 0, token: str | None = None) -> Dashboard:
+def serve(
+    hub: Hub,
+    host: str = "127.0.0.1",
+    port: int = 0,
+    token: str | None = None,
+    application: Callable[..., Any] | None = None,
+) -> Dashboard:
     """Serve the dashboard of ``hub`` from a thread, and return when the server is ready.
+
+    ``application`` makes another page that is served in the same way, as `create_app` makes the dashboard.
 
     >>> with serve(Hub(command=print, report=bytes)) as dashboard:
     ...     dashboard.url == f"http://127.0.0.1:{dashboard.port}/"
@@ -97,7 +106,7 @@ def serve(hub: Hub, host: str = "127.0.0.1", port: int = 0, token: str | None = 
     except ModuleNotFoundError as error:
         message = f"the dashboard needs {error.name}: pip install 'replant[live]'"
         raise MissingDependencyError(message) from None
-    app = create_app(hub, token=token, hosts=_names(host))
+    app = (application or create_app)(hub, token=token, hosts=_names(host))
     most = most_connections()
     connections = Connections(app, most, hub.notice)
     listening = _listen(host, port)

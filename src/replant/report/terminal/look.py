@@ -118,7 +118,7 @@ def print_findings(console: Any, found: Inspection) -> None:
     for line in [*_lines_of_table(found), *_other_columns(found)]:
         _say(console, line)
     console.print()
-    for heading, text in _findings(found):
+    for heading, text in findings_of(found):
         for at, line in enumerate(wrapped(text, console.width - INDENT)):
             _say(console, f"{heading if at == 0 else '':{INDENT}}{line}")
 
@@ -178,7 +178,8 @@ def _other_columns(found: Inspection) -> Iterator[str]:
         yield f"Not numbers: {column.problem}"
 
 
-def _findings(found: Inspection) -> Iterator[tuple[str, str]]:
+def findings_of(found: Inspection) -> Iterator[tuple[str, str]]:
+    """Yield what is to be said of clock, columns and response, each with its heading; empty where it goes on."""
     yield from _clock_findings(found)
     roles = found.roles
     for heading, role in (("Input", roles.input), ("Output", roles.output), ("Reference", roles.reference)):

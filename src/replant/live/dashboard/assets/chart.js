@@ -8,7 +8,8 @@ let palette = {};
 /** Read the colours of the style sheet again, as after a change from light to dark. */
 export function readColours() {
   const style = getComputedStyle(document.documentElement);
-  for (const role of ["ink", "muted", "grid", "measured", "model", "input", "residual", "accent", "shade", "truth"]) {
+  for (const role of ["ink", "muted", "grid", "measured", "model", "input", "residual", "accent", "shade", "truth", "line-3", "line-4", "good",
+    "warn", "bad"]) {
     palette[role] = style.getPropertyValue("--" + role).trim();
   }
 }
@@ -49,11 +50,11 @@ export const edge = () => ({ stroke: "transparent", width: 0, points: { show: fa
 const axis = more => ({ stroke: () => colour("muted"), font: FONT, gap: 4, ticks: { show: false },
   grid: { stroke: () => colour("grid"), width: 1 }, ...more });
 
-/** Shade the stretches that verdict, fit and offset leave out, behind the curves. */
+/** Shade stretches behind the curves: those that verdict, fit and offset leave out, or others in the colour of a role. */
 function shade({ ctx, bbox, valToPos }, spans) {
   ctx.save();
-  ctx.fillStyle = colour("shade");
-  for (const [begin, end] of spans) {
+  for (const [begin, end, role] of spans) {
+    ctx.fillStyle = role ? colour(role) + "30" : colour("shade");
     const from = Math.max(valToPos(begin, "x", true), bbox.left), to = Math.min(valToPos(end, "x", true), bbox.left + bbox.width);
     if (to > bbox.left && from < bbox.left + bbox.width) ctx.fillRect(from, bbox.top, Math.max(to - from, devicePixelRatio), bbox.height);
   }

@@ -1,5 +1,5 @@
 // G(s), typeset, and the table of its poles.
-import { known, number, parts, share } from "./format.js";
+import { known, number, parts, share, tick } from "./format.js";
 
 const MATH = "http://www.w3.org/1998/Math/MathML";
 const LINE = 46; // digits that a line of a polynomial may be wide
@@ -57,7 +57,7 @@ export function typeset(room, view) {
   const whole = math("mrow", math("mi", "G"), open, math("mi", "s"), close, math("mo", "="), math("mfrac", num.row, den.row));
   for (const bracket of [open, close]) bracket.setAttribute("stretchy", "false");
   if (view.delay) {
-    whole.append(math("msup", math("mi", "e"), math("mrow", math("mo", "−"), ...figure(view.delay), math("mi", "s"))));
+    whole.append(math("msup", math("mi", "e"), math("mrow", math("mo", "−"), math("mn", tick(+view.delay.toPrecision(4))), math("mi", "s"))));
   }
   const formula = math("math", whole);
   formula.setAttribute("display", "block");

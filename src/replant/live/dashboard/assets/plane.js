@@ -13,6 +13,14 @@ function shape(tag, attributes, text) {
   return element;
 }
 
+/** A shape in the colour of its model, where a point says which role of the palette that is. */
+function tinted({ role }, element) {
+  if (!role) return element;
+  element.style.stroke = `var(--${role})`;
+  if (element.getAttribute("class") === "ellipse") element.style.fill = `var(--${role})`;
+  return element;
+}
+
 /** Where axis ticks lie: about that many, at 1, 2 or 5 times a power of ten. */
 function ticks(low, high, about) {
   const rough = (high - low) / about, power = 10 ** Math.floor(Math.log10(rough));
@@ -40,7 +48,7 @@ function both(poles, covariances) {
     if (!known(pole.real) || !known(pole.imag) || pole.imag < 0) return;
     const outline = covariances?.[i] ? ellipse(pole, covariances[i]) : null;
     found.push({ ...pole, outline });
-    if (pole.imag) found.push({ real: pole.real, imag: -pole.imag, outline: outline?.map(([x, y]) => [x, -y]) });
+    if (pole.imag) found.push({ ...pole, imag: -pole.imag, outline: outline?.map(([x, y]) => [x, -y]) });
   });
   return found;
 }
@@ -67,9 +75,9 @@ export function splane(room) {
     picture.setAttribute("viewBox", `0 0 ${width} ${height}`);
     picture.replaceChildren(
       ...grid(x, y, [left, right, bottom, top], width, height),
-      ...poles.filter(p => p.outline).map(p => shape("polygon", { class: "ellipse", points: p.outline.map(([a, b]) => `${x(a).toFixed(1)},${y(b).toFixed(1)}`).join(" ") })),
-      ...near.map(p => shape("circle", { class: "zero", cx: x(p.real), cy: y(p.imag), r: 5 })),
-      ...poles.map(p => shape("path", { class: p.real > 0 ? "pole unstable" : "pole", d: `M${x(p.real) - 5} ${y(p.imag) - 5}l10 10m0-10l-10 10` })),
+      ...poles.filter(p => p.outline).map(p => tinted(p, shape("polygon", { class: "ellipse", points: p.outline.map(([a, b]) => `${x(a).toFixed(1)},${y(b).toFixed(1)}`).join(" ") }))),
+      ...near.map(p => tinted(p, shape("circle", { class: "zero", cx: x(p.real), cy: y(p.imag), r: 5 }))),
+      ...poles.map(p => tinted(p, shape("path", { class: p.real > 0 ? "pole unstable" : "pole", d: `M${x(p.real) - 5} ${y(p.imag) - 5}l10 10m0-10l-10 10` }))),
     );
     picture.append(...truth.map(p => shape("path", { class: "true", d: `M${x(p.real) - 7} ${y(p.imag)}l7 -7l7 7l-7 7z` })));
     const hidden = zeros.length - near.length;

@@ -3,7 +3,7 @@ import { number, tick, timeLabel } from "./format.js";
 import { chart, colour, edge, extent, labelled, legend, line, seen, steady, ticksOf, truth, unlabelled, zoom } from "./chart.js";
 import { TIMES } from "./span.js";
 
-const DEGREES = [1, 5, 10, 15, 30, 45, 90, 180, 360];
+export const DEGREES = [1, 5, 10, 15, 30, 45, 90, 180, 360];
 const at = id => document.getElementById(id);
 const keyPlace = name => document.querySelector(`[data-for="${name}"]`);
 const band = { series: [3, 4], fill: () => colour("model") + "40" };
@@ -17,7 +17,7 @@ function plainLegend(name) {
 }
 
 /** Lines at 1, 2 and 5 of every decade, or where a zoom leaves fewer than three of these, evenly. */
-function logTicks(plot, _, low, high) {
+export function logTicks(plot, _, low, high) {
   const found = [];
   for (let power = Math.floor(Math.log10(low)); power <= Math.ceil(Math.log10(high)); power++) {
     for (const m of [1, 2, 5]) if (m * 10 ** power >= 0.999 * low && m * 10 ** power <= 1.001 * high) found.push(m * 10 ** power);
@@ -27,7 +27,7 @@ function logTicks(plot, _, low, high) {
   return Array.from({ length: Math.floor(high / step) - Math.ceil(low / step) + 1 }, (_, i) => (Math.ceil(low / step) + i) * step);
 }
 
-const decades = (_, ticks) => {
+export const decades = (_, ticks) => {
   const whole = ticks.filter(isDecade).length > 1;
   return ticks.map(value => (!whole || isDecade(value) ? tick(+value.toPrecision(6)) : ""));
 };

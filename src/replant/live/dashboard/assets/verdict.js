@@ -1,15 +1,10 @@
 // The verdict: a sentence, a colour and a shape; its reasons in a place of fixed height, which a button opens.
+import { drawSign } from "./sign.js";
 import { VERDICTS } from "./words.js";
 
 const at = id => document.getElementById(id);
 const write = (place, text) => { if (place.textContent !== text) place.textContent = text; };
 
-const SIGNS = {
-  good: "M12 1a11 11 0 1 0 0 22a11 11 0 1 0 0-22z|M6.5 12.5l3.7 3.7 7.3-8",
-  warn: "M12 1.5L23.5 22H.5z|M12 9v6M12 18v.6",
-  bad: "M7.4 1h9.2L23 7.4v9.2L16.6 23H7.4L1 16.6V7.4z|M8 8l8 8M16 8l-8 8",
-  none: "M12 1L23 12L12 23L1 12z|M7.5 12h.1M12 12h.1M16.5 12h.1",
-};
 // shown instead of the verdict while no views arrive: the last verdict was about the past
 const APART = {
   over: ["The session has ended", "The page shows its last estimate, which is no longer judged."],
@@ -34,13 +29,7 @@ export function drawVerdict(view, apart) {
   const box = document.querySelector(".verdict");
   if (box.dataset.gravity !== gravity || !box.querySelector("path")) {
     box.dataset.gravity = gravity;
-    const paths = SIGNS[gravity].split("|").map((d, i) => {
-      const path = document.createElementNS("http://www.w3.org/2000/svg", "path");
-      path.setAttribute("d", d);
-      if (i) path.setAttribute("class", "mark");
-      return path;
-    });
-    box.querySelector("svg").replaceChildren(...paths);
+    drawSign(box.querySelector("svg"), gravity);
   }
   write(at("headline"), headline);
   write(at("meaning"), meaning);

@@ -1,0 +1,142 @@
+// The state of the session, which lives on the server: how it comes, how the page asks and acts, and what the address keeps.
+
+const at = id => document.getElementById(id);
+export { at };
+
+export const state = { session: null, open: false };
+const listeners = [];
+/** Have a function called with each new state of the session. */
+export const whenever = listener => listeners.push(listener);
+
+// --- elements ---
+/** An element with attributes, properties of `on...` and children; texts stay texts. */
+export function element(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
+    else if (value === true) made.setAttribute(name, "");
+    else if (value !== false && value !== null && value !== undefined) made.setAttribute(name, value);
+  }
+  made.append(...children);
+  return made;
+}
+
+export const write = (place, text) => { if (place.textContent !== text) place.textContent = text; };
+/** Set a field, unless somebody is typing there. */
+export const fill = (field, value) => { if (document.activeElement !== field && field.value !== value) field.value = value; };
+
+/** One child of a room for each item, made once by its key and updated with each state. */
+export function keyed(room, items, keyOf, make, update) {
+  const known = new Map([...room.children].map(child => [child.dataset.key, child]));
+  let place = room.firstChild;
+  for (const item of items) {
+    const key = String(keyOf(item));
+    let child = known.get(key);
+    known.delete(key);
+    if (!child) { child = make(item); child.dataset.key = key; }
+    if (child !== place) room.insertBefore(child, place);
+    else place = place.nextSibling;
+    update(child, item);
+  }
+  for (const child of known.values()) child.remove();
+}
+
+// --- what the address keeps, so that a reload and a second page have their own ---
+export function kept() {
+  return new URLSearchParams(location.hash.slice(1));
+}
+export function keep(changes) {
+  const found = kept();
+  for (const [name, value] of Object.entries(changes)) {
+    if (value === null || value === "") found.delete(name);
+    else found.set(name, value);
+  }
+  history.replaceState(null, "", `#${found}`);
+}
+
+// --- asking and acting ---
+export function say(text) {
+  at("notice").hidden = !text;
+  write(at("notice"), text);
+}
+
+async function answered(path, options) {
+  try {
+    const answer = await fetch(path, options);
+    if (answer.ok) return answer;
+    say((await answer.text()).trim() || `The server answered ${answer.status}.`);
+  } catch (error) {
+    if (error.name === "AbortError") return null;
+    say("The server cannot be reached: is replant open still running?");
+  }
+  return null;
+}
+
+/** Do something to the session; its new state comes by itself. */
+export async function act(name, given = {}) {
+  say("");
+  const answer = await answered(`/do/${name}`, { method: "POST", body: JSON.stringify(given) });
+  return answer && answer.json();
+}
+
+export async function send(path, body) {
+  say("");
+  return answered(path, { method: "POST", body });
+}
+
+const asked = new Map();
+/** Ask for something that is drawn; a newer question of the same name takes the place of an older one. */
+export async function ask(name, given) {
+  asked.get(name)?.abort();
+  const stop = new AbortController();
+  asked.set(name, stop);
+  const words = new URLSearchParams(Object.entries(given).filter(([, value]) => value !== null && value !== undefined));
+  const answer = await answered(`/ask/${name}?${words}`, { signal: stop.signal });
+  return answer && answer.json();
+}
+
+export const log = () => state.session?.logs.find(each => each.name === state.session.active) ?? null;
+/** Change what was chosen for the log that is shown. */
+export const choose = setup => act("setup", { log: log().name, setup });
+
+export function download(blob, name) {
+  const url = URL.createObjectURL(blob);
+  element("a", { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 60_000);
+}
+
+/** Call a function a moment after the last of many calls. */
+export function later(wait, call) {
+  let timer = 0;
+  return (...given) => { clearTimeout(timer); timer = setTimeout(() => call(...given), wait); };
+}
+
+// --- the connection ---
+const FIRST = 250, LONGEST = 8_000; // ms, pauses before connecting again
+let socket = null, wait = FIRST, timer = 0;
+
+function showLink(stateOf, text) {
+  at("link").dataset.state = stateOf;
+  write(at("link").querySelector("span"), text);
+}
+
+export function connect() {
+  clearTimeout(timer);
+  socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
+  socket.onmessage = event => {
+    const message = JSON.parse(event.data);
+    if (!state.open) { state.open = true; wait = FIRST; say(""); showLink("connected", "connected"); }
+    if (!message.view) return;
+    state.session = message.view;
+    for (const listener of listeners) listener(message.view);
+  };
+  socket.onclose = event => {
+    state.open = false;
+    if (event.code === 1000) {
+      showLink("ended", "ended");
+      say("The workbench has ended; the session is kept. Start it again with replant open: this page then comes back.");
+    } else showLink("reconnecting", "reconnecting");
+    timer = setTimeout(connect, wait * (0.75 + Math.random() / 2));
+    wait = Math.min(2 * wait, LONGEST);
+  };
+}

@@ -1,0 +1,167 @@
+"""Cards: the models of a session, asked for, being made, or kept."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from replant.report.verdict_words import words_of as verdict_words
+from replant.workbench.command import command_line, program, words_of
+from replant.workbench.reasons import place_of
+from replant.workbench.setup import RUN, SEARCH, Setup, Wish, text
+
+WAITING, RUNNING, DONE, FAILED, STOPPED = "waiting", "running", "done", "failed", "stopped"
+OPEN = (WAITING, RUNNING)
+LIKELY = 6  # candidates of a search that a card lists [count]
+ORDERS = ("made", "fit", "poles", "name")
+
+
+@dataclass(frozen=True)
+class Card:
+    """A model, or the attempt to make one.
+
+    Attributes
+    ----------
+    name, title : str
+        By which the session knows it, and how the user calls it.
+    log : str
+        Of the session.
+    path : Path
+    setup : Setup
+    wish : Wish
+    words : tuple of str
+        The command that makes it.
+    state : str
+    stage, percent : str, int
+        Of the progress.
+    error : str
+    found : dict
+        The JSON object of the command.
+    model : str
+        The file of the model.
+    """
+
+    name: str
+    title: str
+    log: str
+    path: Path
+    setup: Setup
+    wish: Wish
+    words: tuple[str, ...]
+    state: str = WAITING
+    stage: str = ""
+    percent: int = 0
+    error: str = ""
+    found: dict[str, Any] = field(default_factory=dict)
+    model: str = ""
+
+    def view(self) -> dict[str, Any]:
+        """Return what the page shows."""
+        shown: dict[str, Any] = {
+            "name": self.name, "title": self.title, "log": self.log, "source": self.path.name, "kind": self.wish.kind,
+            "state": self.state, "stage": self.stage, "percent": self.percent, "error": self.error,
+            "command": command_line(self.words), "python": program(self.path, self.setup, self.wish),
+        }  # fmt: skip
+        return shown | (_result(self.found) if self.state == DONE else {})
+
+    def kept(self) -> dict[str, Any]:
+        """Return the card for the file of a session."""
+        state = STOPPED if self.state in OPEN else self.state
+        return {**asdict(self), "path": str(self.path), "words": list(self.words), "state": state}
+
+
+def title_of(wish: Wish) -> str:
+    """Return the name that a card gets.
+
+    >>> title_of(Wish(poles="2", zeros="1", delay="0.01")), title_of(Wish("search", "1:4"))
+    ('2 poles, 1 zero, 0.01 s', 'best of 1:4 poles')
+    """
+    if wish.kind == SEARCH:
+        return f"best of {wish.poles} poles"
+    parts = [f"{wish.poles} pole{'' if wish.poles == '1' else 's'}"]
+    parts += [f"{wish.zeros} zero{'' if wish.zeros == '1' else 's'}"] if wish.zeros not in ("", "0") else []
+    parts += [f"{float(wish.delay):g} s"] if float(wish.delay) else []
+    return ", ".join(parts) + (", online" if wish.kind == RUN else "")
+
+
+def _result(found: dict[str, Any]) -> dict[str, Any]:
+    """Return the figures of a model that a card shows."""
+    words = verdict_words(found["verdict"]["status"])
+    unseen = [
+        {"on": each["source"].partition(", ")[2] or each["source"], "fit": each["fit"]["simulated"],
+         "verdict": _judged(each["verdict"])}
+        for each in found.get("validations", ())
+    ]  # fmt: skip
+    candidates = [each for each in found.get("candidates", ()) if each["criterion"] is not None]
+    candidates.sort(key=lambda each: each["criterion"])
+    least = candidates[0]["criterion"] if candidates else 0.0
+    for each in candidates:
+        each["behind"] = 0.5 * (each["criterion"] - least)
+    return {
+        "num": found["num"], "den": found["den"], "delay": found["delay"], "poles": found["structure"]["poles"],
+        "zeros": found["structure"]["zeros"], "fit": found["fit"]["simulated"], "one_step": found["fit"]["one_step"],
+        "samples": found["samples"], "known": _known(found["parameters"]), "unusable": not words.usable,
+        "verdict": _judged(found["verdict"]), "unseen": unseen, "candidates": candidates[:LIKELY],
+        "tried": len(found.get("candidates", ())), "seconds": found.get("elapsed_seconds"),
+        "left_out": {reason: count for reason, count in found["rejected"].items() if count},
+    }  # fmt: skip
+
+
+def _judged(verdict: dict[str, Any]) -> dict[str, Any]:
+    words = verdict_words(verdict["status"])
+    reasons = [{"text": reason, **asdict(place_of(reason))} for reason in verdict["reasons"]]
+    return {"gravity": words.gravity, "headline": words.headline, "meaning": words.meaning, "reasons": reasons}
+
+
+def judged(verdict: dict[str, Any]) -> dict[str, Any]:
+    """Return a verdict, as JSON has it, with its words, its gravity and where its reasons can be seen."""
+    return _judged(verdict)
+
+
+def _known(parameters: dict[str, dict[str, float | None]]) -> float | None:
+    """Return the largest standard deviation of a coefficient as a part of its size; None where none is known."""
+    parts = [
+        each["std"] / abs(each["value"]) for each in parameters.values() if each["std"] is not None and each["value"]
+    ]
+    return max(parts) if parts else None
+
+
+def sort_key(card: Card, order: str) -> Any:
+    """Return by what cards are sorted: made keeps their order, fit has the best on unseen samples first."""
+    if order == "name":
+        return card.title.casefold()
+    if card.state != DONE:
+        return math.inf
+    if order == "poles":
+        return 100 * len(card.found["den"]) + len(card.found["num"])
+    unseen = [each["fit"]["simulated"] for each in card.found.get("validations", ())]
+    fits = [fit for fit in (unseen or [card.found["fit"]["simulated"]]) if fit is not None]
+    return -min(fits) if fits else math.inf
+
+
+def in_order(cards: Sequence[Card], order: str) -> list[Card]:
+    """Return cards in one of `ORDERS`.
+
+    >>> in_order([], "fit")
+    []
+    """
+    return list(cards) if order == "made" else sorted(cards, key=lambda card: sort_key(card, order))
+
+
+def card_of(kept: dict[str, Any]) -> Card:
+    """Return a card from the file of a session; raises KeyError, TypeError or ValueError where it holds none."""
+    names = {each.name for each in dataclasses.fields(Card)}
+    given = {name: kept[name] for name in names}
+    given["setup"], given["wish"] = Setup().changed(kept["setup"]), Wish().changed(kept["wish"])
+    given["path"] = Path(kept["path"])
+    given["words"] = words_of(given["path"], given["setup"], given["wish"])  # a file says what to fit, not what to run
+    for key in ("name", "title", "log", "stage", "error", "model", "state"):
+        given[key] = text(key, given[key]) if key != "model" else str(given[key])
+    card = Card(**given)
+    if card.state == DONE:
+        card.view()  # raises where figures are missing
+    return card

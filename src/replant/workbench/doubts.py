@@ -1,0 +1,84 @@
+"""Doubts: stretches of a log that may be left out, such as a stuck sensor, a gap in the clock, or missing outputs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.arguments import BoolArray, FloatArray
+
+SHOWN = 12  # stretches that are listed, the longest [count]
+FEWEST = 20  # samples of the same value from which on a sensor may be stuck [count]
+USUAL = 10.0  # how often longer that is than what holds nine tenths of the others [ratio]
+MOVES = 2  # moves of the input within it, without which the output may well rest [count]
+GAP = 3.0  # distance of two time stamps from which on samples are missing between them [usual intervals]
+MISSING = 10  # missing outputs in a row that are worth a line [count]
+
+
+@dataclass(frozen=True)
+class Doubt:
+    """A stretch of time in s from the first sample, and what is the matter with it."""
+
+    begin: float
+    end: float
+    what: str
+
+
+def doubts(t: FloatArray, u: FloatArray | None, y: FloatArray | None) -> list[Doubt]:
+    """Return what may be wrong, in the order of time; ``t`` (K,) in s from the first sample.
+
+    >>> t = np.arange(400.0)
+    >>> y = np.where((t >= 100) & (t < 160), 5.0, np.sin(t))
+    >>> doubts(t, np.cos(t), y)
+    [Doubt(begin=100.0, end=160.0, what='the output stays at 5 while the input moves')]
+    """
+    found = _gaps(t)
+    if y is not None:
+        found += _missing(t, y)
+        if u is not None and u.size == y.size:
+            found += _stuck(t, u, y)
+    found = sorted(found, key=lambda each: each.begin - each.end)[:SHOWN]
+    return sorted(found, key=lambda each: each.begin)
+
+
+def _gaps(t: FloatArray) -> list[Doubt]:
+    steps = np.diff(t)
+    usual = float(np.median(steps)) if steps.size else 0.0
+    places = np.flatnonzero(steps > GAP * usual) if usual > 0.0 else np.zeros(0, np.int64)
+    return [Doubt(float(t[k]), float(t[k + 1]), f"no samples for {steps[k]:.4g} s") for k in places[: 10 * SHOWN]]
+
+
+def _missing(t: FloatArray, y: FloatArray) -> list[Doubt]:
+    rows = _runs(~np.isfinite(y))
+    return [Doubt(float(t[a]), _end(t, b), f"{b - a:,} outputs are missing") for a, b in rows if b - a >= MISSING]
+
+
+def _stuck(t: FloatArray, u: FloatArray, y: FloatArray) -> list[Doubt]:
+    """Return where the output has the same value for long while the input moves."""
+    same = np.flatnonzero(np.append(True, y[1:] != y[:-1]))
+    lengths = np.diff(np.append(same, y.size))
+    usual = max(float(FEWEST), USUAL * float(np.quantile(lengths, 0.9)))
+    moved = np.concatenate([[0], np.cumsum(u[1:] != u[:-1])])
+    found = []
+    for a, length in zip(same[lengths >= usual].tolist(), lengths[lengths >= usual].tolist(), strict=True):
+        if moved[a + length - 1] - moved[a] >= MOVES and np.isfinite(y[a]):
+            found.append(
+                Doubt(float(t[a]), _end(t, a + length), f"the output stays at {y[a]:.4g} while the input moves")
+            )
+    return found
+
+
+def _runs(flags: BoolArray) -> list[tuple[int, int]]:
+    """Return begin and end of each stretch of True.
+
+    >>> _runs(np.array([True, False, True, True]))
+    [(0, 1), (2, 4)]
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+
+def _end(t: FloatArray, row: int) -> float:
+    """Return when the sample behind a stretch was taken; of the last one, a step after it."""
+    return float(t[row]) if row < t.size else float(2.0 * t[-1] - t[-2]) if t.size > 1 else float(t[-1])

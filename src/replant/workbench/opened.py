@@ -1,0 +1,236 @@
+"""Opened: one log of a session; it is inspected and read in the background, whenever what was chosen asks for it."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from replant.errors import ReplantError
+from replant.operating_system.os_errors import one_line
+from replant.operating_system.worker import Worker
+from replant.workbench import tasks
+from replant.workbench.samples import CancelledError, Clock, Samples
+from replant.workbench.setup import Setup, Wish
+from replant.workbench.work import Work
+
+MOST_DRAWN = 24  # columns of a log that are drawn [count]
+INSPECTING, READING, READY, BROKEN = "inspecting", "reading", "ready", "broken"
+SHOWN = ("number", "key", "name", "min", "max", "missing", "step", "quantised", "problem", "in_record")
+ROLES = ("input", "output", "reference")
+
+
+class Opened:
+    """A log with what is known of it and what was chosen for it."""
+
+    def __init__(self, name: str, path: Path, work: Work, changed: Callable[[], None]) -> None:
+        self.name, self.path = name, path
+        self.setup, self.wish = Setup(), Wish()
+        self.look: dict[str, Any] = {}
+        self.state, self.error, self.rows, self.about = INSPECTING, "", 0, 0
+        self.modified = _modified(path)
+        self.samples = Samples(path)
+        self._work, self._changed = work, changed
+        self._is_new, self._again, self._closed = True, False, False
+        self._lock = threading.Lock()
+        self._busy = False
+
+    def refresh(self) -> None:
+        """Inspect and read the log, as far as that is not done; once more if it is being done."""
+        with self._lock:
+            self._again = True
+            if self._busy or self._closed:
+                return
+            self._busy = True
+        Worker(self._refresh).start()
+
+    def read_again(self) -> None:
+        """Forget the samples, as of a record that goes on, and read the file once more."""
+        with self._lock:
+            if self._busy:
+                return
+        self.samples.close()
+        self.samples, self.modified = Samples(self.path), _modified(self.path)
+        self.refresh()
+
+    def close(self) -> None:
+        """Stop reading, and remove what was read."""
+        with self._lock:
+            self._closed = True
+            busy = self._busy
+        if not busy:
+            self.samples.close()
+
+    def _refresh(self) -> None:
+        while True:
+            with self._lock:
+                if not self._again or self._closed:
+                    self._busy = False
+                    break
+                self._again = False
+            self._try()
+            self._changed()
+        if self._closed:
+            self.samples.close()
+
+    def _try(self) -> None:
+        try:
+            self._tell(INSPECTING)
+            self._inspect()
+            self._tell(READING)
+            self.samples.read(self._drawn(), self._progress)
+            self._tell(READY)
+        except CancelledError:
+            pass
+        except ReplantError as error:
+            self.error = str(error)
+            self._tell(BROKEN)
+        except OSError as error:
+            self.error = one_line(error)
+            self._tell(BROKEN)
+        except Exception as error:
+            logging.getLogger("replant.workbench").exception("%s could not be read", self.path)
+            self.error = f"{self.path.name}: {type(error).__name__}; the terminal shows more"
+            self._tell(BROKEN)
+
+    def _tell(self, state: str) -> None:
+        self.state = state
+        self._changed()
+
+    def _inspect(self) -> None:
+        chosen = (self.setup.input, self.setup.output, self.setup.time)
+        self.look = self._work.do(tasks.look, str(self.path), chosen)
+        self.error = ""
+        if self._is_new:
+            self._is_new = False
+            self.setup = guessed(self.setup, self.look)
+
+    def restored(self, setup: Setup, wish: Wish) -> None:
+        """Take what was chosen in an earlier session, in place of what is guessed."""
+        self.setup, self.wish, self._is_new = setup, wish, not setup.input
+
+    def _drawn(self) -> list[int]:
+        """Return the columns to read: those with a role, and others as far as there is room."""
+        columns = [each for each in self.look["columns"] if each["in_record"]]
+        of_role = {self.role_of(each): each["number"] for each in columns}
+        clock = self.look["clock_number"]
+        first = [of_role[role] for role in ROLES if role in of_role] + ([] if clock is None else [clock])
+        rest = [each["number"] for each in columns if each["number"] not in first]
+        return [*dict.fromkeys(first), *rest][: max(MOST_DRAWN, len(first))]
+
+    def role_of(self, column: dict[str, Any]) -> str:
+        """Return the role of a column; empty for one that is not used."""
+        for role in ROLES:
+            if getattr(self.setup, role) == column["key"]:
+                return role
+        if self.setup.dt is not None:
+            return ""
+        is_time = self.setup.time == column["key"] if self.setup.time else column["looks_like"] == "time"
+        return "time" if is_time else ""
+
+    def _progress(self, rows: int, about: int) -> bool:
+        if self._closed:
+            return False
+        if rows - self.rows > about / 50 or rows < self.rows:
+            self.rows, self.about = rows, about
+            self._changed()
+        return True
+
+    @property
+    def clock(self) -> Clock:
+        """When the rows are drawn."""
+        found = self.look.get("clock") or {}
+        dt = self.setup.dt or found.get("dt") or 1.0
+        number = self.look.get("clock_number")
+        if self.setup.dt is not None or number not in self.samples.columns or found.get("not_rising"):
+            return Clock(None, 1.0, dt)
+        return Clock(number, found.get("unit_in_seconds") or 1.0, dt)
+
+    def drawn(self, between: tuple[float, float] | None, points: int) -> dict[str, Any]:
+        """Return the signals between two times in s, thinned; see `Samples.drawn`."""
+        if not self.samples.columns:
+            return {"columns": {}, "rows": 0, "all": [0.0, 1.0]}
+        clock = self.clock
+        shown = [number for number in self._drawn() if number != clock.number]
+        ends = between or (0.0, math.inf)
+        if between is None:
+            times = None if clock.number is None else self.samples.columns[clock.number]
+            ends = (0.0, clock.ends(times, self.samples.rows)[1])
+        return self.samples.drawn(shown, clock, ends, points)
+
+    def view(self) -> dict[str, Any]:
+        """Return what the page shows beside the signals."""
+        columns = [
+            {key: each[key] for key in SHOWN}
+            | {"role": self.role_of(each), "drawn": each["number"] in self.samples.columns}
+            for each in self.look.get("columns", ())
+        ]
+        return {
+            "name": self.name, "file": self.path.name, "path": str(self.path), "state": self.state, "error": self.error,
+            "read": min(1.0, self.rows / self.about) if self.about and self.state == READING else None,
+            "rows": self.samples.rows, "columns": columns, "findings": self.look.get("findings", []),
+            "doubts": self.look.get("doubts", []),
+            "delay": self.look.get("delay"), "dt": (self.look.get("clock") or {}).get("dt"), "setup": of(self.setup),
+            "wish": vars(self.wish), "grown": self.has_changed, "version": self.modified,
+        }  # fmt: skip
+
+    @property
+    def has_changed(self) -> bool:
+        """Whether the file has changed since it was read."""
+        return _modified(self.path) != self.modified
+
+    def kept(self) -> dict[str, Any]:
+        """Return the log for the file of a session."""
+        return {"name": self.name, "path": str(self.path), "setup": of(self.setup), "wish": vars(self.wish)}
+
+
+def of(setup: Setup) -> dict[str, Any]:
+    """Return a setup as `Setup.changed` takes it."""
+    stretches = {
+        name: [[each.begin, each.end] for each in getattr(setup, name)] for name in ("use", "leave_out", "validate_on")
+    }
+    return vars(setup) | stretches
+
+
+def guessed(setup: Setup, look: dict[str, Any]) -> Setup:
+    """Return a setup with the roles and the clock that the inspection guesses."""
+    roles = {each["looks_like"]: each["key"] for each in reversed(look["columns"]) if each["looks_like"]}
+    setup = setup.changed({role: roles.get(role, "") for role in ROLES})
+    clock = look["clock"]
+    if clock is None or clock["dt"] is None:
+        return replace(setup, dt=1.0)
+    if clock["problem"]:
+        return replace(setup, dt=float(f"{clock['dt']:.6g}"))
+    return replace(setup, time=roles.get("time", "")) if clock["guess"] else setup
+
+
+def with_role(opened: Opened, key: str, role: str) -> Setup:
+    """Return the setup of a log in which a column has a role, and no other column the same."""
+    setup = opened.setup
+    for each in ROLES:
+        if getattr(setup, each) == key:
+            setup = setup.changed({each: ""})
+    column = next((each for each in opened.look.get("columns", ()) if each["key"] == key), None)
+    if column is None:
+        raise ReplantError(f"there is no column {key!r}")
+    was_time = opened.role_of(column) == "time"
+    if role == "time":
+        return replace(setup, time=key, dt=None)
+    if was_time:
+        setup = replace(setup, time="", dt=(opened.look.get("clock") or {}).get("dt") or 1.0)
+    return setup.changed({role: key}) if role in ROLES else setup
+
+
+def _modified(path: Path) -> float:
+    """Return when a file, or the newest part in a folder, was written; 0 where there is none."""
+    found = 0.0
+    with contextlib.suppress(OSError):
+        found = path.stat().st_mtime
+        if path.is_dir():
+            found = max([found, *(part.stat().st_mtime for part in path.iterdir())])
+    return found

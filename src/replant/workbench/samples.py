@@ -1,0 +1,171 @@
+"""The samples of a log as the page draws them: columns on disk, and their least and greatest values at every zoom.
+
+A column is written to a file as it is read, so that a log of any length takes little memory.  Beside it stand the
+least and the greatest value of each `BUCKET` samples, and of `FACTOR` of these, and so on.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack, closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.data.logs import read_columns
+from replant.data.logs.rasters import side_by_side
+from replant.errors import LogError
+
+BUCKET = 64  # samples of which least and greatest value are kept [count]
+FACTOR = 8  # buckets that the next level joins [count]
+DIGITS = 6  # digits of a value that is only drawn [count]
+CHUNK = 1 << 20  # samples of which the buckets are made at once [count]
+
+Level = tuple[FloatArray, FloatArray]
+
+
+class CancelledError(Exception):
+    """The reading of a log was stopped."""
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One column: a file of float64, and the levels of its least and greatest values."""
+
+    values: FloatArray
+    levels: tuple[Level, ...]
+
+    def between(self, first: int, last: int, points: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return places (N,) and least and greatest values (N,) of the samples [first, last), at most ``points``."""
+        size = 1
+        level: Level = (self.values, self.values)
+        for found in self.levels:
+            if (last - first) / points < size * FACTOR * (BUCKET if size == 1 else 1) / 2:
+                break
+            level, size = found, size * (BUCKET if size == 1 else FACTOR)
+        rows = slice(first // size, -(-last // size))
+        low = level[0][rows]
+        high = low if size == 1 else level[1][rows]
+        joined = max(1, -(-low.size // points))
+        low, high = joined_extremes(low, high, joined)
+        places = first // size * size + size * joined * np.arange(low.size, dtype=np.float64)
+        if size * joined > 1:
+            places = np.minimum(places + 0.5 * size * joined, float(last))
+        return places, low, high
+
+
+def joined_extremes(low: FloatArray, high: FloatArray, count: int) -> Level:
+    """Return least and greatest values of each ``count`` entries; NaN where all of them are."""
+    if count == 1 or not low.size:
+        return low, high
+    edges = np.arange(0, low.size, count)
+    return np.fmin.reduceat(low, edges), np.fmax.reduceat(high, edges)
+
+
+def levels_of(values: FloatArray) -> tuple[Level, ...]:
+    """Return the levels of a column (K,), from that of `BUCKET` samples to the coarsest."""
+    parts = []
+    for first in range(0, values.size, CHUNK):
+        chunk = np.asarray(values[first : first + CHUNK])
+        chunk = np.where(np.isfinite(chunk), chunk, np.nan)
+        parts.append(joined_extremes(chunk, chunk, BUCKET))
+    if not parts:
+        return ()
+    found = [(np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts]))]
+    while found[-1][0].size > 2 * FACTOR:
+        found.append(joined_extremes(*found[-1], FACTOR))
+    return tuple(found)
+
+
+class Samples:
+    """The columns of one log that are drawn, read from its file when they are asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._folder = tempfile.TemporaryDirectory(prefix="replant-open-")
+        self.columns: dict[int, Column] = {}
+        self.rows = 0
+
+    def close(self) -> None:
+        """Remove the files."""
+        self.columns.clear()
+        self._folder.cleanup()
+
+    def read(self, numbers: Sequence[int], progress: Callable[[int, int], bool]) -> None:
+        """Read further columns in one pass; ``progress`` gets rows and about how many there are, and may stop it."""
+        wanted = [number for number in numbers if number not in self.columns]
+        if not wanted:
+            return
+        table = side_by_side(read_columns(self.path))
+        paths = [Path(self._folder.name, f"{number}.f8") for number in wanted]
+        rows = 0
+        with ExitStack() as opened:
+            stream = opened.enter_context(closing(table.stream(wanted)))
+            files = [opened.enter_context(path.open("wb")) for path in paths]
+            for block in stream:
+                for file, column in zip(files, block, strict=True):
+                    file.write(np.ascontiguousarray(column, np.float64).data)
+                rows += max(column.size for column in block)
+                if not progress(rows, max(table.approximate_rows, rows)):
+                    raise CancelledError
+        if not rows:
+            raise LogError(f"{self.path}: there are no rows; record the log again")
+        for number, path in zip(wanted, paths, strict=True):
+            values: Any = np.memmap(path, np.float64, "r") if path.stat().st_size else np.empty(0)
+            self.columns[number] = Column(values, levels_of(values))
+        self.rows = max(column.values.size for column in self.columns.values())
+
+    def drawn(self, shown: Sequence[int], clock: Clock, between: tuple[float, float], points: int) -> dict[str, Any]:
+        """Return the columns ``shown`` between two times in s, with at most ``points`` least and greatest values."""
+        times = self.columns.get(clock.number) if clock.number is not None else None
+        first, last = clock.rows(times, self.rows, between)
+        found: dict[str, Any] = {"columns": {}, "rows": self.rows, "all": clock.ends(times, self.rows)}
+        for number in shown:
+            column = self.columns.get(number)
+            if column is None:
+                continue
+            places, low, high = column.between(first, min(last, column.values.size), points)
+            found["t"] = rounded(clock.at(times, places), 12)
+            found["columns"][str(number)] = [rounded(low), None if low is high else rounded(high)]
+        return found
+
+
+@dataclass(frozen=True)
+class Clock:
+    """When the rows of a log were taken: by a column in units of ``unit`` s, or ``dt`` s apart."""
+
+    number: int | None
+    unit: float
+    dt: float
+
+    def rows(self, times: Column | None, rows: int, between: tuple[float, float]) -> tuple[int, int]:
+        """Return the first row and that behind the last between two times, and one more at either end."""
+        if times is None:
+            low, high = (min(max(t / self.dt, 0.0), rows) for t in between)
+            return max(0, math.floor(low) - 1), min(rows, math.ceil(high) + 2)
+        origin = float(times.values[0])
+        low, high = np.searchsorted(times.values, [origin + t / self.unit for t in between]).tolist()
+        return max(0, int(low) - 1), min(times.values.size, int(high) + 2)
+
+    def at(self, times: Column | None, places: FloatArray) -> FloatArray:
+        """Return when places (N,) between the rows are, in s from the first row."""
+        if times is None:
+            return places * self.dt
+        last = times.values.size - 1
+        rows = np.minimum(places.astype(np.int64), last)
+        stamps, after = (np.asarray(times.values[each]) for each in (rows, np.minimum(rows + 1, last)))
+        return np.asarray((stamps + (places - rows) * (after - stamps) - float(times.values[0])) * self.unit)
+
+    def ends(self, times: Column | None, rows: int) -> list[float]:
+        """Return when the first and the last row were taken, in s from the first."""
+        return [float(t) for t in self.at(times, np.array([0.0, max(rows - 1, 1)]))]
+
+
+def rounded(values: FloatArray, digits: int = DIGITS) -> list[float | None]:
+    """Return values (N,) for JSON: so many digits, and null where they are not finite."""
+    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()]

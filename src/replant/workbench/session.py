@@ -1,0 +1,305 @@
+"""Session: the logs and cards of a workbench; whatever changes is told to the pages and kept in a file."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from replant.errors import InvalidArgumentError, ReplantError, shown
+from replant.operating_system.os_errors import one_line
+from replant.operating_system.whole_file import replacing
+from replant.workbench.cards import DONE, FAILED, OPEN, ORDERS, RUNNING, STOPPED, Card, card_of, in_order, title_of
+from replant.workbench.command import words_of
+from replant.workbench.jobs import Jobs, Outcome
+from replant.workbench.opened import BROKEN, Opened
+from replant.workbench.setup import Setup, Wish
+from replant.workbench.work import Work
+
+FORM = 1  # version of the file of a session [number]
+SUFFIX = ".workbench"
+SAVING = 0.3  # time after a change until the session is kept [s]
+MOST_LOGS = 32  # logs of a session [count]
+MOST_SHOWN = 6  # models that are compared at a time: as many as there are colours [count]
+LARGEST = 256 << 20  # file of a session [bytes]
+
+
+class Session:
+    """Everything a page shows; its state lives here and in the file, none in a browser."""
+
+    def __init__(self, kept_in: Path | None, publish: Callable[[dict[str, Any]], None]) -> None:
+        self.kept_in, self._publish = kept_in, publish
+        self.work, self.jobs = Work(), Jobs(self._progress, self._finished)
+        self.logs: dict[str, Opened] = {}
+        self.cards: dict[str, Card] = {}
+        self.active, self.order, self.shown = "", "made", list[str]()
+        self.lock = threading.RLock()
+        self._number, self._closed, self._grown = 0, False, set[str]()
+        self._timer: threading.Timer | None = None
+
+    # --- what the pages see ---
+
+    def changed(self) -> None:
+        """Tell all pages, and keep the session soon."""
+        with self.lock:
+            if self._closed:
+                return
+            self._publish(self.view())
+            if self._timer is None and self.kept_in is not None:
+                self._timer = threading.Timer(SAVING, self._keep)
+                self._timer.daemon = True
+                self._timer.start()
+
+    def view(self) -> dict[str, Any]:
+        """Return the state of the session for the pages."""
+        with self.lock:
+            cards = in_order(list(self.cards.values()), self.order)
+            return {
+                "logs": [each.view() for each in self.logs.values()], "cards": [each.view() for each in cards],
+                "active": self.active, "order": self.order, "shown": self.shown,
+            }  # fmt: skip
+
+    def log(self, name: str) -> Opened:
+        """Return a log of the session."""
+        found = self.logs.get(name)
+        if found is None:
+            raise InvalidArgumentError(f"there is no log {shown(name)} in this session: reload the page")
+        return found
+
+    def card(self, name: str) -> Card:
+        """Return a card of the session."""
+        found = self.cards.get(name)
+        if found is None:
+            raise InvalidArgumentError(f"there is no model {shown(name)} in this session: reload the page")
+        return found
+
+    # --- logs ---
+
+    def open(self, path: Path, setup: Setup | None = None, wish: Wish | None = None, name: str = "") -> Opened:
+        """Open a log, or go to it where it is open."""
+        path = _record_of(path)
+        with self.lock:
+            same = next((each for each in self.logs.values() if each.path == path), None)
+            if same is None:
+                if len(self.logs) >= MOST_LOGS:
+                    raise InvalidArgumentError(f"{MOST_LOGS} logs are open: close some first")
+                same = Opened(name or self._next("log"), path, self.work, self.changed)
+                if setup is not None:
+                    same.restored(setup, wish or Wish())
+                self.logs[same.name] = same
+                same.refresh()
+            self.active = same.name
+        self.changed()
+        return same
+
+    def close_log(self, name: str) -> None:
+        """Close a log; its models stay."""
+        with self.lock:
+            self.log(name).close()
+            del self.logs[name]
+            if self.active == name:
+                self.active = next(reversed(self.logs), "")
+
+    def choose(self, name: str, setup: Setup) -> None:
+        """Take what was chosen for a log; inspect it anew where that depends on it."""
+        with self.lock:
+            log = self.log(name)
+            before, log.setup = log.setup, setup
+        roles = ("input", "output", "reference", "time", "dt")
+        if any(getattr(before, each) != getattr(setup, each) for each in roles):
+            log.refresh()
+
+    def look_for_growth(self) -> None:
+        """Tell the pages of logs whose files have changed, as the record of a live session does."""
+        with self.lock:
+            grown = {log.name for log in self.logs.values() if log.has_changed}
+            for name in grown:
+                if self.logs[name].state == BROKEN:  # as of a record whose first part was not written yet
+                    self.logs[name].read_again()
+            if grown == self._grown:
+                return
+            self._grown = grown
+        self.changed()
+
+    # --- models ---
+
+    def fit(self, name: str, wish: Wish) -> list[str]:
+        """Ask for models of a log; return their names."""
+        with self.lock:
+            log = self.log(name)
+            log.wish = wish
+            log.setup.check()
+            made = [self._new_card(log, each) for each in wish.alone]
+        for card in made:
+            self.jobs.start(card.name, card.words)
+        return [card.name for card in made]
+
+    def again(self, name: str) -> None:
+        """Make a model that was stopped, or that failed, once more."""
+        with self.lock:
+            card = replace(self.card(name), state="waiting", error="", percent=0, stage="")
+            self.cards[name] = card
+        self.jobs.start(name, card.words)
+
+    def _new_card(self, log: Opened, wish: Wish) -> Card:
+        name = self._next("m")
+        words = words_of(log.path, log.setup, wish)
+        card = Card(name, title_of(wish), log.name, log.path, log.setup, wish, words)
+        self.cards[name] = card
+        return card
+
+    def rename(self, name: str, title: str) -> None:
+        """Give a card another title."""
+        self.cards[name] = replace(self.card(name), title=title.strip() or self.card(name).title)
+
+    def remove(self, name: str) -> None:
+        """Remove a card, and stop its job."""
+        with self.lock:
+            card = self.card(name)
+            del self.cards[name]
+            self.show(name, chosen=False)
+        if card.state in OPEN:
+            self.jobs.stop(name)
+
+    @property
+    def compared(self) -> list[str]:
+        """The cards that are compared."""
+        return [name for name in self.shown if name]
+
+    def show(self, name: str, *, chosen: bool) -> None:
+        """Compare a card, or no longer.  Its place gives its colour: it stays, and the first free one is taken."""
+        if not chosen:
+            self.shown = ["" if each == name else each for each in self.shown]
+        elif name not in self.shown:
+            if len(self.compared) >= MOST_SHOWN:
+                raise InvalidArgumentError(f"{MOST_SHOWN} models are compared at a time: leave one out first")
+            free = self.shown.index("") if "" in self.shown else len(self.shown)
+            self.shown = [*self.shown[:free], name, *self.shown[free + 1 :]]
+
+    def sort(self, order: str) -> None:
+        """Show the cards in another order."""
+        if order not in ORDERS:
+            raise InvalidArgumentError(f"cards are sorted by {', '.join(ORDERS)}, not {shown(order)}")
+        self.order = order
+
+    def _progress(self, name: str, stage: str, percent: int) -> None:
+        with self.lock:
+            if name in self.cards:
+                self.cards[name] = replace(self.cards[name], state=RUNNING, stage=stage, percent=percent)
+        self.changed()
+
+    def _finished(self, name: str, outcome: Outcome | None) -> None:
+        with self.lock:
+            card = self.cards.get(name)
+            if card is not None:
+                self.cards[name] = _ended(card, outcome)
+                if self.cards[name].state == DONE and len(self.compared) < MOST_SHOWN:
+                    self.show(name, chosen=True)
+        self.changed()
+
+    def _next(self, kind: str) -> str:
+        self._number += 1
+        return f"{kind}{self._number}"
+
+    # --- the file ---
+
+    def written(self) -> str:
+        """Return the session as its file holds it."""
+        with self.lock:
+            kept = {
+                "replant_session": FORM, "number": self._number, "active": self.active, "order": self.order,
+                "shown": self.shown, "logs": [each.kept() for each in self.logs.values()],
+                "cards": [each.kept() for each in self.cards.values()],
+            }  # fmt: skip
+        return json.dumps(kept, indent=1, allow_nan=False) + "\n"
+
+    def restore(self, written: str, source: str) -> None:
+        """Take the logs and cards of a session's file in place of those here."""
+        logs, cards, kept = parsed(written, source)
+        with self.lock:
+            for name in list(self.cards):
+                self.remove(name)
+            for name in list(self.logs):
+                self.close_log(name)
+            self._number = kept["number"]
+            self.cards = {card.name: card for card in cards}
+            self.shown = [name if name in self.cards else "" for name in kept["shown"][:MOST_SHOWN]]
+            self.sort(kept["order"])
+            for log in logs:
+                self.open(Path(log["path"]), Setup().changed(log["setup"]), Wish().changed(log["wish"]), log["name"])
+            self.active = kept["active"] if kept["active"] in self.logs else self.active
+        self.changed()
+
+    def _keep(self) -> None:
+        with self.lock:
+            self._timer = None
+        self.keep()
+
+    def keep(self) -> None:
+        """Write the session into its file."""
+        if self.kept_in is None:
+            return
+        with contextlib.suppress(OSError), replacing(self.kept_in) as new:  # a full disk must not stop the work
+            new.write_text(self.written(), encoding="utf-8")
+
+    def close(self) -> None:
+        """Keep the session, and stop everything that runs."""
+        self.keep()
+        with self.lock:
+            self._closed = True
+        self.jobs.close()
+        self.work.close()
+        for log in self.logs.values():
+            log.close()
+
+
+def _ended(card: Card, outcome: Outcome | None) -> Card:
+    """Return a card with the outcome of its job; None: it was stopped."""
+    if outcome is None:
+        return replace(card, state=STOPPED)
+    if outcome.error or outcome.found is None:
+        return replace(card, state=FAILED, error=outcome.error)
+    return replace(card, state=DONE, found=outcome.found, model=outcome.model, percent=100)
+
+
+def _record_of(path: Path) -> Path:
+    """Return the log that a path names: of a folder of a live session its samples."""
+    path = path.absolute()
+    return path / "samples" if (path / "samples").is_dir() else path
+
+
+def parsed(written: str, source: str) -> tuple[list[dict[str, Any]], list[Card], dict[str, Any]]:
+    """Return logs, cards and the rest of a session's file; raises `ReplantError` where it is none."""
+    try:
+        kept = json.loads(written)
+        if kept["replant_session"] != FORM:
+            raise ReplantError(f"{source}: a session of another version of replant ({kept['replant_session']!r})")
+        logs, cards = list(kept["logs"]), [card_of(each) for each in kept["cards"]]
+        for log in logs:
+            Setup().changed(log["setup"]), Wish().changed(log["wish"]), Path(log["path"])
+            if not isinstance(log["name"], str):
+                raise TypeError("name")
+        rest = {"number": int(kept["number"]), "active": str(kept["active"]), "order": kept["order"]}
+        rest["shown"] = [str(name) for name in kept["shown"]]
+    except ReplantError:
+        raise
+    except (ValueError, KeyError, TypeError, AttributeError) as error:
+        detail = one_line(error) if isinstance(error, OSError) else " ".join(str(error).split())[:80]
+        raise ReplantError(f"{source}: no session of replant, or a damaged one ({detail})") from None
+    return logs, cards, rest
+
+
+def read(path: Path) -> str:
+    """Return the file of a session."""
+    try:
+        if path.stat().st_size > LARGEST:
+            raise ReplantError(f"{path}: too large for a session")
+        return path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise ReplantError(f"{path}: no session of replant") from None
+    except OSError as error:
+        raise ReplantError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None

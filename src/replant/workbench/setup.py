@@ -1,0 +1,221 @@
+"""What a user has chosen for a log: columns, clock, stretches of time, conditioning, and the models asked for."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+from replant.errors import InvalidArgumentError, shown
+
+FIT, SEARCH, RUN = "fit", "search", "run"
+KINDS = (FIT, SEARCH, RUN)
+STRETCHES = ("use", "leave_out", "validate_on")
+MOST_STRETCHES = 100  # stretches of one kind [count]
+MOST_CARDS = 24  # models that are fitted by one click [count]
+LONGEST = 200  # a name, or a field of numbers [characters]
+_WHOLE = r"\d{1,3}"
+_SECONDS = r"(?:\d{1,9}(?:\.\d{0,12})?|\.\d{1,12})(?:e-?\d{1,2})?"
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A stretch of time in s from the first sample; without an end it goes on to the last."""
+
+    begin: float
+    end: float | None = None
+
+    @property
+    def written(self) -> str:
+        """As the options of the command line are: 12.5:40, or 40: to the end.
+
+        >>> Stretch(12.5, 40.0).written, Stretch(1e-7).written
+        ('12.5:40', '0.0000001:')
+        """
+        return f"{plain(self.begin)}:{'' if self.end is None else plain(self.end)}"
+
+    @classmethod
+    def of(cls, given: Any) -> Self:
+        """Return a stretch that a page, or a file, gives as [begin, end]."""
+        begin, end = _pair(given)
+        begin = max(begin, 0.0)
+        if not begin < (math.inf if end is None else end):
+            raise InvalidArgumentError("a stretch of time ends after it begins: drag over some width")
+        return cls(begin, end)
+
+
+def plain(value: float) -> str:
+    """Return a number of s with twelve digits and without a power of ten.
+
+    >>> plain(40.0), plain(0.05), plain(1234567.5)
+    ('40', '0.05', '1234567.5')
+    """
+    digits = f"{float(f'{value:.12g}'):.12f}"
+    return digits.rstrip("0").rstrip(".") or "0"
+
+
+@dataclass(frozen=True)
+class Setup:
+    """How a log is read.
+
+    Attributes
+    ----------
+    input, output, reference, time : str
+        Columns, as an option names them; empty: none.
+    dt : float or None
+        Sampling time in s, in place of a time column.
+    use, leave_out, validate_on : tuples of Stretch
+    detrend : bool
+    decimate : int or None
+    resample : float or None
+        New sampling time in s.
+    """
+
+    input: str = ""
+    output: str = ""
+    reference: str = ""
+    time: str = ""
+    dt: float | None = None
+    use: tuple[Stretch, ...] = ()
+    leave_out: tuple[Stretch, ...] = ()
+    validate_on: tuple[Stretch, ...] = ()
+    detrend: bool = False
+    decimate: int | None = None
+    resample: float | None = None
+
+    @property
+    def is_conditioned(self) -> bool:
+        """Whether the samples are changed before they are identified."""
+        return self.detrend or self.decimate is not None or self.resample is not None
+
+    def changed(self, given: dict[str, Any]) -> Self:
+        """Return the setup with what a page, or a file, says of some of its fields."""
+        known = {field.name for field in fields(self)}
+        return dataclasses.replace(self, **{name: _checked(name, given[name]) for name in known & set(given)})
+
+    def check(self) -> None:
+        """Raise where no model can be asked for yet."""
+        if not (self.input and self.output):
+            raise InvalidArgumentError("choose the column of the input and that of the output first")
+        if self.input == self.output:
+            raise InvalidArgumentError("input and output are the same column: choose two")
+
+
+@dataclass(frozen=True)
+class Wish:
+    """Which models are asked for: numbers or ranges, as the command line takes them."""
+
+    kind: str = FIT
+    poles: str = "1:3"
+    zeros: str = ""
+    delay: str = "0"
+
+    def changed(self, given: dict[str, Any]) -> Self:
+        """Return the wish with what a page, or a file, says of some of its fields."""
+        known = {field.name for field in fields(self)}
+        return dataclasses.replace(self, **{name: _wished(name, given[name]) for name in known & set(given)})
+
+    @property
+    def alone(self) -> tuple[Wish, ...]:
+        """One wish for each model: `fit` and `run` make one of each number of a range, `search` chooses one.
+
+        >>> [each.poles for each in Wish(poles="1:3").alone], len(Wish(SEARCH, poles="1:3").alone)
+        (['1', '2', '3'], 1)
+        """
+        if self.kind == SEARCH:
+            return (self,)
+        found = [
+            dataclasses.replace(self, poles=p, zeros=z, delay=d)
+            for p in numbers(self.poles)
+            for z in (numbers(self.zeros) if self.zeros else [""])
+            for d in numbers(self.delay)
+            if not z or int(z) < int(p)
+        ]
+        if not found:
+            raise InvalidArgumentError("there are as many zeros as poles, or more: ask for fewer zeros")
+        if len(found) > MOST_CARDS:
+            raise InvalidArgumentError(f"{len(found)} models at once: search the grid instead, or ask for {MOST_CARDS}")
+        return tuple(found)
+
+
+def numbers(text: str) -> list[str]:
+    """Return the numbers of a range first:last or first:last:step, as they are written; one number by itself.
+
+    >>> numbers("1:3"), numbers("0:0.1:0.05"), numbers("0.02")
+    (['1', '2', '3'], ['0', '0.05', '0.1'], ['0.02'])
+    """
+    parts = [float(part) for part in text.split(":")]
+    if len(parts) == 1:
+        return [text]
+    step = parts[2] if len(parts) > 2 else 1.0
+    if not step > 0.0 or parts[1] < parts[0] or (parts[1] - parts[0]) / step > 1000:
+        raise InvalidArgumentError(f"{text} is no range; write 1:4, or 0:1:0.1")
+    return [plain(parts[0] + k * step) for k in range(int((parts[1] - parts[0]) / step * (1 + 1e-12)) + 1)]
+
+
+def text(name: str, given: Any) -> str:
+    """Return a short text without what no line holds."""
+    if not isinstance(given, str) or len(given) > LONGEST:
+        raise InvalidArgumentError(f"{name} must be a text of at most {LONGEST} characters")
+    return given
+
+
+def _wished(name: str, given: Any) -> str:
+    value = text(name, given).replace(" ", "")
+    if name == "kind":
+        if value not in KINDS:
+            raise InvalidArgumentError(f"kind must be one of {', '.join(KINDS)}, got {shown(value)}")
+        return value
+    number = _SECONDS if name == "delay" else _WHOLE
+    if value == "" and name != "poles":
+        return "" if name == "zeros" else "0"
+    if not re.fullmatch(f"{number}(?::{number}){{0,2}}", value):
+        example = "0.02, or 0:0.1:0.02" if name == "delay" else "2, or 1:4"
+        raise InvalidArgumentError(f"{name} {shown(value)}: write {example}")
+    return value if numbers(value) else ""
+
+
+def _checked(name: str, given: Any) -> Any:
+    if name in ("input", "output", "reference", "time"):
+        return text(name, given)
+    if name in STRETCHES:
+        return _stretches(given)
+    if name == "detrend":
+        return bool(given)
+    if given is None:
+        return None
+    value = _number(name, given)
+    if name == "decimate":
+        if value != int(value) or not 2 <= value <= 1e6:
+            raise InvalidArgumentError("one sample of how many is kept must be a whole number from 2 on")
+        return int(value)
+    if not 0.0 < value < math.inf:
+        raise InvalidArgumentError(f"{'the sampling time' if name == 'dt' else name} must be above 0 s")
+    return value
+
+
+def _stretches(given: Any) -> tuple[Stretch, ...]:
+    if not isinstance(given, Iterable) or isinstance(given, str):
+        raise InvalidArgumentError("stretches must be a list of [begin, end]")
+    found = sorted({Stretch.of(each) for each in given}, key=lambda each: (each.begin, each.end or math.inf))
+    if len(found) > MOST_STRETCHES:
+        raise InvalidArgumentError(f"at most {MOST_STRETCHES} stretches of one kind are kept: join some")
+    return tuple(found)
+
+
+def _pair(given: Any) -> tuple[float, float | None]:
+    if isinstance(given, dict):
+        given = [given.get("begin"), given.get("end")]
+    if not isinstance(given, list | tuple) or len(given) != 2:
+        raise InvalidArgumentError("a stretch must be [begin, end]")
+    begin, end = given
+    return _number("begin", begin), None if end is None else _number("end", end)
+
+
+def _number(name: str, given: Any) -> float:
+    if isinstance(given, bool) or not isinstance(given, int | float) or not abs(given) < 1e15:
+        raise InvalidArgumentError(f"{name} must be a number, got {shown(given)}")
+    return float(given)

@@ -1,0 +1,205 @@
+"""What a worker process computes for the page: the inspection of a log, conditioned signals, and models beside them.
+
+Each function takes and returns plain values, and keeps what it has read for the next request.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.data.conditioning import decimate, detrend, resample
+from replant.data.inspection import Inspection, inspect
+from replant.data.inspection.columns import Kind
+from replant.data.inspection.inspect import key_of
+from replant.data.logs import open_recording
+from replant.identified.model import Model
+from replant.identified.validation import Validation
+from replant.log import Log
+from replant.report.terminal.look import as_json, findings_of
+from replant.statistics.correlations import BAND_95
+from replant.workbench.doubts import doubts
+from replant.workbench.samples import joined_extremes, rounded
+from replant.workbench.setup import Setup, Stretch
+
+KEPT_LOGS = 2  # logs whose samples are kept for the next request [count]
+KEPT_VALIDATIONS = 32  # validations that are kept [count]
+CURVE = 300  # points of a response that are drawn [count]
+
+
+def look(path: str, chosen: tuple[str, str, str]) -> dict[str, Any]:
+    """Return what is in a log, for the columns of input, output and time that were chosen."""
+    u, y, t = (each or None for each in chosen)
+    found = inspect(path, input=u, output=y, time=t)
+    told = as_json(found)
+    for column, given in zip(told["columns"], found.contents.columns, strict=True):
+        column["key"] = key_of(found.table, given) if given.name else str(given.number)
+        column["in_record"] = given in found.record and given.kind is not Kind.TEXT
+    clock = found.clock
+    told["clock_number"] = None if clock is None or math.isnan(clock.dt) else clock.column.number
+    told["findings"] = [list(each) for each in findings_of(found)]
+    told["delay"] = found.delay
+    told["doubts"] = [vars(each) for each in doubts(*_seen(found))]
+    return told
+
+
+def _seen(found: Inspection) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    """Return time in s from the first row, input and output, as far as they were looked at."""
+    clock, values = found.clock, found.contents.values
+    u, y = (None if role is None else values[role.column.number] for role in (found.roles.input, found.roles.output))
+    if clock is None or math.isnan(clock.dt) or clock.backward:
+        dt = 1.0 if clock is None or math.isnan(clock.dt) else clock.dt
+        return dt * np.arange(found.rows, dtype=np.float64), u, y
+    stamps = values[clock.column.number]
+    return np.asarray((stamps - stamps[0]) * clock.unit, np.float64), u, y
+
+
+@lru_cache(KEPT_LOGS)
+def _log(path: str, setup: Setup, part: Stretch | None, _: float) -> Log:
+    """Return a log, or a part of it, as the command line reads and conditions it."""
+    between: dict[str, Any] = {} if part is None else {"begin": part.begin, "end": part.end}
+    clock: dict[str, Any] = {"dt": setup.dt} if setup.dt is not None else {"time": setup.time or None}
+    recording = open_recording(
+        path, input=setup.input, output=setup.output, reference=setup.reference or None, **clock, **between,
+        most_held=sys.maxsize,
+    )  # fmt: skip
+    log = recording.held
+    assert log is not None
+    if setup.resample is not None:
+        log = resample(log, setup.resample)
+    if setup.decimate is not None:
+        log = decimate(log, setup.decimate)
+    log = detrend(log) if setup.detrend else log
+    return replace(log, input_hold="foh" if setup.decimate else "zoh")
+
+
+def conditioned(path: str, setup: Setup, changed: float, between: tuple[float, float], points: int) -> dict[str, Any]:
+    """Return input and output as they are identified, between two times in s."""
+    plain = replace(setup, use=(), leave_out=(), validate_on=())
+    log = _log(path, plain, None, changed)
+    t = _clock(log)
+    rows = _rows(t, between)
+    drawn = {name: thinned(t, signal, rows, points) for name, signal in (("input", log.input), ("output", log.output))}
+    return {"signals": drawn, "samples": len(log), "dt": log.dt}
+
+
+@lru_cache(KEPT_VALIDATIONS)
+def _validation(model: str, path: str, setup: Setup, part: Stretch | None, changed: float) -> Validation:
+    return Model.from_json(model).validate(_log(path, setup, part, changed))
+
+
+def compared(
+    models: dict[str, str],
+    path: str,
+    setup: Setup,
+    part: Stretch | None,
+    changed: float,
+    between: tuple[float, float] | None,
+    points: int,
+) -> dict[str, Any]:
+    """Return models beside the measured output of a part of a log; ``between`` is the time that is shown."""
+    plain = replace(setup, use=(), leave_out=(), validate_on=())
+    log = _log(path, plain, part, changed)
+    begin = 0.0 if part is None else part.begin
+    t = _clock(log) + begin
+    rows = slice(0, t.size) if between is None else _rows(t, between)
+    found: dict[str, Any] = {
+        "all": [float(t[0]), float(t[-1])],
+        "measured": thinned(t, log.output, rows, points),
+        "input": thinned(t, log.input, rows, points),
+        "models": {},
+    }
+    for name, written in models.items():
+        try:
+            validation = _validation(written, path, plain, part, changed)
+            found["models"][name] = _beside(validation, t, rows, points)
+        except Exception as error:  # of one model, which must not hide the others
+            found["models"][name] = {"failed": " ".join(str(error).split()) or type(error).__name__}
+    return found
+
+
+def _beside(found: Validation, t: FloatArray, rows: slice, points: int) -> dict[str, Any]:
+    correlations, by_frequency = found.correlations, found.by_frequency
+    return {
+        "fit": _known(found.fit),
+        "how": found.how,
+        "output": thinned(t, found.output, rows, points),
+        "residual": thinned(t, found.residual, rows, points),
+        "verdict": {"status": found.verdict.status, "reasons": list(found.verdict.reasons)},
+        "correlations": None if correlations is None else {
+            "auto": rounded(correlations.auto), "cross": rounded(correlations.cross),
+            "limit_auto": BAND_95 * correlations.auto_std, "limit_cross": BAND_95 * correlations.cross_std,
+        },
+        "error": None if by_frequency is None else {
+            "omega": rounded(by_frequency.frequency), "error": rounded(by_frequency.error),
+            "limit": rounded(by_frequency.limit),
+        },
+    }  # fmt: skip
+
+
+def responses(models: dict[str, str]) -> dict[str, Any]:
+    """Return step response, frequency response and poles of models, on axes that they share."""
+    loaded = {name: Model.from_json(written) for name, written in models.items()}
+    if not loaded:
+        return {"models": {}}
+    steps = [float(model.step().time[-1]) for model in loaded.values()]
+    lasts = float(np.median(steps)) if len(steps) > 2 else max(steps)
+    ends = [model.bode().frequency[[0, -1]] for model in loaded.values()]
+    omega = np.geomspace(min(low for low, _ in ends), max(high for _, high in ends), CURVE)
+    found = {name: _responses(model, lasts, omega) for name, model in loaded.items()}
+    return {"models": found, "omega": rounded(omega), "lasts": lasts}
+
+
+def _responses(model: Model, lasts: float, omega: FloatArray) -> dict[str, Any]:
+    step, bode, poles = model.step(lasts), model.bode(omega), model.poles()
+    t = np.linspace(0.0, lasts, CURVE)  # a grid that all models share: that of a model depends on how it oscillates
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        size = 20.0 * np.log10(bode.magnitude)
+        wide = (20.0 / math.log(10.0)) * _twice(bode.relative_std, omega.size)
+    turn, spread = np.degrees(_twice(bode.phase_std, omega.size)), _twice(step.std, step.time.size)
+    over_time = {"t": t, "y": np.interp(t, step.time, step.output), "wide": np.interp(t, step.time, spread)}
+    return {
+        "step": {name: rounded(values) for name, values in over_time.items()},
+        "bode": {"size": rounded(size), "wide": rounded(wide), "phase": rounded(np.degrees(bode.phase)),
+                 "turn": rounded(turn)},
+        "poles": [_complex(pole) for pole in poles.values], "zeros": [_complex(zero) for zero in poles.zeros],
+        "regions": [
+            {**_complex(mode.mode.pole), "covariance": [[_known(each) for each in row] for row in mode.covariance]}
+            for mode in poles.uncertain
+        ],
+    }  # fmt: skip
+
+
+def _twice(std: FloatArray | None, size: int) -> FloatArray:
+    return np.full(size, np.nan) if std is None else 2.0 * std
+
+
+def _complex(value: complex) -> dict[str, float | None]:
+    return {"real": _known(value.real), "imag": _known(value.imag)}
+
+
+def _known(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _clock(log: Log) -> FloatArray:
+    return np.asarray(log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0], np.float64)
+
+
+def _rows(t: FloatArray, between: tuple[float, float]) -> slice:
+    first, last = np.searchsorted(t, between).tolist()
+    return slice(max(0, first - 1), min(t.size, last + 1))
+
+
+def thinned(t: FloatArray, signal: FloatArray, rows: slice, points: int) -> dict[str, Any]:
+    """Return a signal as places in time and, of each, least and greatest value; these are one where all are shown."""
+    time, values = t[rows], signal[rows]
+    every = max(1, -(-values.size // points))
+    low, high = joined_extremes(values, values, every)
+    return {"t": rounded(time[::every], 12), "low": rounded(low), "high": None if every == 1 else rounded(high)}

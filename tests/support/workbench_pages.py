@@ -1,0 +1,89 @@
+"""A page of the workbench in the browser, as tests see it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from support.browsing import new_page
+from support.places import ROOT
+from support.waiting import PATIENCE
+
+SEEN = ROOT / "out" / "workbench"
+
+
+class Workbench:
+    """A page of the workbench; whatever it complains of, or asks of others, is kept."""
+
+    def __init__(self, browser, url: str, width: int = 1280, height: int = 860, **options) -> None:
+        self.page = new_page(browser, viewport={"width": width, "height": height}, accept_downloads=True, **options)
+        self.complaints: list[str] = []
+        base = url.partition("?")[0]
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("dialog", lambda dialog: self.complaints.append(f"dialog {dialog.message}"))
+        self.page.on("request", lambda asked: self._asked(asked.url, base))
+        self.page.goto(url)
+        self.until(lambda: self.text("link") == "connected")
+
+    def close(self) -> None:
+        self.page.context.close()
+
+    def _asked(self, url: str, base: str) -> None:
+        if not url.startswith((base, base.replace("http", "ws", 1), f"blob:{base}")):
+            self.complaints.append(f"asked for {url}")
+
+    def until(self, holds: Callable[[], object]) -> None:
+        """Wait until something holds; what a page evaluates for itself its own policy forbids."""
+        end = time.monotonic() + PATIENCE
+        while not holds():
+            assert time.monotonic() < end, f"the page never got there; it says {self.text('notice')!r}"
+            self.page.wait_for_timeout(30)
+
+    def text(self, name: str) -> str:
+        return self.page.locator(f"#{name}").text_content() or ""
+
+    def drop(self, *paths: Path) -> None:
+        """Drop files onto the page, as from a file manager."""
+        self.page.locator("#file").set_input_files([str(path) for path in paths])
+
+    def is_read(self) -> None:
+        """Wait until the log that is shown is read and drawn."""
+        self.until(lambda: self.text("reading").endswith(" rows"))
+        self.until(lambda: self.page.locator("#plots canvas").count() > 1)
+
+    def view(self, name: str) -> None:
+        self.page.locator(f"nav [data-view={name}]").click()
+
+    def add(self, kind: str, begin: str, end: str) -> None:
+        """Add a stretch of time by its numbers."""
+        before = self.page.locator("#stretches li").count()
+        self.page.select_option("#add-kind", kind)
+        self.page.fill("#add-begin", begin)
+        self.page.fill("#add-end", end)
+        self.page.keyboard.press("Enter")
+        self.until(lambda: self.page.locator("#stretches li").count() == before + 1)
+
+    def fit(self, poles: str, kind: str = "fit", delay: str = "0.01") -> None:
+        """Ask for models, and wait until they are made."""
+        wanted = self.page.locator("#cards > li").count() + (len(poles.split(":")) == 1 or kind == "search")
+        if not wanted or (":" in poles and kind != "search"):
+            first, last = map(int, poles.split(":"))
+            wanted = self.page.locator("#cards > li").count() + last - first + 1
+        self.page.check(f"[name=kind][value={kind}]", force=True)
+        self.page.fill("#poles", poles)
+        self.page.fill("#delay", delay)
+        self.page.click("#fit")
+        self.until(lambda: self.done() == wanted)
+
+    def done(self) -> int:
+        return self.page.locator(".card[data-state=done]").count()
+
+    def zoomed(self) -> str:
+        return self.text("shown")
+
+    def seen(self, name: str) -> None:
+        """Keep a picture of the page."""
+        SEEN.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=SEEN / f"{name}.png", full_page=True)

@@ -1,0 +1,43 @@
+"""`replant open` as a command: it says where it is, serves until Ctrl-C, and ends."""
+
+from __future__ import annotations
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from replant.workbench import places
+from support.http_request import ask
+from support.waiting import PATIENCE
+
+
+def test_it_serves_until_ctrl_c_and_takes_the_next_port_where_one_is_in_use(motor: Path) -> None:
+    command = [sys.executable, "-m", "replant", "open", str(motor), "--at", "127.0.0.1:0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as first:
+        assert first.stderr is not None
+        port = int(re.search(r":(\d+)/", first.stderr.readline())[1])
+        again = [*command[:-1], f"127.0.0.1:{port}"]
+        with subprocess.Popen(again, stderr=subprocess.PIPE, text=True) as second:
+            assert second.stderr is not None
+            other = int(re.search(r":(\d+)/", second.stderr.readline())[1])
+            assert other != port
+            assert ask(other, "GET /", f"Authorization: Bearer {places.token()}")[0] == 200
+            second.send_signal(signal.SIGTERM)
+            assert second.wait(PATIENCE) == 0
+        first.send_signal(signal.SIGINT)
+        assert first.wait(PATIENCE) == 0
+        assert "Traceback" not in first.stderr.read()
+
+
+def test_a_mistake_is_one_line(tmp_path: Path) -> None:
+    damaged = tmp_path / "a.workbench"
+    damaged.write_text("{}")
+    for words in (["no.csv"], [str(damaged)], [str(damaged), str(damaged)], ["--at", "nowhere"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "replant", "open", *words], capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 2
+        assert done.stderr.startswith("replant: ")
+        assert done.stderr.count("\n") == 1
