@@ -170,8 +170,8 @@ def test_a_state_with_shapes_of_its_own_is_sound() -> None:
     for poles in (1, 2, 5):
         for zeros in range(poles):
             state = rp.Identifier(rp.Structure(poles, zeros, delay=0.3), 0.1, optimizer="amsgrad")._state
-            assert is_laid_out(state.ints, state.reals.size, *state.banks.shape)
-            assert not is_laid_out(state.ints, state.reals.size - 1, *state.banks.shape)
+            assert is_laid_out(state.fields, state.reals.size, *state.banks.shape)
+            assert not is_laid_out(state.fields, state.reals.size - 1, *state.banks.shape)
 
 
 @every("compiler", ["no-such-compiler", "cc 'x", "cc --no-such-option", "false"], quick=2)

@@ -110,11 +110,10 @@ class Autoregression:
         from replant.kernels.filters.autoregression import nested_models
 
         size = LAGS + 1
-        models, variances = np.empty(size * size), np.empty(size)
-        flat = np.ascontiguousarray(np.tril(sums)).ravel()
-        order = int(nested_models(flat, float(count), models, variances, np.empty(size * size + size)))
-        rows, powers = models.reshape(size, size), variances * max(float(count), 1.0)
-        return cls(rows[order, : order + 1].copy(), float(powers[order]), rows, powers, np.tril(sums), float(count))
+        lower, models, variances = np.tril(sums), np.empty((size, size)), np.empty(size)
+        order = int(nested_models(lower, float(count), models, variances, np.empty(size * size + size)))
+        powers = variances * max(float(count), 1.0)
+        return cls(models[order, : order + 1].copy(), float(powers[order]), models, powers, lower, float(count))
 
     @classmethod
     def of_covariances(cls, covariances: FloatArray) -> Autoregression:

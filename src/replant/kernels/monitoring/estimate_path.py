@@ -4,31 +4,28 @@ See `replant.statistics.batch_means` for what is made of it.  Room is limited an
 full every second row goes, and the next ones come half as often.
 """
 
-from replant.kernels.schema import FIXED, ROOM, PathSlots
-
-STEP, DUE, KEPT = PathSlots.step.index, PathSlots.due.index, PathSlots.kept.index
-ROWS = PathSlots.begins(FIXED | {"T": 0})["rows"]
+from replant.kernels.schema import ROOM
 
 
 def keep(path, theta, U, D, samples):
     """Keep the estimate after so many learned ``samples`` and the diagonal of P = U D U', or make room for it."""
-    T, kept = theta.size, int(path[KEPT])
-    path[STEP] = max(path[STEP], 1.0)
+    T, kept = theta.size, int(path.kept)
+    path.step = max(path.step, 1.0)
     if kept == ROOM:
         kept //= 2
         for b in range(kept):
-            for i in range(2 * T):
-                path[ROWS + 2 * T * b + i] = path[ROWS + 2 * T * (2 * b + 1) + i]
-        path[KEPT] = kept
-        path[DUE] = samples + path[STEP]  # this row would be the first of a pair: the second one counts
-        path[STEP] *= 2.0
+            for i in range(T):
+                path.rows[b, 0, i] = path.rows[2 * b + 1, 0, i]
+                path.rows[b, 1, i] = path.rows[2 * b + 1, 1, i]
+        path.kept = kept
+        path.due = samples + path.step  # this row would be the first of a pair: the second one counts
+        path.step *= 2.0
         return
-    row = ROWS + 2 * T * kept
     for i in range(T):
         variance = 0.0
         for k in range(i, T):
-            variance += U[i * T + k] * U[i * T + k] * D[k]
-        path[row + i] = theta[i]
-        path[row + T + i] = variance
-    path[KEPT] = kept + 1
-    path[DUE] = samples + path[STEP]
+            variance += U[i, k] * U[i, k] * D[k]
+        path.rows[kept, 0, i] = theta[i]
+        path.rows[kept, 1, i] = variance
+    path.kept = kept + 1
+    path.due = samples + path.step

@@ -9,11 +9,7 @@ Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identif
 """
 
 from replant.kernels.native import Reals, kernel
-from replant.kernels.schema import FIXED, LAGS, ColourSlots
-
-COUNT, POWER, POSITION = ColourSlots.count.index, ColourSlots.power.index, ColourSlots.position.index
-BEGINS = ColourSlots.begins(FIXED | {"T": 0})  # what depends on T comes last
-MODEL, COVARIANCES, ERRORS, FILTERED = (BEGINS[name] for name in ("model", "covariances", "errors", "filtered"))
+from replant.kernels.schema import LAGS
 
 
 @kernel("covariances.size > LAGS and model.size > LAGS and previous.size > LAGS")
@@ -48,42 +44,38 @@ def record(colour, error, alpha, forgetting, zeta):
     ``zeta`` is overwritten by its filtered value.
     """
     T = zeta.size
-    colour[COUNT] = forgetting * colour[COUNT] + 1.0
-    colour[POWER] = forgetting * colour[POWER] + error * error * forgetting / alpha
+    colour.count = forgetting * colour.count + 1.0
+    colour.power = forgetting * colour.power + error * error * forgetting / alpha
     for lag in range(LAGS + 1):
-        other = error if lag == 0 else colour[ERRORS + lag - 1]
-        colour[COVARIANCES + lag] = forgetting * colour[COVARIANCES + lag] + error * other
+        other = error if lag == 0 else colour.errors[lag - 1]
+        colour.covariances[lag] = forgetting * colour.covariances[lag] + error * other
     for lag in range(LAGS - 1, 0, -1):
-        colour[ERRORS + lag] = colour[ERRORS + lag - 1]
-    colour[ERRORS] = error
-    newest = (int(colour[POSITION]) + 1) % LAGS
-    row = FILTERED + newest * T  # holds what is LAGS samples old, which the newest takes the place of
-    filtered = colour[row : row + T]
+        colour.errors[lag] = colour.errors[lag - 1]
+    colour.errors[0] = error
+    newest = (int(colour.position) + 1) % LAGS
+    filtered = colour.filtered[newest]  # holds what is LAGS samples old, which the newest takes the place of
     for i in range(T):
-        zeta[i] -= colour[MODEL + LAGS] * filtered[i]
+        zeta[i] -= colour.model[LAGS] * filtered[i]
     for lag in range(1, LAGS):
-        row = FILTERED + (newest + LAGS - lag) % LAGS * T
-        weight, earlier = colour[MODEL + lag], colour[row : row + T]
+        weight, earlier = colour.model[lag], colour.filtered[(newest + LAGS - lag) % LAGS]
         for i in range(T):
             zeta[i] -= weight * earlier[i]
     for i in range(T):
         filtered[i] = zeta[i]
-    squares = FILTERED + LAGS * T
     keep = forgetting * forgetting
     for i in range(T):
-        one, sums = zeta[i], colour[squares + i * T : squares + i * T + T]
+        one, sums = zeta[i], colour.squares[i]
         for j in range(T):
             sums[j] = keep * sums[j] + one * zeta[j]
-    colour[POSITION] = newest
+    colour.position = newest
 
 
 def begin_last(colour, first, entries):
     """Forget what the regressor's entries from ``first`` on have been, as `optimizers.covariance.begin_last` does."""
     for lag in range(LAGS):
         for i in range(first, entries):
-            colour[FILTERED + lag * entries + i] = 0.0
-    squares = FILTERED + LAGS * entries
+            colour.filtered[lag, i] = 0.0
     for i in range(entries):
         for j in range(entries):
             if i >= first or j >= first:
-                colour[squares + i * entries + j] = 0.0
+                colour.squares[i, j] = 0.0

@@ -13,10 +13,9 @@ ensemble      eight of these at once, one in each SIMD lane           tests/onli
                                                                       members
 ============  ======================================================  ==================================================
 
-Arguments of all kernels, as `kernels.schema` and `engine.state.State` describe them: ints (I,) int64, reals (R,), banks
-(3, size), buffer (capacity, width), recent (rows, 3, 5 or 6); u and y in the units of the record, the time stamp t in
-s, the reference r in a unit of its own; of kernels for K samples also errors (K,) in the unit of y, and parameters
-(K, P) in physical units, both written.
+Arguments of all kernels: the state s, as `kernels.schema` describes it; u and y in the units of the record, the time
+stamp t in s, the reference r in a unit of its own; of kernels for K samples also errors (K,) in the unit of y, and
+parameters (K, P) in physical units, both written.
 
 `stages` has the stages that all of them use; a variant is the list of its stages.  What is written twice, and why:
 
