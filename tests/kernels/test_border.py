@@ -165,6 +165,13 @@ def test_a_state_that_says_that_it_collects_is_not_taken_for_one_that_learns() -
         covariance_steps.steps(*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
 
 
+def test_a_truth_that_is_none_is_refused() -> None:
+    state, one = running()._state, np.ones(1)
+    state.ints[State.instruments.index] = 7
+    with pytest.raises(ValueError, match="is_sound"):
+        covariance_steps.steps(*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
+
+
 def test_an_optimizer_whose_memory_is_too_small_is_refused(calls: list[Call]) -> None:
     kernel, arguments = next(call for call in calls if call[0].name == "step.fixed_filter.steps")
     ints = arguments[0].copy()

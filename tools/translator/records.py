@@ -30,8 +30,9 @@ def member(program: Program, code: str, kind: Record, name: str) -> tuple[str, K
     """Return a field of a table as C text, with its kind."""
     table = kind.table
     arrow = "->" if is_whole(table) else "."
-    if name in {slot.name for slot in table.integers}:
-        return f"{code}{arrow}ints->{name}", "i"
+    for slot in table.integers:
+        if slot.name == name:
+            return f"{code}{arrow}ints->{name}", "b" if type(slot).__name__ == "Flag" else "i"
     if name in {slot.name for slot in table.scalars}:
         own = f"{code}{arrow}reals->{name}"
         return (f"{own}[0]" if kind.element == "s" else own), "l" if kind.element == "l" else "d"

@@ -43,7 +43,7 @@ OPEN, SHUT = 0, 1
 LAID_OUT: Final = "is_laid_out(s, s.reals.size, s.banks.shape[0], s.banks.shape[1])"
 IS_SOUND: Final = "is_sound(s)"
 #: Of kernels that go on from an estimate: what a state that still collects has not filled in is looked at as well.
-LEARNS: Final = "s.collects == 0"
+LEARNS: Final = "not s.collects"
 #: Of kernels that take many samples.
 AS_MANY: Final = (
     "y.size == u.size and errors.size >= u.size",

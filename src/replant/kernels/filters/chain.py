@@ -51,7 +51,7 @@ def begin(s, u, y):
         s.inputs[i] = u
         s.held[i] = u
         s.intervals[i] = s.interval
-    if s.has_reference == 1:
+    if s.has_reference:
         for i in range(s.ring_size):
             s.reference_inputs[i] = s.input_by_reference
             s.reference_held[i] = s.input_by_reference
@@ -60,9 +60,9 @@ def begin(s, u, y):
     s.last_output = y
     s.input_now = u
     s.ring_head = 0
-    s.started = 1
+    s.started = True
     s.unknown_input = 0.0
-    if s.refined == 1 and s.delay > 0.0:
+    if s.refined and s.delay > 0.0:
         s.unknown_input = s.delay
         s.learn_from = max(s.learn_from, s.elapsed + s.delay)
 
@@ -91,7 +91,7 @@ def remember_input(s, u, interval):
     s.ring_head = newest
     inputs[newest], intervals[newest] = u, interval
     held[newest] = last + share * (u - last)
-    if s.has_reference == 1:
+    if s.has_reference:
         parts, means = s.reference_inputs, s.reference_held
         last, part = parts[newest - 1 if newest > 0 else s.ring_size - 1], s.input_by_reference
         parts[newest] = part
@@ -105,7 +105,7 @@ def advance_delayed_input(s, bank, interval, slot, work, channel):
 
     Looks back from now: the input u_j, sampled at the age a_j, acts from the age a_j - delay down to a_{j+1} - delay.
     """
-    n, T, ring, straight = s.order, s.entries, s.ring_size, s.straight_input == 1
+    n, T, ring, straight = s.order, s.entries, s.ring_size, s.straight_input
     of_input = channel == bk.INPUT
     now = s.input_now if of_input else s.reference_input_now
     inputs = s.inputs if of_input else s.reference_inputs
@@ -121,7 +121,7 @@ def advance_delayed_input(s, bank, interval, slot, work, channel):
         newer = older
         older = newer - 1 if newer > 0 else ring - 1
         pieces += 1
-    if s.bilinear == 1:  # one sample late by construction: the delayed input at the sample before
+    if s.bilinear:  # one sample late by construction: the delayed input at the sample before
         share = 1.0 - (interval + delay - age) / intervals[newer]
         start = inputs[older] + share * (inputs[newer] - inputs[older])
         bk.advance_channel(bank, n, T, channel, slot, start, start, work)
@@ -159,7 +159,7 @@ def advance_reference_input(s, bank, interval, slot, work):
         return
     parts, means = s.reference_inputs, s.reference_held
     start = end = means[newest]
-    if s.straight_input == 1:
+    if s.straight_input:
         start, end = parts[newest - 1 if newest > 0 else s.ring_size - 1], parts[newest]
     bk.advance_channel(bank, n, T, bk.REFERENCE_INPUT, slot, start, end, work)
     s.reference_input_now = parts[newest]
@@ -170,7 +170,7 @@ def follow_input(s, interval):
     n, T, bank, work = s.order, s.entries, s.banks[s.serving_bank], s.work
     slot = bk.discretization(bank, n, T, interval, work)
     s.input_now = advance_delayed_input(s, bank, interval, slot, work, bk.INPUT)
-    if s.has_reference == 1:
+    if s.has_reference:
         s.reference_input_now = advance_delayed_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
 
 
@@ -185,7 +185,7 @@ def advance_bank(s, bank, interval, y, channels):
     last_y = s.last_output
     if s.delay > 0.0:
         s.input_now = advance_delayed_input(s, bank, interval, slot, work, bk.INPUT)
-        if channels > bk.INPUT + 1 and s.has_reference == 1:
+        if channels > bk.INPUT + 1 and s.has_reference:
             advance_reference_input(s, bank, interval, slot, work)
         # once more: the discretisations of the pieces may have taken the place of that of the whole interval
         slot = bk.discretization(bank, n, T, interval, work)
@@ -194,13 +194,13 @@ def advance_bank(s, bank, interval, y, channels):
         inputs, held = s.inputs, s.held
         now = inputs[newest]
         start = end = held[newest]
-        if s.straight_input == 1:
+        if s.straight_input:
             start, end = inputs[newest - 1 if newest > 0 else s.ring_size - 1], now
         bk.advance_two(bank, n, T, slot, bk.OUTPUT, last_y, y, bk.INPUT, start, end, work)
         s.input_now = now
     if channels > bk.INPUT + 1:
         bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, bk.CONSTANT, 1.0, 1.0, work)
-        if s.has_reference == 1 and not s.delay > 0.0:
+        if s.has_reference and not s.delay > 0.0:
             advance_reference_input(s, bank, interval, slot, work)
     return slot
 
@@ -225,11 +225,11 @@ def install_model(s: StateArrays, which: int, theta: Reals):
     if not stable:
         reflect(work[:n], margin, work[n:])
     bank[bk.REFLECTED] = 0.0 if stable else 1.0
-    bk.set_denominator(bank, n, T, inputs, s.has_constant == 1, s.refined == 1, which == 0, work[:n], sigma)
+    bk.set_denominator(bank, n, T, inputs, s.has_constant, s.refined, which == 0, work[:n], sigma)
     weights = bk.at_weights(n, T)
     for i in range(T):
         bank[weights + i] = theta[i] * s.output_scale
-    if s.has_constant == 1 and s.refined == 0:
+    if s.has_constant and not s.refined:
         # what is one behind the fixed filter is lambda_0 in front of it
         bank[weights + n + inputs] *= s.banks[0, bk.DENOMINATOR + n - 1]
 
@@ -244,9 +244,9 @@ def renew_model(s):
         return False
     n, T = s.order, s.entries
     taken_over = False
-    if s.warming == 1:
+    if s.warming:
         s.serving_bank = 3 - s.serving_bank
-        s.warming = 0
+        s.warming = False
         taken_over = True
     theta = s.theta
     which = 3 - s.serving_bank
@@ -257,7 +257,7 @@ def renew_model(s):
     if bandwidth(a) < s.largest_bandwidth:
         install_model(s, which, theta)
         bk.take_states(s.banks[which], s.banks[s.serving_bank], n, T)
-        s.warming = 1
+        s.warming = True
         denominator = s.banks[which, bk.DENOMINATOR : bk.DENOMINATOR + n]
         wait = WARM_TIME_CONSTANTS / max(slowest_decay(denominator, work), s.stability_margin)
         s.ready_at = s.elapsed + min(wait, s.elapsed)
@@ -272,13 +272,13 @@ def fill_regressor(s, bank, y, fixed):
     The linear form is (4) with lambda moved to the left: s^n/Lambda y = phi' [a, b], so that the estimate is in the
     plant's parameters whatever the filter is, and the error is that of (8).
     """
-    n, T, inputs, constant = s.order, s.entries, s.input_entries, s.has_constant == 1
-    filters, phi, refined = bank, s.phi, s.refined == 1
+    n, T, inputs, constant = s.order, s.entries, s.input_entries, s.has_constant
+    filters, phi, refined = bank, s.phi, s.refined
     target = bk.fill_output_entries(filters, n, T, bk.OUTPUT, y, phi)
     bk.fill_known_entries(filters, n, T, inputs, bk.INPUT, s.input_now, constant, refined, fixed, phi)
-    if s.instruments == 1:
+    if s.instruments:
         zeta = s.zeta
-        if s.has_reference == 1:
+        if s.has_reference:
             now = s.reference_input_now
             bk.fill_known_entries(filters, n, T, inputs, bk.REFERENCE_INPUT, now, constant, refined, fixed, zeta)
         else:
@@ -296,8 +296,8 @@ def model_output(s, bank, slot, before, fixed):
     """
     n, T, filters = s.order, s.entries, bank
     known = bk.fill_known_entries(
-        filters, n, T, s.input_entries, bk.INPUT, s.input_now, s.has_constant == 1,
-        s.refined == 1, fixed, s.zeta,
+        filters, n, T, s.input_entries, bk.INPUT, s.input_now, s.has_constant,
+        s.refined, fixed, s.zeta,
     )  # fmt: skip
     if bank[bk.REFLECTED] == 0.0 or slot == 0:
         return known
@@ -314,7 +314,7 @@ def observe(s, u, y, interval):
     if s.samples > 0:
         s.elapsed += interval
     n, T = s.order, s.entries
-    first, refined, modelled = s.started == 0, s.refined == 1, s.instruments == 1
+    first, refined, modelled = not s.started, s.refined, s.instruments
     if first:
         begin(s, u, y)
     else:
@@ -328,7 +328,7 @@ def observe(s, u, y, interval):
     before = s.output_before
     serving, slot = 0.0, 0
     for b in range(2 if modelled else 0, -1, -1):  # the models first: the fixed filter needs the serving one's output
-        idle = b == 3 - s.serving_bank and s.warming == 0
+        idle = b == 3 - s.serving_bank and not s.warming
         if idle or (b == 0 and refined):
             continue
         bank = s.banks[b]
@@ -346,7 +346,7 @@ def observe(s, u, y, interval):
             if b == s.serving_bank:
                 serving = output
         if refined or b == 0:
-            signal = s.output_by_reference if s.has_reference == 1 else output
+            signal = s.output_by_reference if s.has_reference else output
             if not first:
                 work = s.work
                 bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], signal, work)

@@ -78,7 +78,7 @@ def filter_row(T, noise, phi, zeta, target):
 
 def gain(s):
     """Return the residual's variance in the unit of the optimizer's covariance, over that of the filtered residual."""
-    return s.noise.gain if s.has_noise_model == 1 else 1.0
+    return s.noise.gain if s.has_noise_model else 1.0
 
 
 def whiten(s, target, interval):

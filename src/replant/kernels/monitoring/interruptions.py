@@ -105,11 +105,11 @@ def begin_initial_state(s, y):
             caps = block(s.memory, second.AT_CAPS, T)
             caps[first + i] = max(caps[first + i], variances[i])
     second.begin_last(U, D, first, variances, s.backup[:T])
-    if s.coloured == 1:
+    if s.coloured:
         residual_colour.begin_last(s.colour, first, T)
 
 
-@kernel(LAID_OUT, "s.refined == 1 and s.coloured == 1")
+@kernel(LAID_OUT, "s.refined and s.coloured")
 def forget_constant(s: StateArrays):
     """Take the constant beside G(s) for unknown: as large as would make the output ten times what it lately was.
 
@@ -138,17 +138,17 @@ def interrupt(s: StateArrays, interval: float):
     s.started = False
     s.warming = False
     s.cusum = 0.0
-    bank = s.banks[s.serving_bank] if s.instruments == 1 else s.banks[0]
+    bank = s.banks[s.serving_bank] if s.instruments else s.banks[0]
     work = s.work
     decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], work)
     wait = SETTLE / decay if decay > 0.0 else 0.0
-    if s.instruments == 1:  # a model that hardly forgets is not waited for longer than it has been known
+    if s.instruments:  # a model that hardly forgets is not waited for longer than it has been known
         wait = min(wait, s.elapsed)
     now = s.elapsed + interval
     s.learn_from = s.ready_at = now + wait
     # the refined filter estimates the initial state; not where the parameters may have walked meanwhile, as far as they
     # may then go with instruments that are not yet like the regressor
-    if s.refined == 1 and s.algorithm == RECURSIVE_LEAST_SQUARES:
+    if s.refined and s.algorithm == RECURSIVE_LEAST_SQUARES:
         s.learn_from = now
 
 
@@ -166,14 +166,14 @@ def hold(s, u, y, t, r):
     """Hold a sample back until the next one tells whether it was misread; it counts as rejected so long."""
     s.held_at = s.samples + 1
     s.held_input, s.held_output, s.held_time = u, y, t
-    if s.has_reference == 1:
+    if s.has_reference:
         s.held_reference = r
 
 
 def believe(s):
     """Tell the identifier to take the sample that is held back, and the present one once more."""
     s.held_at = at.BELIEVED
-    s.attention = 1
+    s.attention = True
 
 
 def is_far(s, u):

@@ -204,7 +204,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 def model_output(s):
     """Return the auxiliary model's output at the newest sample, 0 without one."""
-    return s.banks[s.serving_bank, bk.MODEL_OUTPUT] if s.instruments == 1 else 0.0
+    return s.banks[s.serving_bank, bk.MODEL_OUTPUT] if s.instruments else 0.0
 
 
 def equation_error(s, target):
@@ -226,7 +226,7 @@ def own_noise(s):
 def variance_ratio(s):
     """Return the variance of the newest a-priori error over the residual's: more while parameters are uncertain."""
     U, D = second.factors_of(s)
-    along = second.variance_along(U, D, s.zeta if s.instruments == 1 else s.phi)
+    along = second.variance_along(U, D, s.zeta if s.instruments else s.phi)
     return 1.0 + whitening.gain(s) * along / own_noise(s)
 
 
@@ -313,14 +313,14 @@ def advance_outputs(s, y, interval, first):
     """Take ``y`` for the newest output: undo what the filters made of the measured one."""
     n, T, last, kept = s.order, s.entries, s.used_output, s.backup
     work = s.work
-    refined = s.refined == 1
+    refined = s.refined
     for b in range(3):
         bank = s.banks[b]
         states = bk.at_states(n, T) + bk.OUTPUT * n
         for i in range(n):
             bank[states + i] = 0.0 if first else kept[b * n + i]
-        idle = b == 3 - s.serving_bank and s.warming == 0
-        if first or idle or (b == 0 and refined) or (b > 0 and s.instruments == 0):
+        idle = b == 3 - s.serving_bank and not s.warming
+        if first or idle or (b == 0 and refined) or (b > 0 and not s.instruments):
             continue
         slot = bk.discretization(bank, n, T, interval, work)
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last, y, work)
@@ -343,7 +343,7 @@ def observe(s, u, y, interval):
 
     Leaves the error as measured in ERROR, the output that the filters saw in USED, and the reason in DOUBT.
     """
-    first = s.started == 0 or s.unknown_input > 0.0
+    first = not s.started or s.unknown_input > 0.0
     settled = not first and s.elapsed >= s.learn_from
     away = s.last_output - model_output(s)
     keep_outputs(s)
@@ -360,14 +360,14 @@ def observe(s, u, y, interval):
         doubt = reason_of(s, y, doubt)
     if doubt != Doubt.NONE:
         bridged = s.used_output
-        if s.instruments == 1:
+        if s.instruments:
             bridged = modelled + (0.0 if first else FADE * away)
         target = advance_outputs(s, bridged, interval, first)
         y = bridged
     s.doubt = doubt
     s.error = error
     s.used_output = y
-    size = (modelled if s.instruments == 1 else y) / s.output_scale
+    size = (modelled if s.instruments else y) / s.output_scale
     s.largest_output = max(size * size, s.largest_output - s.forget_input * s.largest_output)
     return target
 
@@ -444,14 +444,14 @@ def watch(s, learned, white):
         usual = max(s.usual_variance, least)
         square = min(square, MOST * usual)
         power = square / usual if usual > 0.0 else 0.0
-        if s.has_noise_model == 1 and s.doubt == Doubt.NONE:
+        if s.has_noise_model and s.doubt == Doubt.NONE:
             power = innovation_power(s, white * white / s.variance_ratio)
         if learned and s.cusum_limit > 0.0:
             test_power(s, power)
         if s.alarm == Alarm.NONE:
             share = max(1.0 / s.residuals_seen, LONG)
             s.usual_variance += share * (square - s.usual_variance)
-            if s.has_noise_model == 1 and s.doubt == Doubt.NONE:
+            if s.has_noise_model and s.doubt == Doubt.NONE:
                 s.usual_innovation += share * (power - 1.0) * max(s.usual_innovation, LEAST * s.largest_output)
     else:
         s.usual_variance += (square - s.usual_variance) / s.residuals_seen

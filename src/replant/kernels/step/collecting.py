@@ -26,12 +26,12 @@ from replant.kernels.step.stages import (
 
 def has_one_before(s):
     """Return whether a sample without an output can be used: not before the first output, which nothing tells of."""
-    return s.examines_output == 1 and s.samples > 0
+    return s.examines_output and s.samples > 0
 
 
 def lacks_first_reference(s, r):
     """Return whether there is no reference yet, and this one cannot be used; count it."""
-    if s.has_reference == 0 or s.samples > 0 or abs(r) <= at.LARGEST:
+    if not s.has_reference or s.samples > 0 or abs(r) <= at.LARGEST:
         return False
     if math.isfinite(r):
         s.too_large += 1
@@ -50,10 +50,10 @@ def take(s, u, y, t, r):
     interval = interval_of(s, u, y, t, r)
     if math.isnan(interval):
         return np.nan
-    if s.has_reference == 1:
+    if s.has_reference:
         note_reference(s, r)
     input_rests(s, u)
-    if s.examines_output == 1:
+    if s.examines_output:
         s.doubt = Doubt.MISSING if math.isnan(y) else Doubt.NONE
         if s.doubt == Doubt.MISSING:
             s.no_output += 1
@@ -64,7 +64,7 @@ def take(s, u, y, t, r):
         keep_sample(s, s.recent, u, y, interval)
     s.samples += 1
     if s.samples == s.attention_at:
-        s.attention = 1
+        s.attention = True
     return np.nan
 
 

@@ -49,7 +49,7 @@ def record_residual(s, error):
     colour, path = s.colour, s.path
     zeta = s.zeta
     phi = s.phi
-    if s.instruments == 0:
+    if not s.instruments:
         for i in range(T):
             zeta[i] = phi[i]
     forgetting = s.settings[0]
@@ -74,39 +74,39 @@ def take(s, u, y, t, r):
     interval = interval_of(s, u, y, t, r)
     if math.isnan(interval):
         return np.nan
-    if s.has_reference == 1:
+    if s.has_reference:
         note_reference(s, r)
         reference.project(s)
-    at_rest = s.rests_with_input == 1 and input_rests(s, u)
-    if s.instruments == 1:
+    at_rest = s.rests_with_input and input_rests(s, u)
+    if s.instruments:
         renew_model(s)
-    if s.started == 0 and s.gap_at > 0 and s.refined * s.coloured == 1:
+    if not s.started and s.gap_at > 0 and s.refined and s.coloured:
         begin_initial_state(s, y)
     target = outliers.observe(s, u, y, interval)
     if s.recent_size > 0:
         keep_guarded_sample(s, u, y, interval)
     s.samples += 1
-    if s.has_noise_model == 1:
+    if s.has_noise_model:
         target = whitening.whiten(s, target, interval)
     error = s.error
-    if s.has_noise_model == 1 and s.doubt == Doubt.NONE:
+    if s.has_noise_model and s.doubt == Doubt.NONE:
         error = outliers.equation_error(s, target)
     tells = not at_rest and may_learn(s)
     if not tells or s.alarm >= Alarm.RESTS:
         s.rested += 1
     elif s.doubt == Doubt.NONE and outliers.is_calm(s):
-        if s.has_noise_model == 1 and not outliers.begins_anew(s):
+        if s.has_noise_model and not outliers.begins_anew(s):
             whitening.record(s)
         update_estimate(s, target, interval, learn)
-        if s.coloured == 1 and not outliers.begins_anew(s):
+        if s.coloured and not outliers.begins_anew(s):
             record_residual(s, error)
-        if s.has_reference == 1:
+        if s.has_reference:
             reference.learn(s, u, y)
     outliers.watch(s, tells, error)
     if s.samples >= s.past_due:
         keep_estimate(s)
     if s.samples == s.attention_at or s.alarm == Alarm.RAISED:
-        s.attention = 1
+        s.attention = True
     return s.error * s.output_scale
 
 

@@ -52,7 +52,7 @@ def take(arrays, s, apart, shared, work, cuts, u, y):
     s.last_output = y
     target = fixed_filter.fill_regressor(s, regressor, y)
     fixed_filter.settle(filters[3], filters[4])
-    if s.adapt == 1:
+    if s.adapt:
         error, finite = update_estimate(arrays, s, apart, shared, work, estimate, target)
     else:
         error, finite = fixed_filter.error_of(estimate[0], estimate[4], target), 0.0 * y
@@ -105,7 +105,7 @@ def are_sound(ints, reals, banks, buffer, recent, apart):
         return False
     for lane in range(LANES):
         s = member(ints, reals, lane)
-        if not is_laid_out(s, reals.shape[0], banks.shape[0], banks.shape[1]) or s.instruments == 1:
+        if not is_laid_out(s, reals.shape[0], banks.shape[0], banks.shape[1]) or s.instruments:
             return False
         batch, capacity, rows, T = s.batch_size, s.capacity, s.recent_size, s.entries
         heads = 0 <= s.buffer_head < capacity and 0 <= s.buffer_filled <= capacity

@@ -99,7 +99,7 @@ def undo(ints, reals, banks, live):
     """Undo the updates that left float64, and all that rejected samples did."""
     for lane in range(LANES):
         s, own = member(ints, reals, lane), banks[:, :, lane]
-        work, adapts = s.work[2 * s.order :], s.adapt == 1
+        work, adapts = s.work[2 * s.order :], s.adapt
         if live[lane] == 0:
             set_aside(s, own[0], True)
             work[ERROR] = np.nan
@@ -115,7 +115,7 @@ def undo(ints, reals, banks, live):
 def count(s):
     """Count a sample, of one member or of level ones; return whether the estimate is to be kept."""
     s.samples += 1
-    if s.adapt == 0:
+    if not s.adapt:
         s.rested += 1
     else:
         s.learned = s.samples

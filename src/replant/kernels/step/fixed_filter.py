@@ -137,7 +137,7 @@ def advance_filters(s, filters, last, u, y):
     """Carry the filter states from the sample before, of the input ``last``, to this one, as (6)-(7) do."""
     A, constant, ramp, states, new = filters
     last_y = s.last_output
-    rise = u - last if s.straight_input == 1 else 0.0
+    rise = u - last if s.straight_input else 0.0
     advance_states(A, constant, ramp, states, new, last_y, y - last_y, last, rise)
     s.input_now = u
 
@@ -203,7 +203,7 @@ def take(s, cuts, u, y):
         keep_sample(s, s.recent, u, y, s.interval)
     if s.samples > 0:
         s.elapsed += s.interval
-    if s.started == 0:
+    if not s.started:
         begin(s, u, y)
     else:
         last = s.input_now
@@ -233,7 +233,7 @@ def step(
 
     ``t`` must be NaN: the clock is regular.  ``r``, a reference, is not used.
     """
-    if s.started == 1:
+    if s.started:
         discretize(s, s.banks[0])
     return take(s, cut(s), u, y)
 
@@ -248,7 +248,7 @@ def steps(
 
     Returns how many: all.
     """
-    if s.started == 1:
+    if s.started:
         discretize(s, s.banks[0])
     cuts = cut(s)
     theta, unit = cuts[3][0], cuts[3][5]

@@ -44,10 +44,10 @@ def take(s, u, y, t, r):
     interval = interval_of(s, u, y, t, r)
     if math.isnan(interval):
         return np.nan
-    at_rest = s.rests_with_input == 1 and input_rests(s, u)
+    at_rest = s.rests_with_input and input_rests(s, u)
     if s.recent_size > 0:
         keep_sample(s, s.recent, u, y, interval)
-    if s.instruments == 1:
+    if s.instruments:
         renew_model(s)
     target = chain.observe(s, u, y, interval)
     error = outliers.equation_error(s, target)

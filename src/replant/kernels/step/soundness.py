@@ -10,12 +10,16 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.native import kernel
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import LAGS, ROOM, StateArrays, StateSlots
+from replant.kernels.slot_tables import Flag
 
 MOST: Final = 1 << 24
 """Sizes beyond which their products might leave int64 [count]."""
 
 #: The blocks of a state: the place in ``ints`` that says where each begins, and its name.
 BLOCKS: Final = tuple((block.index, block.name) for block in StateSlots.blocks)
+
+#: What kernels take for a truth.
+FLAGS: Final = tuple(slot.name for slot in StateSlots.integers if isinstance(slot, Flag))
 
 #: Numbers that an optimizer's settings have at the least, by its code; those of `KALMAN_TRACKING` have T more.
 SETTINGS: Final = {
@@ -59,8 +63,9 @@ def is_laid_out(s, reals, banks, columns):
     n, T, M, S, ring = s.order, s.entries, s.memory_size, s.settings_size, s.ring_size
     if not (1 <= n <= T <= MOST and 0 <= M <= MOST and 0 <= S <= MOST and 1 <= ring <= MOST and n <= 1000):
         return False
-    if not 0 <= s.has_reference <= 1:
-        return False
+    for name in FLAGS:
+        if not 0 <= getattr(s, name) <= 1:
+            return False
     end = at.SCALARS
     for place, name in BLOCKS:
         if s.ints[place] != end:
@@ -69,10 +74,8 @@ def is_laid_out(s, reals, banks, columns):
     if not (end <= reals and banks >= 3 and columns >= bk.size(n, T)):
         return False
     inputs, serving = s.input_entries, s.serving_bank
-    entries = n + inputs + (1 + n if s.refined == 1 else s.has_constant)
-    return (0 <= inputs <= n + 1 and entries <= T and 1 <= serving <= 2 and 0 <= s.ring_head < ring) or (
-        s.collects == 1
-    )
+    entries = n + inputs + (1 + n if s.refined else s.has_constant)
+    return (0 <= inputs <= n + 1 and entries <= T and 1 <= serving <= 2 and 0 <= s.ring_head < ring) or (s.collects)
 
 
 @kernel()
@@ -83,12 +86,12 @@ def is_sound(s: StateArrays):
     T, batch, capacity, rows = s.entries, s.batch_size, s.capacity, s.recent_size
     if not (1 <= batch <= MOST and s.ints.size >= at.ROWS + batch and 1 <= capacity <= s.buffer.shape[0]):
         return False
-    if not (s.buffer.shape[1] >= (2 * T + 2 if s.instruments == 1 else T + 2) or s.collects == 1):
+    if not (s.buffer.shape[1] >= (2 * T + 2 if s.instruments else T + 2) or s.collects):
         return False
-    columns = 6 if s.has_reference == 1 else 5 if s.examines_output == 1 else 3
+    columns = 6 if s.has_reference else 5 if s.examines_output else 3
     if not (0 <= rows <= s.recent.shape[0] and s.recent.shape[1] >= columns):
         return False
-    if not ((is_known(s) and are_within(s)) or s.collects == 1):
+    if not ((is_known(s) and are_within(s)) or s.collects):
         return False
     heads = 0 <= s.buffer_head < capacity and 0 <= s.buffer_filled <= capacity
     return heads and 0 <= s.recent_head < max(rows, 1)

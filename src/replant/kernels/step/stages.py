@@ -46,7 +46,7 @@ they have all reached the cache, for which everything after would wait [count].
 @inlined
 def mapped_input(s, u):
     """Return the input as the filters see it, u or u^2 less the working point; ``u`` and the state may be vectors."""
-    return (u * u if s.square_input == 1 else u) - s.input_offset
+    return (u * u if s.square_input else u) - s.input_offset
 
 
 @inlined
@@ -80,7 +80,7 @@ def note_reference(s, r):
 @inlined
 def may_learn(s):
     """Say whether the user has not frozen the estimate, and the filters have settled after a gap."""
-    return not (s.adapt == 0 or s.elapsed < s.learn_from)
+    return s.adapt and not s.elapsed < s.learn_from
 
 
 @inlined
@@ -109,7 +109,7 @@ def keep_and_write(s, row, estimate, target):
         squares += entry * entry
         error -= parameter * entry
     row[T] = target
-    row[T + 1] = 1.0 / (1.0 + squares) if s.normalize == 1 else 1.0
+    row[T + 1] = 1.0 / (1.0 + squares) if s.normalize else 1.0
     for i in range(memory.size):
         kept_memory[i] = memory[i]
     return error
@@ -140,19 +140,19 @@ def remember(s, target):
     """
     T, row, estimate = s.entries, s.buffer[s.buffer_head], cut_estimate(s)
     keep_and_write(s, row, estimate, target)
-    if s.instruments == 1:
+    if s.instruments:
         zeta, companion = s.zeta, row[T + 2 :]
         squares = 0.0
         for i in range(zeta.size):
             companion[i] = zeta[i]
             squares += zeta[i] * zeta[i]
-        row[T + 1] = 1.0 / (1.0 + squares) if s.normalize == 1 else 1.0
+        row[T + 1] = 1.0 / (1.0 + squares) if s.normalize else 1.0
     return draw_rows(s, estimate[7])
 
 
 def direction_of(s):
     """Return the column of the buffer where the vector begins that updates follow: that of zeta, or of phi."""
-    return s.entries + 2 if s.instruments == 1 else 0
+    return s.entries + 2 if s.instruments else 0
 
 
 def all_finite(size, numbers):
@@ -227,7 +227,7 @@ def keep_guarded_sample(s, u, y, interval):
     row[at.INPUT], row[at.STEP] = u, interval
     row[at.OUTPUT] = s.used_output if s.doubt == Doubt.MISSING else y
     row[at.BRIDGED], row[at.DOUBTED] = s.used_output, s.doubt
-    if s.has_reference == 1:
+    if s.has_reference:
         row[at.REFERENCE] = s.reference_now
     s.recent_head = head + 1 if head + 1 < s.recent_size else 0
 
@@ -235,9 +235,9 @@ def keep_guarded_sample(s, u, y, interval):
 def renew_model(s):
     """Make the newest estimate the auxiliary model where that is due, and renew what is known of the noise with it."""
     if chain.renew_model(s):
-        if s.has_noise_model == 1:
+        if s.has_noise_model:
             whitening.renew(s)
-        if s.coloured == 1:
+        if s.coloured:
             residual_colour.autoregression(s.colour.covariances, s.colour.model, s.work)
 
 
@@ -254,7 +254,7 @@ def take_many(s, u, y, t, r, errors, parameters, take):
         errors[k] = take(s, u[k], y[k], stamp, reference)
         for i in range(parameters.shape[1]):
             parameters[k, i] = s.theta[i] * s.unit[i]
-        if s.attention == 1:
+        if s.attention:
             return k + 1
     return u.size
 
@@ -265,7 +265,7 @@ def take_many(s, u, y, t, r, errors, parameters, take):
     "intervals.size == 1 or intervals.size >= u.size",
     "by_reference.shape[0] == 0 or (by_reference.shape[0] >= u.size and by_reference.shape[1] >= 2)",
     "phi.shape[0] >= u.size and phi.shape[1] >= s.entries",
-    "s.instruments == 0 or (zeta.shape[0] >= u.size and zeta.shape[1] >= s.entries)",
+    "not s.instruments or (zeta.shape[0] >= u.size and zeta.shape[1] >= s.entries)",
 )
 def regressors(
     s: StateArrays, u: Reals, y: Reals, intervals: Reals, by_reference: Matrix, phi: Matrix,
@@ -289,9 +289,9 @@ def regressors(
             target[k] = chain.observe(s, uk, yk, interval)
             for i in range(T):
                 phi[k, i] = s.phi[i]
-                if s.instruments == 1:
+                if s.instruments:
                     zeta[k, i] = s.zeta[i]
-            if s.instruments == 1:
+            if s.instruments:
                 output[k] = s.banks[s.serving_bank, bk.MODEL_OUTPUT]
         else:
             target[k] = np.nan
