@@ -12,8 +12,7 @@ import replant as rp
 from replant.engine.state import State
 from replant.kernels import native
 from replant.kernels.filters import bank, simulate
-from replant.kernels.filters.all_pole import fill_all_pole
-from replant.kernels.filters.autoregression import nested_models
+from replant.kernels.filters.series import fill_all_pole, nested_models
 from replant.kernels.native import KERNELS, Kernel
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import Attention, ColourSlots, NoiseSlots, PathSlots

@@ -15,10 +15,9 @@ import pytest
 import replant as rp
 from replant.engine.dispatch import step_kernels
 from replant.engine.state import State
-from replant.kernels.filters import autoregression, bank, chain
-from replant.kernels.filters.all_pole import fill_all_pole
-from replant.kernels.filters.play_operator import fill_play
-from replant.kernels.monitoring import interruptions, residual_colour
+from replant.kernels.filters import bank, chain, series
+from replant.kernels.filters.series import fill_all_pole, fill_play
+from replant.kernels.monitoring import interruptions, scatter
 from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import LAGS
 from replant.kernels.step.soundness import is_sound
@@ -197,11 +196,11 @@ def check_series() -> None:
 
     def models() -> tuple[Any, ...]:
         found, variances = np.zeros((size, size)), np.zeros(size)
-        order = autoregression.nested_models(lags @ lags.T, 300.0, found, variances, np.zeros(size * size + size))
+        order = series.nested_models(lags @ lags.T, 300.0, found, variances, np.zeros(size * size + size))
         model = np.zeros(size)
-        power = residual_colour.autoregression((lags @ lags[0]).copy(), model, np.zeros(size))
+        power = scatter.autoregression((lags @ lags[0]).copy(), model, np.zeros(size))
         flat = np.zeros((size, size)), np.zeros(size)
-        autoregression.nested_models(np.zeros((size, size)), 300.0, *flat, np.zeros(size * size + size))
+        series.nested_models(np.zeros((size, size)), 300.0, *flat, np.zeros(size * size + size))
         return found, variances, float(order), model, power, *flat
 
     check(models)

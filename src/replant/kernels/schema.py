@@ -157,7 +157,7 @@ class Doubt(IntEnum):
 
 
 class ColourSlots(Part):
-    """Power and colour of the residual e; see `replant.kernels.monitoring.residual_colour`."""
+    """Power and colour of the residual e; see `replant.kernels.monitoring.scatter`."""
 
     count = Real("residuals, forgotten ones counted in part", OPTIMIZER, finite=False)
     power = Real("sum of e^2 / alpha: unbiased by the parameters' own error", OPTIMIZER, finite=False)
@@ -196,7 +196,7 @@ class ReferenceSlots(Part):
 
 
 class PathSlots(Part):
-    """The path of the estimate; see `replant.kernels.monitoring.estimate_path`."""
+    """The path of the estimate; see `replant.kernels.monitoring.scatter`."""
 
     step = Real("learned samples between two rows", OPTIMIZER, finite=False)
     due = Real("learned samples at which the next row is due", OPTIMIZER, finite=False)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from replant.kernels.filters.autoregression import nested_models
+from replant.kernels.filters.series import nested_models
 from support.cases import every
 
 ORDERS = 5

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from replant.kernels.monitoring.residual_colour import LAGS, autoregression, record
+from replant.kernels.monitoring.scatter import LAGS, autoregression, record
 from replant.kernels.schema import FIXED, ColourSlots
 from support.cases import every
 

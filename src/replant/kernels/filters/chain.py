@@ -5,8 +5,7 @@ serves while the other warms up.  With the refined filter the serving bank makes
 """
 
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters.reflection import reflect
-from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
+from replant.kernels.filters.polynomials import all_left_of, bandwidth, reflect, slowest_decay
 from replant.kernels.native import LAID_OUT, Reals, kernel
 from replant.kernels.schema import StateArrays
 

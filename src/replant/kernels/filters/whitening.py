@@ -21,7 +21,7 @@ Theory for the User", sections 7.3 and 10.3.
 
 import math
 
-from replant.kernels.filters.autoregression import nested_models
+from replant.kernels.filters.series import nested_models
 from replant.kernels.schema import LAGS, Doubt
 
 IRREGULAR = 0.1

@@ -7,8 +7,8 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import whitening
-from replant.kernels.filters.routh import slowest_decay
-from replant.kernels.monitoring import residual_colour
+from replant.kernels.filters.polynomials import slowest_decay
+from replant.kernels.monitoring import scatter
 from replant.kernels.native import LAID_OUT, kernel
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
@@ -106,7 +106,7 @@ def begin_initial_state(s, y):
             caps[first + i] = max(caps[first + i], variances[i])
     second.begin_last(U, D, first, variances, s.backup[:T])
     if s.coloured:
-        residual_colour.begin_last(s.colour, first, T)
+        scatter.begin_last(s.colour, first, T)
 
 
 @kernel(LAID_OUT, "s.refined and s.coloured")
@@ -126,7 +126,7 @@ def forget_constant(s: StateArrays):
     caps = block(s.memory, second.AT_CAPS, T)
     caps[which] = max(caps[which], size)
     second.begin_last(U, D, which, variances, s.backup[:T])
-    residual_colour.begin_last(s.colour, which, T)
+    scatter.begin_last(s.colour, which, T)
 
 
 @kernel(LAID_OUT)

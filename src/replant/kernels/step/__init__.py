@@ -25,12 +25,12 @@ what                        where                     why
 the order of the stages     `take` of each variant    variants differ in most stages: one function for all would be
                                                       branches throughout
 `update_estimate`           stages, fixed_filter,     the general one calls its parts as functions, that of the fixed
-                            ensemble_replay           filter has them in its loop; vectors have no branch on data, so an
+                            ensemble_members          filter has them in its loop; vectors have no branch on data, so an
                                                       update is undone lane by lane
 the loop over samples       `stages.take_many`,       the arrays of the fixed filter are cut once a call, not once a
                             fixed_filter              sample
 filters and regressor       `filters.chain`,          one bank, one interval and held inputs need neither a search for a
                             fixed_filter              discretisation nor pieces of a dead time
-counting                    `take`, ensemble_lanes    level members are counted once for all
+counting                    `take`, ensemble_members  level members are counted once for all
 ==========================  ========================  ==================================================================
 """

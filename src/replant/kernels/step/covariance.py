@@ -9,8 +9,7 @@ import math
 import numpy as np
 
 from replant.kernels.filters import reference, whitening
-from replant.kernels.monitoring import estimate_path as trail
-from replant.kernels.monitoring import outliers, residual_colour
+from replant.kernels.monitoring import outliers, scatter
 from replant.kernels.monitoring.interruptions import (
     begin_initial_state,
     input_leaps,
@@ -54,10 +53,10 @@ def record_residual(s, error):
             zeta[i] = phi[i]
     forgetting = s.settings[0]
     alpha = s.memory[s.memory_size - 1]
-    residual_colour.record(colour, error, alpha, forgetting, zeta)
+    scatter.record(colour, error, alpha, forgetting, zeta)
     if colour.count >= path.due:
         U, D = loops.factors_of(s)
-        trail.keep(path, s.theta, U, D, colour.count)
+        scatter.keep(path, s.theta, U, D, colour.count)
 
 
 def take(s, u, y, t, r):

@@ -12,15 +12,16 @@ its own rows, and those of the batch are gathered first.
 A member whose sample is rejected goes through the arithmetic with the others, on its last sample over again, and is put
 back afterwards.
 
-`ensemble_lanes` has what is done member by member, `ensemble_replay` the learning, `ensemble_tiles` the copying.
+Samples come in tiles of some hundred, a vector a sample.  `ensemble_members` has what is done member by member, and the
+learning.
 """
 
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
-from replant.kernels.lanes import LANES, all_within, member, members, vectors
+from replant.kernels.lanes import LANES, all_within, load, member, members, prefetch, store, vectors
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
 from replant.kernels.step import fixed_filter
-from replant.kernels.step.ensemble_lanes import (
+from replant.kernels.step.ensemble_members import (
     ERROR,
     FINITE,
     INPUT,
@@ -32,11 +33,56 @@ from replant.kernels.step.ensemble_lanes import (
     count_each,
     spread,
     undo,
+    update_estimate,
 )
-from replant.kernels.step.ensemble_replay import update_estimate
-from replant.kernels.step.ensemble_tiles import deliver, fetch
 from replant.kernels.step.soundness import is_known, is_laid_out
 from replant.kernels.step.stages import cut_estimate, mapped_input
+
+AHEAD = 16
+"""Rows that the memory is asked for before they are copied [count]."""
+
+
+def are_neighbours(numbers):
+    """Say whether the members are one after the other in the ensemble: then so are their numbers in a row."""
+    neighbours = True
+    for lane in range(LANES):
+        neighbours &= numbers[lane] == numbers[0] + lane
+    return neighbours
+
+
+def fetch(samples, numbers, start, own):
+    """Copy the members' columns of the samples from a row on, or the one for all."""
+    rows, width = vectors(own), samples.shape[1]
+    if width == 1:
+        for k in range(rows.size):
+            rows[k] = samples[start + k, 0]
+    elif are_neighbours(numbers):
+        for k in range(rows.size):
+            ahead = min(start + k + AHEAD, samples.shape[0] - 1)
+            prefetch(samples, ahead, numbers[0])
+            prefetch(samples, ahead, numbers[LANES - 1])  # their last line
+            rows[k] = load(samples, start + k, numbers[0])
+    else:
+        for k in range(rows.size):
+            for lane in range(LANES):
+                own[k, lane] = samples[start + k, numbers[lane]]
+
+
+def deliver(numbers, members, start, told, estimates, errors, parameters):
+    """Copy errors and estimates of a tile to where they are wanted."""
+    rows = vectors(told)
+    if members == LANES and are_neighbours(numbers):
+        for k in range(rows.size):
+            store(errors, start + k, numbers[0], rows[k])
+    else:
+        for k in range(rows.size):
+            for lane in range(members):
+                errors[start + k, numbers[lane]] = told[k, lane]
+    if parameters.shape[2] > 0:
+        for lane in range(members):
+            for k in range(rows.size):
+                for i in range(parameters.shape[2]):
+                    parameters[numbers[lane], start + k, i] = estimates[k, i, lane]
 
 
 @inlined

@@ -19,9 +19,9 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
-from replant.kernels.monitoring import residual_colour
+from replant.kernels.monitoring import scatter
 from replant.kernels.native import LAID_OUT, Matrix, Reals, inlined, kernel
-from replant.kernels.optimizers.random_stream import draw_below
+from replant.kernels.optimizers.memory import draw_below
 from replant.kernels.schema import Doubt, StateArrays
 
 KEEP_AFTER_PART = 8
@@ -238,7 +238,7 @@ def renew_model(s):
         if s.has_noise_model:
             whitening.renew(s)
         if s.coloured:
-            residual_colour.autoregression(s.colour.covariances, s.colour.model, s.work)
+            scatter.autoregression(s.colour.covariances, s.colour.model, s.work)
 
 
 def take_many(s, u, y, t, r, errors, parameters, take):

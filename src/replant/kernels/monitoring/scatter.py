@@ -1,15 +1,19 @@
-"""Power and colour of the residual, and instruments filtered by it, kept for standard deviations under coloured noise.
+"""What standard deviations are made from: power and colour of the residual, and the path of the estimate.
 
 Noise that is not white makes the plain covariance sigma^2 P too small.  With the residual modelled as an
 autoregression, e = w / D(q), the covariance of the instrumental-variable estimate is
 
     sigma_w^2 P Q P,   Q = sum zeta_f zeta_f',  zeta_f = zeta / D(q).
 
+The path of a recursive estimate is kept at a few samples: its scatter gives a variance without a noise model, see
+`replant.statistics.batch_means`.  Room is limited and the record is not: when the room is full every second row goes,
+and the next ones come half as often.
+
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
 
 from replant.kernels.native import Reals, kernel
-from replant.kernels.schema import LAGS
+from replant.kernels.schema import LAGS, ROOM
 
 
 @kernel("covariances.size > LAGS and model.size > LAGS and previous.size > LAGS")
@@ -79,3 +83,27 @@ def begin_last(colour, first, entries):
         for j in range(entries):
             if i >= first or j >= first:
                 colour.squares[i, j] = 0.0
+
+
+def keep(path, theta, U, D, samples):
+    """Keep the estimate after so many learned ``samples`` and the diagonal of P = U D U', or make room for it."""
+    T, kept = theta.size, int(path.kept)
+    path.step = max(path.step, 1.0)
+    if kept == ROOM:
+        kept //= 2
+        for b in range(kept):
+            for i in range(T):
+                path.rows[b, 0, i] = path.rows[2 * b + 1, 0, i]
+                path.rows[b, 1, i] = path.rows[2 * b + 1, 1, i]
+        path.kept = kept
+        path.due = samples + path.step  # this row would be the first of a pair: the second one counts
+        path.step *= 2.0
+        return
+    for i in range(T):
+        variance = 0.0
+        for k in range(i, T):
+            variance += U[i, k] * U[i, k] * D[k]
+        path.rows[kept, 0, i] = theta[i]
+        path.rows[kept, 1, i] = variance
+    path.kept = kept + 1
+    path.due = samples + path.step

@@ -1,4 +1,4 @@
-r"""Autoregressions of every order up to the largest, by least squares on sums of products.
+r"""Series of numbers as wholes: autoregressions of every order, the all-pole filter, the play operator.
 
 Over samples whose predecessors are all known, G[i, j] is the sum of e_{k-i} e_{k-j}.  The model of order j minimises
 the sum of (e_k + d_1 e_{k-1} + .. + d_j e_{k-j})^2: G[1:j+1, 1:j+1] d = -G[1:j+1, 0].  One factorisation L D L' of
@@ -7,10 +7,16 @@ G[1:, 1:] serves all orders, as its leading parts are those of the smaller ones.
 Autocovariances would do with fewer numbers, but the ends of their window leak: where the residual is smooth, as behind
 a disturbance of the plant's input, their innovation is 40 to 400 times too large.
 
-Source: Ljung (1999), "System Identification: Theory for the User", sections 10.1 and 16.4.
+The all-pole filter is what makes white noise an autoregression; the play operator what a part with backlash makes of
+the motion that pushes it.
+
+Sources: Ljung (1999), "System Identification: Theory for the User", sections 10.1 and 16.4; Brokate and Sprekels
+(1996), "Hysteresis and Phase Transitions", chapter 2.
 """
 
 import math
+
+import numpy as np
 
 from replant.kernels.native import Matrix, Reals, kernel
 
@@ -75,3 +81,51 @@ def nested_models(sums: Matrix, count: float, models: Matrix, variances: Reals, 
         if criterion < lowest:
             best, lowest = order, criterion
     return best
+
+
+@kernel(
+    "coefficients.size >= 1 and state.size >= coefficients.size",
+    "result.shape[0] >= signals.shape[0] and result.shape[1] == signals.shape[1]",
+)
+def fill_all_pole(coefficients: Reals, signals: Matrix, result: Matrix, state: Reals):
+    """Write what `all_pole` returns into ``result``; ``state`` (p + 1,) is work."""
+    order = coefficients.size - 1
+    for channel in range(signals.shape[0]):
+        for i in range(order + 1):
+            state[i] = 0.0
+        for k in range(signals.shape[1]):
+            output = signals[channel, k] + state[0]
+            for i in range(order):
+                state[i] = state[i + 1] - coefficients[i + 1] * output
+            result[channel, k] = output
+
+
+def all_pole(coefficients: Reals, signals: Matrix) -> Matrix:
+    """Return x / D(q) of ``signals`` (channels, K), from rest: y(k) = x(k) - d_1 y(k-1) - ... - d_p y(k-p).
+
+    ``coefficients`` (p + 1,) are 1, d_1 .. d_p.  In transposed direct form II the state (p,) holds the sums to come.
+    """
+    signals = np.ascontiguousarray(signals, float)
+    result = np.empty(signals.shape)
+    fill_all_pole(np.ascontiguousarray(coefficients, float), signals, result, np.empty(coefficients.size))
+    return result
+
+
+@kernel("output.size >= v.size")
+def fill_play(v: Reals, width: float, output: Reals):
+    """Write what `play` returns into ``output`` (K,)."""
+    held = 0.0
+    for k in range(v.size):
+        held = min(max(held, v[k] - width), v[k] + width)
+        output[k] = held
+
+
+def play(v: Reals, width: float) -> Reals:
+    """Return the output (K,) of a play of half a ``width`` behind a signal (K,): it follows where it is pushed.
+
+    y(k) = min(max(y(k-1), v(k) - width), v(k) + width), from y = 0 before the record; in the unit of v.
+    """
+    v = np.ascontiguousarray(v, float)
+    output = np.empty(v.size)
+    fill_play(v, width, output)
+    return output
