@@ -6,7 +6,7 @@ serves while the other warms up.  With the refined filter the serving bank makes
 
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.polynomials import all_left_of, bandwidth, reflect, slowest_decay
-from replant.kernels.native import LAID_OUT, Reals, kernel
+from replant.kernels.native import LAID_OUT, Reals, inlined, kernel
 from replant.kernels.schema import StateArrays
 
 WARM_TIME_CONSTANTS = 10.0
@@ -66,6 +66,12 @@ def begin(s, u, y):
         s.learn_from = max(s.learn_from, s.elapsed + s.delay)
 
 
+@inlined
+def one_before(s, place):
+    """Return the place in the rings of what came before."""
+    return place - 1 if place > 0 else s.ring_size - 1
+
+
 def moved_share(interval, before, earlier, dt):
     """Return how far a held input moves from one sample to the next, on the mean over the interval, as a part of it.
 
@@ -80,21 +86,16 @@ def moved_share(interval, before, earlier, dt):
 
 def remember_input(s, u, interval):
     """Put the newest input, and the part that a reference explains of it, into the rings for the dead time."""
-    inputs, held = s.inputs, s.held
-    intervals, last = s.intervals, inputs[s.ring_head]
-    before = s.ring_head - 1 if s.ring_head > 0 else s.ring_size - 1
-    share = moved_share(interval, intervals[s.ring_head], intervals[before], s.interval)
-    newest = s.ring_head + 1
-    if newest == s.ring_size:
-        newest = 0
+    before, last = s.ring_head, s.inputs[s.ring_head]
+    share = moved_share(interval, s.intervals[before], s.intervals[one_before(s, before)], s.interval)
+    newest = before + 1 if before + 1 < s.ring_size else 0
     s.ring_head = newest
-    inputs[newest], intervals[newest] = u, interval
-    held[newest] = last + share * (u - last)
+    s.inputs[newest], s.intervals[newest] = u, interval
+    s.held[newest] = last + share * (u - last)
     if s.has_reference:
-        parts, means = s.reference_inputs, s.reference_held
-        last, part = parts[newest - 1 if newest > 0 else s.ring_size - 1], s.input_by_reference
-        parts[newest] = part
-        means[newest] = last + share * (part - last)
+        last, part = s.reference_inputs[before], s.input_by_reference
+        s.reference_inputs[newest] = part
+        s.reference_held[newest] = last + share * (part - last)
 
 
 def advance_delayed_input(s, bank, interval, slot, work, channel):
@@ -111,14 +112,14 @@ def advance_delayed_input(s, bank, interval, slot, work, channel):
     held = s.held if of_input else s.reference_held
     intervals, delay = s.intervals, s.delay
     newer = s.ring_head
-    older = newer - 1 if newer > 0 else ring - 1
+    older = one_before(s, newer)
     # go back to the piece of the input that acts when the newest interval begins
     age = 0.0  # of the sample `newer`
     pieces = 1
     while pieces < ring - 1 and age + intervals[newer] < (interval + delay) * (1.0 - ROUNDING):
         age += intervals[newer]
         newer = older
-        older = newer - 1 if newer > 0 else ring - 1
+        older = one_before(s, newer)
         pieces += 1
     if s.bilinear:  # one sample late by construction: the delayed input at the sample before
         share = 1.0 - (interval + delay - age) / intervals[newer]
@@ -156,12 +157,11 @@ def advance_reference_input(s, bank, interval, slot, work):
     if s.delay > 0.0:
         s.reference_input_now = advance_delayed_input(s, bank, interval, slot, work, bk.REFERENCE_INPUT)
         return
-    parts, means = s.reference_inputs, s.reference_held
-    start = end = means[newest]
+    start = end = s.reference_held[newest]
     if s.straight_input:
-        start, end = parts[newest - 1 if newest > 0 else s.ring_size - 1], parts[newest]
+        start, end = s.reference_inputs[one_before(s, newest)], s.reference_inputs[newest]
     bk.advance_channel(bank, n, T, bk.REFERENCE_INPUT, slot, start, end, work)
-    s.reference_input_now = parts[newest]
+    s.reference_input_now = s.reference_inputs[newest]
 
 
 def follow_input(s, interval):
@@ -190,13 +190,11 @@ def advance_bank(s, bank, interval, y, channels):
         slot = bk.discretization(bank, n, T, interval, work)
         bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last_y, y, work)
     else:
-        inputs, held = s.inputs, s.held
-        now = inputs[newest]
-        start = end = held[newest]
+        start, end = s.held[newest], s.held[newest]
         if s.straight_input:
-            start, end = inputs[newest - 1 if newest > 0 else s.ring_size - 1], now
+            start, end = s.inputs[one_before(s, newest)], s.inputs[newest]
         bk.advance_two(bank, n, T, slot, bk.OUTPUT, last_y, y, bk.INPUT, start, end, work)
-        s.input_now = now
+        s.input_now = s.inputs[newest]
     if channels > bk.INPUT + 1:
         bk.advance_two(bank, n, T, slot, bk.IMPULSE, 0.0, 0.0, bk.CONSTANT, 1.0, 1.0, work)
         if s.has_reference and not s.delay > 0.0:
@@ -215,7 +213,6 @@ def install_model(s: StateArrays, which: int, theta: Reals):
     """
     n, T, inputs = s.order, s.entries, s.input_entries
     bank = s.banks[which]
-    sigma = s.sigma
     work = s.work
     for i in range(n):
         work[i] = theta[i] * s.unit[i]
@@ -224,7 +221,7 @@ def install_model(s: StateArrays, which: int, theta: Reals):
     if not stable:
         reflect(work[:n], margin, work[n:])
     bank[bk.REFLECTED] = 0.0 if stable else 1.0
-    bk.set_denominator(bank, n, T, inputs, s.has_constant, s.refined, which == 0, work[:n], sigma)
+    bk.set_denominator(bank, n, T, inputs, s.has_constant, s.refined, which == 0, work[:n], s.sigma)
     weights = bk.at_weights(n, T)
     for i in range(T):
         bank[weights + i] = theta[i] * s.output_scale
@@ -247,18 +244,16 @@ def renew_model(s):
         s.serving_bank = 3 - s.serving_bank
         s.warming = False
         taken_over = True
-    theta = s.theta
     which = 3 - s.serving_bank
-    work = s.work
-    a = work[3 * (n + 2) : 3 * (n + 2) + n]
+    a = s.work[3 * (n + 2) : 3 * (n + 2) + n]
     for i in range(n):
-        a[i] = theta[i] * s.unit[i]
+        a[i] = s.theta[i] * s.unit[i]
     if bandwidth(a) < s.largest_bandwidth:
-        install_model(s, which, theta)
+        install_model(s, which, s.theta)
         bk.take_states(s.banks[which], s.banks[s.serving_bank], n, T)
         s.warming = True
         denominator = s.banks[which, bk.DENOMINATOR : bk.DENOMINATOR + n]
-        wait = WARM_TIME_CONSTANTS / max(slowest_decay(denominator, work), s.stability_margin)
+        wait = WARM_TIME_CONSTANTS / max(slowest_decay(denominator, s.work), s.stability_margin)
         s.ready_at = s.elapsed + min(wait, s.elapsed)
     else:
         s.ready_at = s.elapsed + RETRY * s.interval
@@ -272,18 +267,17 @@ def fill_regressor(s, bank, y, fixed):
     plant's parameters whatever the filter is, and the error is that of (8).
     """
     n, T, inputs, constant = s.order, s.entries, s.input_entries, s.has_constant
-    filters, phi, refined = bank, s.phi, s.refined
-    target = bk.fill_output_entries(filters, n, T, bk.OUTPUT, y, phi)
-    bk.fill_known_entries(filters, n, T, inputs, bk.INPUT, s.input_now, constant, refined, fixed, phi)
+    refined = s.refined
+    target = bk.fill_output_entries(bank, n, T, bk.OUTPUT, y, s.phi)
+    bk.fill_known_entries(bank, n, T, inputs, bk.INPUT, s.input_now, constant, refined, fixed, s.phi)
     if s.instruments:
-        zeta = s.zeta
         if s.has_reference:
             now = s.reference_input_now
-            bk.fill_known_entries(filters, n, T, inputs, bk.REFERENCE_INPUT, now, constant, refined, fixed, zeta)
+            bk.fill_known_entries(bank, n, T, inputs, bk.REFERENCE_INPUT, now, constant, refined, fixed, s.zeta)
         else:
             for i in range(n, T):
-                zeta[i] = phi[i]
-        bk.fill_output_entries(filters, n, T, bk.MODEL, bank[bk.INSTRUMENT], zeta)
+                s.zeta[i] = s.phi[i]
+        bk.fill_output_entries(bank, n, T, bk.MODEL, bank[bk.INSTRUMENT], s.zeta)
     return target / s.output_scale
 
 
@@ -293,15 +287,13 @@ def model_output(s, bank, slot, before, fixed):
     ``slot``: the discretisation of the newest interval; ``before`` (n,): the OUTPUT states at the sample before, which
     are overwritten.  The bank's other channels but MODEL are those of now.
     """
-    n, T, filters = s.order, s.entries, bank
+    n, T = s.order, s.entries
     known = bk.fill_known_entries(
-        filters, n, T, s.input_entries, bk.INPUT, s.input_now, s.has_constant,
-        s.refined, fixed, s.zeta,
+        bank, n, T, s.input_entries, bk.INPUT, s.input_now, s.has_constant, s.refined, fixed, s.zeta,
     )  # fmt: skip
     if bank[bk.REFLECTED] == 0.0 or slot == 0:
         return known
-    work = s.work
-    return bk.predicted_output(filters, n, T, bank[slot + 1 :], s.last_output, known, before, work)
+    return bk.predicted_output(bank, n, T, bank[slot + 1 :], s.last_output, known, before, s.work)
 
 
 def observe(s, u, y, interval):
@@ -347,8 +339,7 @@ def observe(s, u, y, interval):
         if refined or b == 0:
             signal = s.output_by_reference if s.has_reference else output
             if not first:
-                work = s.work
-                bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], signal, work)
+                bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], signal, s.work)
             bank[bk.INSTRUMENT] = signal
             bank[bk.MODEL_OUTPUT] = output
     s.last_output = y

@@ -92,8 +92,7 @@ def whiten(s, target, interval):
     if s.doubt != Doubt.NONE:
         noise.known = 0.0
         return target
-    T = s.entries
-    return filter_row(T, noise, s.phi, s.zeta, target)
+    return filter_row(s.entries, noise, s.phi, s.zeta, target)
 
 
 def add_residuals(T, noise, theta, errors, forgetting):
@@ -120,9 +119,7 @@ def add_residuals(T, noise, theta, errors, forgetting):
 
 def record(s):
     """Take the newest sample's residual, before its update, into the sums that the noise model is made from."""
-    noise, theta = s.noise, s.theta
-    work = s.work
-    add_residuals(s.entries, noise, theta, work, s.settings[0])
+    add_residuals(s.entries, s.noise, s.theta, s.work, s.settings[0])
 
 
 def renew(s):

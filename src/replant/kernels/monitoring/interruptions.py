@@ -139,8 +139,7 @@ def interrupt(s: StateArrays, interval: float):
     s.warming = False
     s.cusum = 0.0
     bank = s.banks[s.serving_bank] if s.instruments else s.banks[0]
-    work = s.work
-    decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], work)
+    decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], s.work)
     wait = SETTLE / decay if decay > 0.0 else 0.0
     if s.instruments:  # a model that hardly forgets is not waited for longer than it has been known
         wait = min(wait, s.elapsed)

@@ -208,19 +208,16 @@ def model_output(s):
 
 
 def equation_error(s, target):
-    """Return target - theta' phi, scaled."""
-    theta = s.theta
-    phi = s.phi
+    """Return the a-priori error y - theta' phi, epsilon of (12)."""
     error = target
-    for i in range(theta.size):
-        error -= theta[i] * phi[i]
+    for i in range(s.entries):
+        error -= s.theta[i] * s.phi[i]
     return error
 
 
 def own_noise(s):
     """Return what the residual's variance is in the unit of the optimizer's covariance."""
-    memory, settings = s.memory, s.settings
-    return second.own_noise(s.algorithm, s.entries, memory, settings)
+    return second.own_noise(s.algorithm, s.entries, s.memory, s.settings)
 
 
 def variance_ratio(s):
@@ -312,7 +309,6 @@ def stands(s, y, modelled):
 def advance_outputs(s, y, interval, first):
     """Take ``y`` for the newest output: undo what the filters made of the measured one."""
     n, T, last, kept = s.order, s.entries, s.used_output, s.backup
-    work = s.work
     refined = s.refined
     for b in range(3):
         bank = s.banks[b]
@@ -322,8 +318,8 @@ def advance_outputs(s, y, interval, first):
         idle = b == 3 - s.serving_bank and not s.warming
         if first or idle or (b == 0 and refined) or (b > 0 and not s.instruments):
             continue
-        slot = bk.discretization(bank, n, T, interval, work)
-        bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last, y, work)
+        slot = bk.discretization(bank, n, T, interval, s.work)
+        bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last, y, s.work)
     s.last_output = y
     return chain.fill_regressor(s, s.banks[s.serving_bank if refined else 0], y, not refined)
 
@@ -374,7 +370,7 @@ def observe(s, u, y, interval):
 
 def begins_anew(s):
     """Return whether the newest error was that of an initial state not yet known after a gap, and no residual."""
-    alpha = s.memory[s.memory_size - 1]
+    alpha = second.alpha_of(s)
     return s.gap_at > 0 and alpha > UNKNOWN * own_noise(s)
 
 
@@ -434,7 +430,7 @@ def watch(s, learned, white):
     if s.doubt >= Doubt.STUCK:
         return
     if learned and s.doubt == Doubt.NONE and s.learned == s.samples:
-        alpha = s.memory[s.memory_size - 1]
+        alpha = second.alpha_of(s)
         s.variance_ratio = max(alpha / own_noise(s), 1.0)
     square = s.error * s.error / s.variance_ratio
     s.residuals_seen += 1.0

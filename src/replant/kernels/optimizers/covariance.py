@@ -38,6 +38,11 @@ def factors_of(s):
     return s.memory[: T * T].reshape(T, T), s.memory[T * T : T * T + T]
 
 
+def alpha_of(s):
+    """Return alpha of the newest update: its innovation's variance, in the unit of the covariance."""
+    return s.memory[s.memory_size - 1]
+
+
 def measurement_update(P, U, D, zeta, noise, projected, gain):
     """Bierman's update of U (P, P) and D (P,) for a scalar observation zeta' theta of variance ``noise``.
 

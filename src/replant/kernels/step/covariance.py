@@ -44,19 +44,13 @@ def learn(s, batch, interval):
 
 def record_residual(s, error):
     """Keep power and colour of the residual, and the estimate's path, where the optimizer keeps a covariance."""
-    T = s.entries
-    colour, path = s.colour, s.path
-    zeta = s.zeta
-    phi = s.phi
     if not s.instruments:
-        for i in range(T):
-            zeta[i] = phi[i]
-    forgetting = s.settings[0]
-    alpha = s.memory[s.memory_size - 1]
-    scatter.record(colour, error, alpha, forgetting, zeta)
-    if colour.count >= path.due:
+        for i in range(s.entries):
+            s.zeta[i] = s.phi[i]
+    scatter.record(s.colour, error, loops.alpha_of(s), s.settings[0], s.zeta)
+    if s.colour.count >= s.path.due:
         U, D = loops.factors_of(s)
-        scatter.keep(path, s.theta, U, D, colour.count)
+        scatter.keep(s.path, s.theta, U, D, s.colour.count)
 
 
 def take(s, u, y, t, r):

@@ -95,7 +95,7 @@ def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
         for j in range(n):
             sy += row[j] * wy[j]
             su += row[j] * wu[j]
-        new_wy[i] = sy
+        new_wy[i] = sy  # (7)
         new_wu[i] = su
 
 
@@ -148,13 +148,13 @@ def fill_regressor(s, regressor, y):
     characteristic, gain_y, wy, phi_y, gain_u, wu, phi_u = regressor
     target = y
     for i in range(wy.size):
-        target -= characteristic[i] * wy[i]
-        phi_y[i] = gain_y[i] * wy[i]
+        target -= characteristic[i] * wy[i]  # s^n/Lambda y: lambda of (4) on the left
+        phi_y[i] = gain_y[i] * wy[i]  # phi of (12): a filter state over its sigma
     for i in range(wu.size):
         phi_u[i] = gain_u[i] * wu[i]
     if phi_u.size > wu.size:
         phi_u[wu.size] = gain_u[wu.size]
-    return target / s.output_scale
+    return target / s.output_scale  # y of (12)
 
 
 @inlined

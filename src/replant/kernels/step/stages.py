@@ -107,9 +107,9 @@ def keep_and_write(s, row, estimate, target):
         entry, parameter = phi[i], theta[i]
         row[i], kept_theta[i] = entry, parameter
         squares += entry * entry
-        error -= parameter * entry
+        error -= parameter * entry  # epsilon of (12)
     row[T] = target
-    row[T + 1] = 1.0 / (1.0 + squares) if s.normalize else 1.0
+    row[T + 1] = 1.0 / (1.0 + squares) if s.normalize else 1.0  # 1 / m^2 of (13)
     for i in range(memory.size):
         kept_memory[i] = memory[i]
     return error
