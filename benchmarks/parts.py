@@ -23,13 +23,14 @@ import numpy as np
 import replant as rp
 from compiled import compiled
 from kernels import DT, FLAGS, SAME, chunks, describe_machine, distance
+from replant.engine.dimensions import Dimensions
 from replant.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, reference, whitening
 from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance
-from replant.kernels.schema import FIXED, NoiseSlots, ReferenceSlots
+from replant.kernels.schema import StateArrays
 from replant.optimizers import Optimizer
 
 CHUNK, REPETITIONS = 2_000, 101
@@ -60,9 +61,9 @@ class Result:
 
 
 @kernel()
-def run_filters(ints: Ints, reals: Reals, banks: Matrix, u: Reals, y: Reals, targets: Reals):
+def run_filters(s: StateArrays, u: Reals, y: Reals, targets: Reals):
     for k in range(u.size):
-        targets[k] = chain.observe(ints, reals, banks, u[k], y[k], reals[at.INTERVAL])
+        targets[k] = chain.observe(s, u[k], y[k], s.interval)
 
 
 @kernel()
@@ -82,24 +83,22 @@ def run_kalman(
 
 
 @kernel()
-def run_noise_model(
-    noise: Reals, rows: Matrix, phi: Reals, zeta: Reals, theta: Reals, errors: Reals, targets: Reals
-):  # fmt: skip
-    T = phi.size
+def run_noise_model(s: StateArrays, rows: Matrix, errors: Reals, targets: Reals):
+    T = s.entries
     for k in range(rows.shape[0]):
         for i in range(T):
-            phi[i], zeta[i] = rows[k, i], rows[k, T + i]
-        targets[k] = whitening.filter_row(T, noise, phi, zeta, rows[k, 2 * T])
-        whitening.add_residuals(T, noise, theta, errors, 1.0)
+            s.phi[i], s.zeta[i] = rows[k, i], rows[k, T + i]
+        targets[k] = whitening.filter_row(T, s.noise, s.phi, s.zeta, rows[k, 2 * T])
+        whitening.add_residuals(T, s.noise, s.theta, errors, 1.0)
 
 
 @kernel()
-def run_reference(projection: Reals, r: Reals, u: Reals, y: Reals, work: Reals, explained: Reals):
+def run_reference(s: StateArrays, r: Reals, u: Reals, y: Reals, work: Reals, explained: Reals):
     for k in range(u.size):
-        reference.advance(projection, r[k])
-        explained[k] = reference.explained(projection, reference.WEIGHTS)
-        explained[k] += reference.explained(projection, reference.WEIGHTS + reference.SIZE)
-        reference.learn_weights(projection, u[k], y[k], work)
+        reference.advance(s.reference, r[k])
+        explained[k] = reference.explained(s.reference, 0)
+        explained[k] += reference.explained(s.reference, 1)
+        reference.learn_weights(s.reference, u[k], y[k], work)
 
 
 # --- C
@@ -108,15 +107,13 @@ def run_reference(projection: Reals, r: Reals, u: Reals, y: Reals, work: Reals, 
 def compile_parts(folder: Path) -> ctypes.CDLL:
     """Build parts.c with a header of our layout."""
     names = ("DENOMINATOR", "OUTPUT", "INPUT", "MODEL", "IMPULSE", "CHANNELS", "KEPT", "MODEL_OUTPUT", "INSTRUMENT")
-    slots = {name: value for name, value in vars(at).items() if name.isupper() and type(value) is int}
-    slots = {name: value for name, value in slots.items() if name not in names}
-    parts = {"NOISE": whitening, "REFERENCE": reference}
-    slots |= {
-        f"{part}_{name}": value
-        for part, module in parts.items()
-        for name, value in vars(module).items()
-        if name.isupper() and type(value) is int
-    }
+    table = at.StateSlots
+    slots = {slot.name.upper(): slot.index for slot in (*table.integers, *table.scalars)}
+    slots |= {f"AT_{block.name.upper()}": block.index for block in table.blocks}
+    slots |= {"LAGS": at.LAGS, "LAGUERRE": at.LAGUERRE, "REFERENCE_SIZE": reference.SIZE}
+    for part, sizes in ((at.NoiseSlots, {"T": 0}), (at.ReferenceSlots, {"L": reference.SIZE})):
+        places = {slot.name: slot.index for slot in part.scalars} | part.begins(at.FIXED | sizes)
+        slots |= {f"{part.__name__.removesuffix('Slots')}_{name}".upper(): place for name, place in places.items()}
     lines = [f"#define {name} {value}" for name, value in slots.items()]
     lines += [f"#define {name} {getattr(bk, name)}" for name in names] + [f"#define CONSTANT_CHANNEL {bk.CONSTANT}"]
     (folder / "layout.h").write_text("\n".join(lines) + "\n")
@@ -150,65 +147,63 @@ def filter_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
             if instruments:
                 state.install(theta)
             u, y = next(chunks(structure, 10, 1))
-            compiled(run_filters)(
-                state.ints, state.reals, state.banks, u, y, np.empty(10)
-            )  # the first sample, the discretisation
+            compiled(run_filters)(*state.arrays, u, y, np.empty(10))  # the first sample, the discretisation
             state.samples = 10
 
             def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
-                compiled(run_filters)(*arrays[:3], u, y, arrays[3])
+                compiled(run_filters)(*arrays[:5], u, y, arrays[5])
 
             def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
-                ints, reals, banks, targets = arrays
+                ints, reals, banks, _, _, targets = arrays
                 C.run_filters(
                     address(ints), address(reals), address(banks), ctypes.c_int64(banks.shape[1]),
                     ctypes.c_int64(u.size), address(u), address(y), address(targets),
                 )  # fmt: skip
 
-            yield part, 2 * n, [state.ints, state.reals, state.banks, np.empty(CHUNK)], ours, theirs
+            yield part, 2 * n, [*state.arrays, np.empty(CHUNK)], ours, theirs
 
 
 def noise_model_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
     """The noise model of the largest order."""
     for T in (4, 6, 8, 10, 14):
-        noise = NoiseSlots.zeros(FIXED | {"T": T})
+        state = State.empty(Dimensions(order=1, entries=T, ring=1, memory=0, settings=0))
+        noise, state.theta[:] = state.noise, np.linspace(1.0, 2.0, T)
         noise.order, noise.filters, noise.gain = at.LAGS, 1.0, 0.5
         noise.models[:] = np.tril(np.random.default_rng(5).uniform(-0.5, 0.5, noise.models.shape))
         noise.models[:, 0], noise.variances[:] = 1.0, np.linspace(2.0, 1.0, at.LAGS + 1)
         rows = np.random.default_rng(6).standard_normal((CHUNK, 2 * T + 1))
 
         def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray, rows: np.ndarray = rows) -> None:
-            numbers, phi, zeta, theta, errors, targets = arrays
-            compiled(run_noise_model)(numbers, rows, phi, zeta, theta, errors, targets)
+            compiled(run_noise_model)(*arrays[:5], rows, *arrays[5:])
 
         def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray, rows: np.ndarray = rows) -> None:
-            numbers, phi, zeta, theta, errors, targets = arrays
+            own, errors, targets = State(*arrays[:5]), *arrays[5:]
             C.run_noise_model(
-                ctypes.c_int64(phi.size), address(numbers), ctypes.c_int64(CHUNK), address(rows), address(phi),
-                address(zeta), address(theta), address(errors), address(targets),
+                ctypes.c_int64(own.entries), address(own.noise.reals), ctypes.c_int64(CHUNK), address(rows),
+                address(own.phi), address(own.zeta), address(own.theta), address(errors), address(targets),
             )  # fmt: skip
 
-        work = [np.empty(T), np.empty(T), np.linspace(1.0, 2.0, T), np.empty(at.LAGS + 1), np.empty(CHUNK)]
-        yield "noise model", T, [noise.reals, *work], ours, theirs
+        yield "noise model", T, [*state.arrays, np.empty(at.LAGS + 1), np.empty(CHUNK)], ours, theirs
 
 
 def reference_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
     """The projection of input and output on a reference."""
-    projection = ReferenceSlots.zeros(FIXED | {"L": reference.SIZE})
+    state = State.empty(Dimensions(order=1, entries=1, ring=1, memory=0, settings=0, reference=True))
+    projection = state.reference
     projection.pole, projection.states[-1] = 0.9, 1.0
     projection.factors[:], projection.diagonal[:] = np.eye(reference.SIZE), 1e3
     r, work = np.random.default_rng(7).standard_normal(CHUNK), np.empty(2 * reference.SIZE)
 
     def ours(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
-        compiled(run_reference)(arrays[0], r, u, y, work, arrays[1])
+        compiled(run_reference)(*arrays[:5], r, u, y, work, arrays[5])
 
     def theirs(arrays: Arrays, u: np.ndarray, y: np.ndarray) -> None:
         C.run_reference(
-            address(arrays[0]), ctypes.c_int64(CHUNK), address(r), address(u), address(y), address(work),
-            address(arrays[1]),
+            address(State(*arrays[:5]).reference.reals), ctypes.c_int64(CHUNK), address(r), address(u), address(y),
+            address(work), address(arrays[5]),
         )  # fmt: skip
 
-    yield "reference", reference.SIZE, [projection.reals, np.empty(CHUNK)], ours, theirs
+    yield "reference", reference.SIZE, [*state.arrays, np.empty(CHUNK)], ours, theirs
 
 
 def optimizer_cases(C: ctypes.CDLL) -> Iterator[tuple[str, int, Arrays, Run, Run]]:
@@ -265,7 +260,7 @@ def compare(part: str, P: int, arrays: Arrays, ours: Run, theirs: Run) -> Result
     measured = np.array(times[5:]) / CHUNK
     sample, sample_c = np.median(measured, axis=0).tolist()
     low, ratio, high = np.percentile(measured[:, 0] / measured[:, 1], [25, 50, 75]).tolist()
-    difference = max(distance(a, b) for a, b in zip(arrays, copies, strict=True))
+    difference = max(distance(a, b) for a, b in zip(arrays, copies, strict=True) if b.any())
     return Result(part, P, sample, sample_c, ratio, (low, high), difference)
 
 

@@ -25,7 +25,7 @@ import numpy as np
 
 import replant as rp
 from replant.engine.record_regressors import regressors
-from replant.kernels.optimizers.random_stream import draw_below
+from replant.kernels.optimizers.memory import draw_below
 from replant.regressor.preprocess import Preprocess
 
 DT = 1e-3

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
@@ -57,8 +56,7 @@ def test_shapes_are_known_from_the_settings_alone(kind: str) -> None:
         ident = rp.Identifier.from_bytes(seed(kind, samples, False))
         if ident.settings is not None:
             assert sizes_of(ident.settings, ident._request, reference=False).shapes == {
-                field.name: getattr(engine_state(ident), field.name).shape
-                for field in dataclasses.fields(engine_state(ident))
+                name: getattr(engine_state(ident), name).shape for name in at.STATE_ARRAYS
             }
 
 
@@ -79,7 +77,7 @@ def test_a_number_that_must_be_finite_is_refused_where_it_is_not(array: str, val
     ident = identifier()
     ident.update_many(np.ones(20), np.ones(20))
     assert ident.settings is not None
-    place = (at.INPUT_NOW,) if array == "reals" else (0, 0)
+    place = (at.StateSlots.input_now.index,) if array == "reals" else (0, 0)
     getattr(engine_state(ident), array)[place] = value
     with pytest.raises(rp.DamagedCheckpointError, match="not valid"):
         check_state(engine_state(ident), ident.settings, 0)
@@ -101,14 +99,14 @@ def test_an_identifier_without_a_sample_is_assessed() -> None:
     assert identifier().assess().status == "converging"
 
 
-@every("slot", ["BUFFER_HEAD", "BUFFER_FILLED", "RING_HEAD", "SERVING_BANK", "WARMING", "RECENT_HEAD", "PAST_KEPT"])
+@every("slot", ["buffer_head", "buffer_filled", "ring_head", "serving_bank", "warming", "recent_head", "past_kept"])
 @every("value", [-1, 2**40])
 def test_a_position_outside_of_its_array_is_refused(slot: str, value: int) -> None:
     ident = identifier()
     ident.update_many(np.ones(20), np.ones(20))
     assert ident.settings is not None
     check_state(engine_state(ident), ident.settings, 0)
-    engine_state(ident).ints[getattr(at, slot)] = value
+    setattr(engine_state(ident), slot, value)
     with pytest.raises(rp.DamagedCheckpointError, match="outside"):
         check_state(engine_state(ident), ident.settings, 0)
 
@@ -147,7 +145,7 @@ def test_inputs_from_before_the_record_act_no_longer_than_the_dead_time(value: f
     ident.update_many(u, np.cumsum(u) - 0.1 * u)
     assert engine_state(ident).refined
     rp.Identifier.from_bytes(ident.to_bytes())
-    engine_state(ident).reals[at.UNKNOWN_INPUT] = value
+    engine_state(ident).unknown_input = value
     with pytest.raises(rp.DamagedCheckpointError, match="not valid"):
         rp.Identifier.from_bytes(ident.to_bytes())
 

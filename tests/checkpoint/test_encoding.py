@@ -266,7 +266,7 @@ def test_samples_that_are_not_in_the_file_are_not_collected(samples: Any) -> Non
 def test_more_samples_than_are_in_the_file_are_not_collected() -> None:
     header, body = parts(SMALL["starting"])
     ints = np.frombuffer(body[: 8 * header["arrays"][0][3]], "<i8").copy()
-    ints[at.SAMPLES] = ints[at.RECENT_HEAD] = 5
+    ints[at.StateSlots.samples.index] = ints[at.StateSlots.recent_head.index] = 5
     assert "fewer samples" in reason(assembled(header, ints.tobytes() + body[ints.nbytes :]))
 
 
@@ -349,9 +349,9 @@ def test_a_buffer_that_says_it_is_full_and_is_not_in_the_file_is_refused() -> No
         header["attributes"][name][kind]["replay"]["Replay"]["capacity"] = capacity
     header["arrays"][BUFFER][2][0] = capacity
     ints = np.frombuffer(body[: 8 * header["arrays"][0][3]], "<i8").copy()
-    ints[at.CAPACITY], ints[at.WARMUP] = capacity, min(4, capacity - 1)
+    ints[at.StateSlots.capacity.index], ints[at.StateSlots.warmup.index] = capacity, min(4, capacity - 1)
     assert decode(assembled(header, ints.tobytes() + body[ints.nbytes :])).attributes
-    ints[at.BUFFER_FILLED] = capacity
+    ints[at.StateSlots.buffer_filled.index] = capacity
     assert "fewer samples" in reason(assembled(header, ints.tobytes() + body[ints.nbytes :]))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 import resource
 import warnings
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,8 +35,7 @@ class Zones:
     def of(cls, identifier: rp.Identifier) -> Zones:
         """Move the identifier's arrays into guard zones."""
         around, arrays = [], []
-        for field in fields(State):
-            array = getattr(identifier._state, field.name)
+        for array in identifier._state.arrays:
             if array.nbytes > 2**27:  # never touched as a whole: it is left where it is
                 arrays.append(array)
                 continue

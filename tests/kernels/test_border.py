@@ -11,19 +11,22 @@ import pytest
 import replant as rp
 from replant.engine.state import State
 from replant.kernels import native
-from replant.kernels import schema as at
 from replant.kernels.filters import bank, simulate
-from replant.kernels.filters.all_pole import fill_all_pole
-from replant.kernels.filters.autoregression import nested_models
+from replant.kernels.filters.series import fill_all_pole, nested_models
 from replant.kernels.native import KERNELS, Kernel
 from replant.kernels.optimizers import covariance, gradient
-from replant.kernels.schema import Attention
+from replant.kernels.schema import Attention, ColourSlots, NoiseSlots, PathSlots
 from replant.kernels.step import covariance as covariance_steps
-from replant.kernels.step import fixed_filter, soundness
+from replant.kernels.step import fixed_filter
 from replant.model.transfer_function import TransferFunction
 from support.cases import every
 
 Call = tuple[Kernel, tuple[Any, ...]]
+#: Numbers of a state's blocks that serve as an index.
+PLACES = (
+    (State.noise, NoiseSlots.order), (State.noise, NoiseSlots.known), (State.noise, NoiseSlots.position),
+    (State.colour, ColourSlots.position), (State.path, PathSlots.kept),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -140,9 +143,11 @@ def damaged(identifier: rp.Identifier, array: str, place: Any, value: float) -> 
 def test_neither_one_sample_nor_many_are_taken_by_a_state_that_points_beyond_its_arrays(settings: dict) -> None:
     identifier = running(**settings)
     ints, state = identifier._state.ints, identifier._state
-    wrong = [("ints", slot, 2**40) for slot in (at.RING_HEAD, at.BUFFER_HEAD, at.RECENT_HEAD)]
-    places = soundness.PLACES if not settings else ()
-    wrong += [("reals", ints[begin] + place, bad) for begin, place, _ in places for bad in (1e12, -1.0, np.nan)]
+    wrong = [
+        ("ints", slot, 2**40) for slot in (State.ring_head.index, State.buffer_head.index, State.recent_head.index)
+    ]
+    places = PLACES if not settings else ()
+    wrong += [("reals", ints[part.index] + slot.index, bad) for part, slot in places for bad in (1e12, -1.0, np.nan)]
     wrong += [("banks", (0, bank.NEXT), bad) for bad in (1e12, np.nan)]
     assert state.arrays[0] is ints
     for array, place, value in wrong:
@@ -153,9 +158,16 @@ def test_neither_one_sample_nor_many_are_taken_by_a_state_that_points_beyond_its
 
 def test_a_state_that_says_that_it_collects_is_not_taken_for_one_that_learns() -> None:
     state = running()._state
-    state.ints[at.COLLECTS], state.ints[at.RING_HEAD] = 1, 2**40
+    state.collects, state.ring_head = 1, 2**40
     one = np.ones(1)
-    with pytest.raises(ValueError, match="COLLECTS"):
+    with pytest.raises(ValueError, match="collects"):
+        covariance_steps.steps(*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
+
+
+def test_a_truth_that_is_none_is_refused() -> None:
+    state, one = running()._state, np.ones(1)
+    state.ints[State.instruments.index] = 7
+    with pytest.raises(ValueError, match="is_sound"):
         covariance_steps.steps(*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
 
 
@@ -163,8 +175,8 @@ def test_an_optimizer_whose_memory_is_too_small_is_refused(calls: list[Call]) ->
     kernel, arguments = next(call for call in calls if call[0].name == "step.fixed_filter.steps")
     ints = arguments[0].copy()
     for code in gradient.MEMORY.keys() | covariance.MEMORY.keys():
-        ints[at.ALGORITHM] = code
-        if gradient.MEMORY.get(code, gradient.INTEGRALS).size(4) > ints[at.MEMORY_SIZE]:
+        ints[State.algorithm.index] = code
+        if gradient.MEMORY.get(code, gradient.INTEGRALS).size(4) > ints[State.memory_size.index]:
             with pytest.raises(ValueError, match="it must hold that is_sound"):
                 kernel(ints, *arguments[1:])
 
@@ -185,12 +197,12 @@ def test_a_simulation_with_intervals_below_nought_stays_within_its_inputs() -> N
 
 
 def test_the_reason_names_kernel_and_argument() -> None:
-    good = [np.zeros(25), 1.0, np.zeros(25), np.zeros(5), np.zeros(30)]
+    good = [np.zeros((5, 5)), 1.0, np.zeros((5, 5)), np.zeros(5), np.zeros(30)]
     for place, bad, reason in (
-        (0, np.zeros(25, np.float32), "sums is not of float64"),
-        (0, np.zeros((5, 5)), "sums has another number of dimensions"),
-        (2, np.zeros(50)[::2], "models is not contiguous, in C order"),
-        (2, np.broadcast_to(np.zeros(25), 25), "models is read-only"),
+        (0, np.zeros((5, 5), np.float32), "sums is not of float64"),
+        (0, np.zeros(25), "sums has another number of dimensions"),
+        (2, np.zeros((5, 10))[:, ::2], "models is not contiguous, in C order"),
+        (2, np.broadcast_to(np.zeros((5, 5)), (5, 5)), "models is read-only"),
         (3, 7, "variances is no array"),
     ):
         with pytest.raises(TypeError, match=f"nested_models: {reason}"):

@@ -15,12 +15,12 @@ import pytest
 import replant as rp
 from replant.engine.dispatch import step_kernels
 from replant.engine.state import State
-from replant.kernels.filters import autoregression, bank, chain
-from replant.kernels.filters.all_pole import fill_all_pole
-from replant.kernels.filters.play_operator import fill_play
-from replant.kernels.monitoring import interruptions, residual_colour
+from replant.kernels.filters import bank, chain, series
+from replant.kernels.filters.series import fill_all_pole, fill_play
+from replant.kernels.monitoring import interruptions, scatter
 from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import LAGS
+from replant.kernels.step.soundness import is_sound
 from replant.kernels.step.stages import regressors
 from replant.model.transfer_function import TransferFunction
 from support.cases import every
@@ -138,6 +138,7 @@ def check_steps(kind: str) -> None:
     state, samples, regular = identified(kind)
     one, many = step_kernels(state, regular=regular)
     check(lambda: run(many, state.copy(), samples))
+    check(lambda: (float(is_sound(*state.arrays)),))
 
     def alone() -> tuple[Any, ...]:
         own = state.copy()
@@ -156,7 +157,7 @@ def check_regressors() -> None:
     def work() -> tuple[Any, ...]:
         own, rows = state.copy(), np.zeros((2, u.size, width))
         target, output = np.zeros((2, u.size))
-        regressors(*own.arrays[:3], u, y, np.array([DT]), np.stack([u, y], 1), *rows, target, output)
+        regressors(*own.arrays, u, y, np.array([DT]), np.stack([u, y], 1), *rows, target, output)
         return (*own.arrays, rows, target, output)
 
     check(work)
@@ -169,10 +170,10 @@ def check_model() -> None:
 
         def work(sign: float = sign) -> tuple[Any, ...]:
             own = state.copy()
-            chain.install_model(*own.arrays[:3], 1, sign * own.theta)
+            chain.install_model(*own.arrays, 1, sign * own.theta)
             own.elapsed = 1e9
-            interruptions.interrupt(*own.arrays[:3], 3.0)
-            interruptions.forget_constant(*own.arrays[:3])
+            interruptions.interrupt(*own.arrays, 3.0)
+            interruptions.forget_constant(*own.arrays)
             return own.arrays
 
         check(work)
@@ -194,14 +195,12 @@ def check_series() -> None:
     lags = np.stack([np.roll(noise, lag) for lag in range(size)])
 
     def models() -> tuple[Any, ...]:
-        found, variances = np.zeros(size * size), np.zeros(size)
-        order = autoregression.nested_models(
-            (lags @ lags.T).ravel(), 300.0, found, variances, np.zeros(size * size + size)
-        )
+        found, variances = np.zeros((size, size)), np.zeros(size)
+        order = series.nested_models(lags @ lags.T, 300.0, found, variances, np.zeros(size * size + size))
         model = np.zeros(size)
-        power = residual_colour.autoregression((lags @ lags[0]).copy(), model, np.zeros(size))
-        flat = np.zeros(size * size), np.zeros(size)
-        autoregression.nested_models(np.zeros(size * size), 300.0, *flat, np.zeros(size * size + size))
+        power = scatter.autoregression((lags @ lags[0]).copy(), model, np.zeros(size))
+        flat = np.zeros((size, size)), np.zeros(size)
+        series.nested_models(np.zeros((size, size)), 300.0, *flat, np.zeros(size * size + size))
         return found, variances, float(order), model, power, *flat
 
     check(models)
@@ -262,7 +261,7 @@ def reached() -> Iterator[set[CodeType]]:
 
 
 def test_every_function_that_is_translated_has_been_compared(monkeypatch: pytest.MonkeyPatch) -> None:
-    """But those of lanes, which are compared with single members, and what is looked at at the border."""
+    """But those of lanes, which are compared with single members."""
     monkeypatch.syspath_prepend(str(ROOT / "tools"))
     from translator.program import Program, entry_kinds
 

@@ -16,11 +16,11 @@ import pytest
 import replant as rp
 from replant.kernels import native
 from replant.kernels.filters.bank import whole_power
-from replant.kernels.filters.play_operator import fill_play, play
+from replant.kernels.filters.series import fill_play, play
 from support.cases import every
 from support.places import ROOT
 
-USE = "import numpy as np; from replant.kernels.filters.play_operator import play; print(play(np.array([3.0]), 1.0))"
+USE = "import numpy as np; from replant.kernels.filters.series import play; print(play(np.array([3.0]), 1.0))"
 
 
 @pytest.fixture
@@ -42,7 +42,7 @@ def use(clone: Path, **more: str) -> subprocess.CompletedProcess[str]:
 
 def test_an_edit_of_a_kernel_takes_effect_and_is_said_once(clone: Path) -> None:
     assert (use(clone).stdout, use(clone).stderr) == ("[2.]\n", "")
-    edited = clone / "src/replant/kernels/filters/play_operator.py"
+    edited = clone / "src/replant/kernels/filters/series.py"
     edited.write_text(edited.read_text().replace("held, v[k] - width)", "held, v[k] - 2.0 * width)"))
     first, second = use(clone), use(clone)
     assert (first.stdout, second.stdout) == ("[1.]\n", "[1.]\n")
@@ -59,13 +59,13 @@ def test_a_clone_without_the_library_makes_it(clone: Path) -> None:
 
 
 def test_a_kernel_that_cannot_be_translated_is_named(clone: Path) -> None:
-    edited = clone / "src/replant/kernels/filters/play_operator.py"
+    edited = clone / "src/replant/kernels/filters/series.py"
     edited.write_text(edited.read_text().replace("    held = 0.0", "    held = sorted([0.0])"))
     done = use(clone)
     assert done.returncode
     last = done.stderr.strip().splitlines()[-1]
     assert "the kernels cannot be compiled" in last
-    assert re.search(r"src/replant/kernels/filters/play_operator\.py:\d+: .*List is no part of the subset", last)
+    assert re.search(r"src/replant/kernels/filters/series\.py:\d+: .*List is no part of the subset", last)
 
 
 TWICE = """
@@ -103,7 +103,7 @@ def test_a_process_may_import_the_package_twice() -> None:
 IN_THREADS = """
 from concurrent.futures import ThreadPoolExecutor
 import numpy as np
-from replant.kernels.filters.play_operator import play
+from replant.kernels.filters.series import play
 with ThreadPoolExecutor(4) as pool:
     print([float(each[0]) for each in pool.map(lambda v: play(v, 1.0), [np.array([3.0])] * 4)])
 """
@@ -170,8 +170,8 @@ def test_a_state_with_shapes_of_its_own_is_sound() -> None:
     for poles in (1, 2, 5):
         for zeros in range(poles):
             state = rp.Identifier(rp.Structure(poles, zeros, delay=0.3), 0.1, optimizer="amsgrad")._state
-            assert is_laid_out(state.ints, state.reals.size, *state.banks.shape)
-            assert not is_laid_out(state.ints, state.reals.size - 1, *state.banks.shape)
+            assert is_laid_out(state.fields, state.reals.size, *state.banks.shape)
+            assert not is_laid_out(state.fields, state.reals.size - 1, *state.banks.shape)
 
 
 @every("compiler", ["no-such-compiler", "cc 'x", "cc --no-such-option", "false"], quick=2)

@@ -63,7 +63,7 @@ def state(member: rp.Identifier) -> list[bytes]:
     arrays.backup[:] = 0.0
     arrays.work[:] = 0.0
     arrays.ints[at.ROWS :] = 0
-    return [one.tobytes() for one in (arrays.ints, arrays.reals, arrays.banks, arrays.buffer, arrays.recent)]
+    return [one.tobytes() for one in arrays.arrays]
 
 
 def check_twins(make: Callable[[], Members], u: np.ndarray, y: np.ndarray, **options: Any) -> rp.Ensemble:

@@ -87,7 +87,12 @@ def test_a_gap_costs_no_sample(name: str, gap: float) -> None:
     at_once._state.held_at = 0
     at_once.update_many(u[301:], y[301:], t[301:])
     assert ident._state.held_at == 0
-    held = [at.HELD_INPUT, at.HELD_OUTPUT, at.HELD_TIME, at.HELD_REFERENCE]
+    held = [
+        at.StateSlots.held_input.index,
+        at.StateSlots.held_output.index,
+        at.StateSlots.held_time.index,
+        at.StateSlots.held_reference.index,
+    ]
     at_once._state.reals[held] = ident._state.reals[held]
     assert ident.samples == 500
     assert ident.rejected["time leap"] == 0

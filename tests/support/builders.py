@@ -10,6 +10,7 @@ import numpy as np
 
 import replant as rp
 from replant.engine.state import State
+from replant.kernels.schema import STATE_ARRAYS
 from replant.optimizers import OPTIMIZERS
 from replant.runs.result import Result
 from support.cases import every
@@ -111,7 +112,7 @@ def engine_state(ident: rp.Identifier) -> State:
 def state(ident: rp.Identifier) -> dict[str, bytes]:
     """The whole running state, to the bit."""
     arrays = engine_state(ident)
-    return {field.name: getattr(arrays, field.name).tobytes() for field in dataclasses.fields(arrays)}
+    return {name: getattr(arrays, name).tobytes() for name in STATE_ARRAYS}
 
 
 def is_finite(arrays: State) -> bool:

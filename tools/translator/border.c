@@ -182,19 +182,20 @@ static object *step(object *self, object *const *given, intptr_t count)
         if (sample[i] == -1.0 && py.error_occurred())
             return NULL;
     }
-    ints1 ints = { (int64_t *)(intptr_t)table[INTS], table[INTS + 1] };
-    reals1 reals = { (double *)(intptr_t)table[REALS], table[REALS + 1] };
-    reals2 banks = { (double *)(intptr_t)table[BANKS], table[BANKS + 1], table[BANKS + 2] };
-    reals2 buffer = { (double *)(intptr_t)table[BUFFER], table[BUFFER + 1], table[BUFFER + 2] };
-    reals2 recent = { (double *)(intptr_t)table[RECENT], table[RECENT + 1], table[RECENT + 2] };
+    State own = {
+        (StateInts *)(intptr_t)table[INTS], table[INTS + 1], (StateReals *)(intptr_t)table[REALS], table[REALS + 1],
+        { (double *)(intptr_t)table[BANKS], table[BANKS + 1], table[BANKS + 2] },
+        { (double *)(intptr_t)table[BUFFER], table[BUFFER + 1], table[BUFFER + 2] },
+        { (double *)(intptr_t)table[RECENT], table[RECENT + 1], table[RECENT + 2] },
+    };
+    const StateInts *ints = own.ints;
     bool collects = steps[table[KIND]].collects;
-    if (table[GATE] == SHUT || ints.p[at_ATTENTION] == 1
-        || (collects && ints.p[at_SAMPLES] + 1 == ints.p[at_ATTENTION_AT])) {
+    if (table[GATE] == SHUT || ints->attention == 1 || (collects && ints->samples + 1 == ints->attention_at)) {
         py.set_error_text(py.get_item(self, 1), "");
         return NULL;
     }
-    double error = steps[table[KIND]].take(ints, reals, banks, buffer, recent, sample[0], sample[1], sample[2], sample[3]);
-    if (ints.p[at_HELD_AT] == at_BELIEVED) { /* one that was held back comes first */
+    double error = steps[table[KIND]].take(&own, sample[0], sample[1], sample[2], sample[3]);
+    if (ints->held_at == at_BELIEVED) { /* one that was held back comes first */
         py.set_error_text(py.get_item(self, 1), "");
         return NULL;
     }

@@ -5,15 +5,23 @@ from __future__ import annotations
 import ast
 import importlib
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from translator.function import Function
-from translator.kinds import Array, Kind, Tuple, UnsupportedError
+from translator.kinds import Array, Kind, Record, Tuple, UnsupportedError
 from translator.program import Program, entry_kinds
+from translator.records import BESIDE
 
 HERE = Path(__file__).parent
 VARIANTS = ("plain", "avx2", "avx512")
+#: What Python gives for a state, and what is made of it.
+ARRAYS = {"ints": Array("i", 1), "reals": Array("d", 1), **BESIDE}
+STATE = (
+    "{ a[0].p, a[0].n[0], a[1].p, a[1].n[0], { a[2].p, a[2].n[0], a[2].n[1] }, { a[3].p, a[3].n[0], a[3].n[1] }, "
+    "{ a[4].p, a[4].n[0], a[4].n[1] } }"
+)
 
 
 def entries(program: Program, kernels: list[Any]) -> list[tuple[Any, Function, list[str]]]:
@@ -34,10 +42,13 @@ def entries(program: Program, kernels: list[Any]) -> list[tuple[Any, Function, l
 
 def runner(kernel: Any, function: Function, conditions: list[str], head: str) -> str:
     """Return the function that runs a kernel with the arguments that Python gave, where all holds."""
-    lines = [head, "{"]
-    for number, (name, kind) in enumerate(zip(function.parameters, function.own_kinds, strict=True)):
+    lines, number = [head, "{"], 0
+    for name, kind in zip(function.parameters, function.own_kinds, strict=True):
         given = f"a[{number}]"
-        if isinstance(kind, Array):
+        number += len(ARRAYS) if isinstance(kind, Record) else 1
+        if isinstance(kind, Record):
+            lines += [f"    State own = {STATE};", f"    State *{name} = &own;"]
+        elif isinstance(kind, Array):
             sizes = ", ".join(f"{given}.n[{axis}]" for axis in range(kind.dimensions))
             lines.append(f"    {kind.name} {name} = {{ {given}.p, {sizes} }};")
         else:
@@ -57,10 +68,17 @@ def runner(kernel: Any, function: Function, conditions: list[str], head: str) ->
     return "\n".join([*lines, "    return NULL;", "}"])
 
 
+def given(function: Function) -> Iterator[tuple[str, Kind, bool]]:
+    """Go through what Python gives: name, kind, and whether it is written."""
+    for name, kind in zip(function.parameters, function.own_kinds, strict=True):
+        for part, own in ARRAYS.items() if isinstance(kind, Record) else [(name, kind)]:
+            yield part, own, name in function.written
+
+
 def table(every: list[tuple[Any, Function, str]]) -> str:
     """Return the table of all kernels: name, arguments, results and runner."""
     parts = ["typedef struct { const char *name; char kind; int dimensions; bool written; } parameter;"]
-    most = max(len(function.parameters) for _, function, _ in every)
+    most = max(len(list(given(function))) for _, function, _ in every)
     parts.append(f"enum {{ MOST_ARGUMENTS = {most} }};")
     parts.append(
         "typedef struct {\n    const char *name;\n    int count;\n    const parameter *parameters;\n"
@@ -70,8 +88,8 @@ def table(every: list[tuple[Any, Function, str]]) -> str:
     for kernel, function, run in every:
         own = [
             f'    {{ "{name}", {_letter(kind)}, {kind.dimensions if isinstance(kind, Array) else 0}, '
-            f"{'true' if name in function.written else 'false'} }},"
-            for name, kind in zip(function.parameters, function.own_kinds, strict=True)
+            f"{'true' if written else 'false'} }},"
+            for name, kind, written in given(function)
         ]
         parts.append("\n".join([f"static const parameter parameters_of_{function.name}[] = {{", *own, "};"]))
         returned = function.returns
@@ -87,7 +105,7 @@ def table(every: list[tuple[Any, Function, str]]) -> str:
 def steps(every: list[tuple[Any, Function, str]]) -> str:
     """Return the table of the kernels that take one sample."""
     found = [(kernel, function) for kernel, function, _ in every if re.fullmatch(r"step\.\w+\.step", kernel.name)]
-    takes = "double (*take)(ints1, reals1, reals2, reals2, reals2, double, double, double, double)"
+    takes = "double (*take)(State *, double, double, double, double)"
     rows = [
         f'    {{ "{kernel.name}", {function.name}, {"true" if "collecting" in kernel.name else "false"} }},'
         for kernel, function in found
@@ -114,8 +132,7 @@ def sources(package: str, root: Path, kernels: list[Any]) -> dict[str, str]:
         declared.append("\n".join(f"const char *{run}_{variant}(argument *a);" for variant in VARIANTS))
         chosen.append((len(every), run))
         every.append((kernel, function, f"{run}_plain"))
-    for number in ("ATTENTION", "ATTENTION_AT", "SAMPLES", "HELD_AT", "BELIEVED"):
-        program.constants[f"at_{number}"] = str(getattr(program.schema, number))
+    program.constants["at_BELIEVED"] = str(program.schema.BELIEVED)
     choice = ["static void choose_lanes(void)", "{", "#if defined(WITH_VARIANTS)", "    __builtin_cpu_init();"]
     for variant, feature in (("avx2", "avx2"), ("avx512", "avx512f")):
         choice.append(f'    if (__builtin_cpu_supports("{feature}")) {{')

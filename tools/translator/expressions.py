@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from translator.kinds import RANK, Array, C, Kind, Known, Tuple, UnsupportedError, describe, unify
+from translator import records
+from translator.kinds import RANK, Array, C, Kind, Known, Record, Tuple, UnsupportedError, describe, unify
 from translator.text import bare, product, short
 
 if TYPE_CHECKING:
@@ -152,6 +153,8 @@ class Expressions:
         code, kind = self.expression(node.value)
         if isinstance(kind, Known):
             return self.constant(getattr(kind.value, node.attr))
+        if isinstance(kind, Record):
+            return records.member(self.program, code, kind, node.attr)
         if node.attr != "size" or not isinstance(kind, Array):
             raise UnsupportedError(f".{node.attr} of {describe(kind)}")
         return (f"{code}.n0" if kind.dimensions == 1 else f"({product(code, 0, kind.dimensions)})"), "i"
@@ -168,7 +171,7 @@ class Expressions:
         kind = unify(left[1], right[1])
         if operator in (ast.FloorDiv, ast.Mod) and kind == "i":
             return f"{'floor_div' if operator is ast.FloorDiv else 'floor_mod'}({left[0]}, {right[0]})", "i"
-        if operator not in ARITHMETIC or isinstance(kind, Array | Tuple | Known):
+        if operator not in ARITHMETIC or isinstance(kind, Array | Tuple | Record | Known):
             raise UnsupportedError(f"{operator.__name__} of {describe(kind)}")
         if kind == "b":
             if operator is not ast.BitAnd:
@@ -283,6 +286,10 @@ class Expressions:
         name = ast.unparse(node.func)
         if node.keywords or any(isinstance(argument, ast.Starred) for argument in node.args):
             raise UnsupportedError(f"a call with names or stars: {name}")
+        if name.endswith(".reshape") and isinstance(node.func, ast.Attribute):
+            return self._reshaped(node.func.value, node.args)
+        if name == "getattr":
+            return self.of_Attribute(ast.Attribute(node.args[0], self.known(node.args[1])))
         values = [self.expression(argument) for argument in node.args]
         builtin = self._builtin(name, values)
         if builtin:
@@ -302,6 +309,13 @@ class Expressions:
                 self.written |= self.roots_of(argument)
         codes = [code for code, kind in values if not isinstance(kind, Known)]
         return f"{callee.name}({', '.join(codes)})", callee.returns
+
+    def _reshaped(self, whole: ast.expr, axes: list[ast.expr]) -> Value:
+        code, kind = self.expression(whole)
+        if not isinstance(kind, Array) or kind.dimensions != 1 or kind.strided:
+            raise UnsupportedError(f"another shape of {describe(kind)}")
+        own = Array(kind.element, len(axes))
+        return f"({self.program.type_of(own)}){{ {code}.p, {', '.join(map(self.whole, axes))} }}", own
 
     def _builtin(self, name: str, values: list[Value]) -> Value | None:
         if name in ("max", "min"):

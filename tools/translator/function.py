@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from translator.expressions import Expressions, Value
-from translator.kinds import Array, Kind, Known, Tuple, UnsupportedError, describe, unify
+from translator.kinds import Array, Kind, Known, Record, Tuple, UnsupportedError, describe, unify
 from translator.text import bare, comments_of
 
 if TYPE_CHECKING:
@@ -127,7 +127,10 @@ class Function(Expressions):
         self.depth -= 1
 
     def of_statement_Expr(self, node: ast.Expr) -> None:
-        if not isinstance(node.value, ast.Constant):
+        if isinstance(node.value, ast.Call) and ast.unparse(node.value.func) == "setattr":
+            owner, name, value = node.value.args
+            self.store(ast.Attribute(owner, self.known(name), ast.Store()), self.expression(value), value)
+        elif not isinstance(node.value, ast.Constant):
             self.emit(f"{self.expression(node.value)[0]};")
 
     def of_statement_Pass(self, node: ast.Pass) -> None:
@@ -308,7 +311,7 @@ class Function(Expressions):
             for index, part in enumerate(target.elts):
                 if not (isinstance(part, ast.Name) and part.id == "_"):
                     self.store(part, (f"{whole}.f{index}", kind.parts[index]), source)
-        elif isinstance(target, ast.Subscript):
+        elif isinstance(target, ast.Subscript | ast.Attribute):
             self.written |= self.roots_of(target.value)
             place, own = self.expression(_loaded(target))
             if not isinstance(own, str):
@@ -338,7 +341,7 @@ class Function(Expressions):
 
 
 def _has_arrays(kind: Kind | None) -> bool:
-    return isinstance(kind, Array) or (isinstance(kind, Tuple) and any(map(_has_arrays, kind.parts)))
+    return isinstance(kind, Array | Record) or (isinstance(kind, Tuple) and any(map(_has_arrays, kind.parts)))
 
 
 def _loaded(target: ast.expr) -> ast.expr:

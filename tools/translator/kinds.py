@@ -9,13 +9,16 @@ a number of each member   "l"                          lanes, a vector
 array in C order          Array("d", 2)                reals2: where it begins, and its sizes
 one lane of such          Array("d", 1, strided=True)  reals1s
 tuple                     Tuple of kinds               a struct
+table of the schema       Record(table)                a struct over its arrays, see `records`
 function, constant        Known(value)                 nothing: the function is translated for it
 ========================  ===========================  ==================================================
 """
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any
 
 
@@ -53,6 +56,34 @@ class Tuple:
 
 
 @dataclass(frozen=True)
+class Record:
+    """A table of the schema; of "d" one identifier, "l" the vectors of several, "s" one lane of these."""
+
+    table: type
+    element: str = "d"
+
+    @property
+    def schema(self) -> ModuleType:
+        """The module that declares it."""
+        return sys.modules[self.table.__module__]
+
+    @property
+    def title(self) -> str:
+        """What it is a table of."""
+        return self.table.__name__.removesuffix("Slots")
+
+    @property
+    def name(self) -> str:
+        """Its type in C."""
+        return self.title + {"d": "", "l": "Vectors", "s": "Lane"}[self.element]
+
+    @property
+    def prefix(self) -> str:
+        """What the names of the functions begin with that cut out its blocks."""
+        return {"d": self.title, "l": "vectors", "s": "lane"}[self.element].lower()
+
+
+@dataclass(frozen=True)
 class Known:
     """What is known when translating; told apart by identity, as a function has no other."""
 
@@ -66,7 +97,7 @@ class Known:
         return hash(self.value)
 
 
-Kind = str | Array | Tuple | Known
+Kind = str | Array | Tuple | Record | Known
 
 C = {"b": "bool", "i": "int64_t", "u": "uint64_t", "d": "double", "l": "lanes", "v": "void"}
 RANK = {"b": 0, "i": 1, "u": 2, "d": 3, "l": 4}
@@ -98,4 +129,4 @@ def describe(kind: Kind) -> str:
         return {"b": "a truth", "v": "nothing", "l": "a vector"}.get(kind, C.get(kind, kind))
     if isinstance(kind, Known):
         return f"the constant {kind.name or kind.value!r}"
-    return kind.name if isinstance(kind, Array) else "a tuple"
+    return kind.name if isinstance(kind, Array | Record) else "a tuple"

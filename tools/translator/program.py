@@ -11,9 +11,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from translator import records
 from translator.expressions import Value
 from translator.function import Function
-from translator.kinds import ANNOTATIONS, Array, C, Kind, Known, Tuple, UnsupportedError
+from translator.kinds import ANNOTATIONS, Array, C, Kind, Known, Record, Tuple, UnsupportedError
 from translator.text import short
 
 PRELUDE = Path(__file__).with_name("prelude.h")
@@ -37,6 +38,8 @@ class Program:
         self.finished: list[Function] = []
         self.structs: dict[Tuple, str] = {}
         self.arrays: dict[Array, None] = {}
+        self.records: dict[Record, None] = {}
+        self.members: dict[tuple[Record, str], Kind] = {}  # blocks that are cut out of tables
         self.constants: dict[str, str] = {}
         self.schema: Any = importlib.import_module(f"{package}.schema")
         self._names: dict[str, int] = {}
@@ -63,6 +66,9 @@ class Program:
         if isinstance(kind, Array):
             self.arrays[kind] = None
             return kind.name
+        if isinstance(kind, Record):
+            self.add_record(kind)
+            return f"{kind.name} *" if records.is_whole(kind.table) else kind.name
         if isinstance(kind, Tuple):
             if kind not in self.structs:
                 for part in kind.parts:
@@ -73,6 +79,13 @@ class Program:
         if isinstance(kind, str):
             return C[kind]
         raise UnsupportedError("a value that is known when translating has no type in C")
+
+    def add_record(self, kind: Record) -> None:
+        """Define the types of a table."""
+        if records.is_whole(kind.table):
+            self.records[Record(kind.table)] = None  # the other forms share the struct of its whole numbers
+            self.arrays |= dict.fromkeys(records.BESIDE.values())
+        self.records[kind] = None
 
     def place_of(self, function: Callable[..., Any]) -> str:
         """Return the file of a function, from the root."""
@@ -116,6 +129,14 @@ class Program:
             return f"fetch_early(&{codes[0]}.p[({codes[1]}) * {codes[0]}.n1 + {codes[2]}])", "v"
         if name == "all_within":
             return f"all_within({codes[0]}, {codes[1]})", "b"
+        if name in ("members", "member"):
+            own = Record(self.schema.StateSlots, "l" if name == "members" else "s")
+            self.type_of(own)
+            reals = f"({own.name}Reals *){'' if name == 'members' else '&'}{codes[1]}.p"
+            row = "" if name == "members" else f" + {codes[2]} * {codes[0]}.n1"
+            reals += "" if name == "members" else f"[{codes[2]}]"
+            ints = f"(StateInts *)({codes[0]}.p{row})"
+            return f"(&({own.name}){{ {ints}, {codes[0]}.n1, {reals} }})", own
         if name == "vectors":
             array = values[0][1]
             if not isinstance(array, Array) or array.strided or array.element != "d":
@@ -139,6 +160,8 @@ class Program:
         parts = [PRELUDE.read_text("utf-8"), LANES.read_text("utf-8") if lanes else ""]
         parts += [kind.struct for kind in used]
         parts += [_cuts(kind) for kind in used if kind.dimensions == 1 and not kind.strided]
+        parts += [records.structs(kind) for kind in sorted(self.records, key=lambda kind: (kind.element, kind.name))]
+        parts += [records.accessor(self, kind, name, result) for (kind, name), result in self.members.items()]
         for kind, name in self.structs.items():
             fields = [
                 f"{self.type_of(part)} f{index};"
@@ -157,9 +180,12 @@ def entry_kinds(function: Callable[..., Any]) -> tuple[Kind, ...]:
     lines, first = inspect.getsourcelines(function)
     tree = ast.parse("".join(lines)).body[0]
     assert isinstance(tree, ast.FunctionDef)
-    kinds = []
+    kinds: list[Kind] = []
     for argument in tree.args.args:
         text = ast.unparse(argument.annotation) if argument.annotation else ""
+        if text == "StateArrays":
+            kinds.append(Record(function.__globals__[text].__base__))
+            continue
         if text not in ANNOTATIONS:
             where = f"{inspect.getsourcefile(function)}:{first}"
             raise UnsupportedError(f"{where}: {argument.arg} needs one of the annotations {', '.join(ANNOTATIONS)}")

@@ -176,7 +176,7 @@ def _scaled(u: FloatArray) -> FloatArray:
 
 def _curves(v: FloatArray) -> Iterator[tuple[FloatArray, tuple[str, str]]]:
     """Yield curves (K, C) of the scaled input, and what they are where they grow less and more than straight ones."""
-    from replant.kernels.filters.play_operator import play  # compiled: imported where it is used
+    from replant.kernels.filters.series import play  # compiled: imported where it is used
 
     yield np.column_stack([v**3, v**5]), (SATURATES, DEAD)
     yield np.abs(v)[:, None], (LOPSIDED, LOPSIDED)

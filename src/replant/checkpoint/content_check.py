@@ -62,7 +62,7 @@ def layout_of_state() -> str:
         for slot in (*table.integers, *table.scalars, *table.blocks)
     ]
     sizes = [f"{name}={size}" for name, size in FIXED.items()]
-    sizes += [f"bank.{name}={value}" for name, value in sorted(vars(bank).items()) if name.isupper()]
+    sizes += [f"bank.{name}={value}" for name, value in sorted(vars(bank).items()) if name.isupper() and name[0] != "_"]
     return hashlib.sha256("\n".join(slots + sizes).encode()).hexdigest()[:16]
 
 

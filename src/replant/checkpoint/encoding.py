@@ -16,7 +16,7 @@ import json
 import math
 import struct
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ from replant.checkpoint.content_check import (
 from replant.checkpoint.settings_json import from_plain, to_plain
 from replant.engine.state import State
 from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError, shown
+from replant.kernels.schema import STATE_ARRAYS
 from replant.settings import Request, Settings
 
 Progress = Mapping[str, int | float | str]
@@ -64,7 +65,6 @@ STATE = "_state"  # the attribute that is stored as arrays
 HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
 
 #: The arrays of an identifier, in their order, and their types.
-STATE_ARRAYS = tuple(field.name for field in fields(State))
 TYPES = {"ints": "<i8"}
 FLOAT = "<f8"
 

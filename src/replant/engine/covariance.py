@@ -67,7 +67,7 @@ def _of_least_squares(state: State) -> FloatArray:
 def covariance_by_colour(state: State) -> FloatArray:
     """Return sigma_w^2 P Q P (T, T) of the scaled parameters, or where it is larger that of a white residual.
 
-    See `replant.kernels.monitoring.residual_colour`.
+    See `replant.kernels.monitoring.scatter`.
 
     With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
     makes sigma^2 P, with it about half as much.

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import keep, truth, whole
-from replant.kernels.schema import FIXED, LAGUERRE, ROWS, SCALARS, StateSlots
+from replant.kernels.schema import ROWS, SCALARS, StateSlots, dimensions
 from replant.kernels.slot_tables import Block
 from replant.model.structure import Structure
 from replant.settings import Request, Settings
@@ -94,8 +94,10 @@ class Dimensions:
     @property
     def numbers(self) -> dict[str, int]:
         """The dimensions by the names that the schema gives them."""
-        own = {"n": self.order, "N": self.order + 2, "T": self.entries, "M": self.memory, "S": self.settings}
-        return FIXED | own | reference_sizes(self.ring, self.reference)
+        return dimensions(
+            order=self.order, entries=self.entries, memory_size=self.memory, settings_size=self.settings,
+            ring_size=self.ring, has_reference=self.reference,
+        )  # fmt: skip
 
     @property
     def begins(self) -> dict[Block, int]:
@@ -124,11 +126,6 @@ def entries_of(structure: Structure, *, refined: bool) -> int:
     """Return how many entries the regressor has, T: with the refined filter a constant and an initial state as well."""
     n = structure.poles
     return n + structure.zeros + 1 + (1 + n if refined else int(structure.bias))
-
-
-def reference_sizes(ring: int, reference: bool) -> dict[str, int]:
-    """Return the dimensions that follow from the ring of past inputs, and from whether there is a reference."""
-    return {"RING": ring, "Q": ring if reference else 0, "L": LAGUERRE + 1 if reference else 0}
 
 
 def ring_of(structure: Structure, dt: float) -> int:

@@ -34,5 +34,5 @@ def regressors(
     if callable(preprocess.input_map):
         u = preprocess.call_map(u)
     intervals = np.array([dt]) if t is None or t.size < 2 else np.diff(t, prepend=t[:1] - dt)
-    kernel(state.ints, state.reals, state.banks, u, y, intervals, np.zeros((0, 2)), phi, phi, target, target)
+    kernel(*state.arrays, u, y, intervals, np.zeros((0, 2)), phi, phi, target, target)
     return phi, target

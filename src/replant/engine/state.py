@@ -10,17 +10,16 @@ so the estimate is in the plant's own parameters, whatever Lambda is; the predic
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
-from replant.engine.dimensions import Dimensions, entries_of, reference_sizes, ring_of
+from replant.engine.dimensions import Dimensions, entries_of, ring_of
 from replant.errors import SystemRefusedError
-from replant.kernels.schema import FIXED, StateSlots
-from replant.kernels.slot_tables import Block, Slot
+from replant.kernels.schema import StateArrays
+from replant.kernels.slot_tables import Slot
 from replant.model.structure import Structure
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
@@ -51,44 +50,15 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
-@dataclass(eq=False, slots=True)
-class State(StateSlots):
-    """The kernels' arrays, with a property for each of their slots: see `replant.kernels.schema`.
+class State(StateArrays):
+    """The kernels' arrays, with a property for each of their slots: see `replant.kernels.schema`."""
 
-    Attributes
-    ----------
-    ints : int64 array
-    reals : float64 array
-    banks : (3, size) array
-        The fixed filter's bank and the auxiliary model's two; see `replant.kernels.filters.bank`.
-    buffer : (capacity, width) array
-        Replay: a learned sample a row, its regressor, instruments if there are any, target and weight.
-    recent : (R, 3), (R, 5) or (R, 6) array
-        Raw samples kept: input, output, interval; where outputs are examined, also the output that the filters saw and
-        the `Doubt`; where there is a reference, it is the last.
-    """
-
-    ints: IntArray
-    reals: FloatArray
-    banks: FloatArray
-    buffer: FloatArray
-    recent: FloatArray
+    __slots__ = ()
 
     @property
     def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """All of them, in the order in which the kernels take them."""
         return self.ints, self.reals, self.banks, self.buffer, self.recent
-
-    @property
-    def dimensions(self) -> Mapping[str, int]:
-        """What the shapes of the blocks are made of."""
-        order = self.order
-        own = {"n": order, "N": order + 2, "T": self.entries, "M": self.memory_size, "S": self.settings_size}
-        return FIXED | own | reference_sizes(self.ring_size, self.has_reference)
-
-    def begin_of(self, block: Block) -> int:
-        """Return where in ``reals`` a block begins."""
-        return int(self.ints[block.index])
 
     def copy(self, *, buffer: bool = True) -> State:
         """Return a state with arrays of its own; without the ``buffer``, which may be large, it shares that."""
@@ -250,7 +220,7 @@ class State(StateSlots):
         from replant.kernels.filters.chain import install_model
 
         self.serving_bank, self.warming = 1, False
-        install_model(self.ints, self.reals, self.banks, 1, theta / self.unit)
+        install_model(*self.arrays, 1, theta / self.unit)
 
     @contextmanager
     def without_preprocessing(self) -> Iterator[None]:

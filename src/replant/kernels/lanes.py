@@ -27,6 +27,16 @@ def vectors(array):
     return _compiled(array)
 
 
+def members(ints, reals):
+    """Return the fields of all members: whole numbers are those of the first, the others vectors."""
+    return _compiled(ints, reals)
+
+
+def member(ints, reals, lane):
+    """Return the fields of one member, by the rows of ``ints`` and the lanes of ``reals``."""
+    return _compiled(ints, reals, lane)
+
+
 def all_within(vector, limit):
     """Say whether the magnitude of every lane is at most this float64; that of NaN is not."""
     return _compiled(vector, limit)

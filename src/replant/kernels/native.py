@@ -20,7 +20,8 @@ from typing import Any, Final
 import numpy as np
 
 from replant.errors import UnsupportedDependencyError
-from replant.kernels.schema import Attention
+from replant.kernels.schema import Attention, StateArrays
+from replant.kernels.slot_tables import Fields
 
 Ints = np.ndarray[Any, np.dtype[np.int64]]
 IntMatrix = np.ndarray[Any, np.dtype[np.int64]]
@@ -39,15 +40,15 @@ OPEN, SHUT = 0, 1
 """Values of the gate: samples are taken, or refused because another call is under way [number]."""
 
 # What must hold of a state's arrays, see `replant.kernels.step.soundness`.
-LAID_OUT: Final = "is_laid_out(ints, reals.size, banks.shape[0], banks.shape[1])"
-IS_SOUND: Final = "is_sound(ints, reals, banks, buffer, recent)"
+LAID_OUT: Final = "is_laid_out(s, s.reals.size, s.banks.shape[0], s.banks.shape[1])"
+IS_SOUND: Final = "is_sound(s)"
 #: Of kernels that go on from an estimate: what a state that still collects has not filled in is looked at as well.
-LEARNS: Final = "ints[at.COLLECTS] == 0"
+LEARNS: Final = "not s.collects"
 #: Of kernels that take many samples.
 AS_MANY: Final = (
     "y.size == u.size and errors.size >= u.size",
     "(t.size == 0 or t.size == u.size) and (r.size == 0 or r.size == u.size)",
-    "parameters.shape[0] >= u.size and 0 <= parameters.shape[1] <= ints[at.ENTRIES]",
+    "parameters.shape[0] >= u.size and 0 <= parameters.shape[1] <= s.entries",
 )
 
 _interpreted = False
@@ -65,11 +66,17 @@ class Kernel:
 
     def __call__(self, *arguments: Any) -> Any:
         """Run it, compiled unless `interpreted` says otherwise."""
-        if _interpreted:
-            return self.python(*arguments)
+        if _interpreted or isinstance(arguments[0], Fields):  # fields: the caller is interpreted, too
+            return self.python(*self._fields(arguments))
         if self._compiled is None:
             self._compiled = library().kernel(self.name)
         return self._compiled(*arguments)
+
+    def _fields(self, arguments: tuple[Any, ...]) -> tuple[Any, ...]:
+        """Return the arguments as the function has them: a state is given as its five arrays."""
+        if isinstance(arguments[0], Fields) or StateArrays not in self.python.__annotations__.values():
+            return arguments
+        return (StateArrays(*arguments[:5]).fields, *arguments[5:])
 
 
 def kernel(*requirements: str) -> Callable[[Callable[..., Any]], Kernel]:

@@ -3,10 +3,9 @@
 An identifier's state is five arrays: ``ints`` (int64), ``reals`` (float64), three filter banks, the replay buffer and
 the newest raw samples.  `StateSlots` lists what lies in the first two.  From the list come
 
-* the offsets that the kernels use, by the upper-case name: ``ints[at.ALARM]``, ``reals[at.ERROR]``, and for a block
-  ``reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]``;
-* the properties of `replant.engine.state.State`, by the lower-case name: ``state.alarm``, ``state.error``,
-  ``state.theta``;
+* the fields that kernels have, ``s.alarm``, ``s.error``, ``s.theta[i]``, ``s.noise.models[j, i]``: in C a struct, in
+  the interpreter a `Fields`;
+* the properties of `replant.engine.state.State`, by the same names;
 * the layout and the check of a checkpoint: the ranges are checked when one is loaded.
 
 To add a number, add a line.  Dimensions of blocks:
@@ -24,10 +23,16 @@ To add a number, add a line.  Dimensions of blocks:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import IntEnum
-from typing import Final
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, Final
 
-from replant.kernels.slot_tables import Block, Choice, Flag, Integer, Nested, Part, Real, Table
+import numpy as np
+
+from replant.kernels.slot_tables import Array, Block, Choice, Fields, Flag, Integer, Nested, Part, Real, Table, sizes
+
+Ints = np.ndarray[Any, np.dtype[np.int64]]
 
 PAST: Final = 4
 """Past estimates kept; what came after the oldest is held out from it, for assessment [count].
@@ -92,6 +97,17 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 FIXED: Final = {"PAST": PAST, "LAGS": LAGS, "ROOM": ROOM}
+#: The other dimensions, by slots of the state.
+DIMENSIONS: Final = {
+    "n": "order",
+    "N": "order + 2",
+    "T": "entries",
+    "M": "memory_size",
+    "S": "settings_size",
+    "RING": "ring_size",
+    "Q": "ring_size * has_reference",
+    "L": f"{LAGUERRE + 1} * has_reference",
+}
 
 # Who writes a slot.
 LAYOUT = "layout"  # once, when the state is laid out from the settings
@@ -141,7 +157,7 @@ class Doubt(IntEnum):
 
 
 class ColourSlots(Part):
-    """Power and colour of the residual e; see `replant.kernels.monitoring.residual_colour`."""
+    """Power and colour of the residual e; see `replant.kernels.monitoring.scatter`."""
 
     count = Real("residuals, forgotten ones counted in part", OPTIMIZER, finite=False)
     power = Real("sum of e^2 / alpha: unbiased by the parameters' own error", OPTIMIZER, finite=False)
@@ -180,7 +196,7 @@ class ReferenceSlots(Part):
 
 
 class PathSlots(Part):
-    """The path of the estimate; see `replant.kernels.monitoring.estimate_path`."""
+    """The path of the estimate; see `replant.kernels.monitoring.scatter`."""
 
     step = Real("learned samples between two rows", OPTIMIZER, finite=False)
     due = Real("learned samples at which the next row is due", OPTIMIZER, finite=False)
@@ -194,6 +210,9 @@ class StateSlots(Table):
     """Every number of ``ints`` and ``reals``."""
 
     __slots__ = ()
+
+    if TYPE_CHECKING:
+        ints: Ints
 
     # --- structure and settings
     order = Integer("n, poles", LAYOUT)
@@ -401,17 +420,63 @@ class StateSlots(Table):
     noise = Nested(NoiseSlots, "the noise model")
     reference = Nested(ReferenceSlots, "what the reference explains")
 
+    @property
+    def dimensions(self) -> Mapping[str, int]:
+        """What the shapes of the blocks are made of."""
+        return dimensions(
+            order=self.order, entries=self.entries, memory_size=self.memory_size, settings_size=self.settings_size,
+            ring_size=self.ring_size, has_reference=self.has_reference,
+        )  # fmt: skip
 
+    def begin_of(self, block: Block) -> int:
+        """Return where in ``reals`` a block begins."""
+        return int(self.ints[block.index])
+
+
+@lru_cache(maxsize=256)  # asked for with each block that is looked at
+def dimensions(**slots: int) -> dict[str, int]:
+    """Return all dimensions by their names, of those slots that they are made of."""
+    return FIXED | {name: sizes(text, tuple(slots.items()))[0] for name, text in DIMENSIONS.items()}
+
+
+#: The arrays of a state, in the order of a checkpoint.
+STATE_ARRAYS: Final = ("ints", "reals", "banks", "buffer", "recent")
 #: The rows of the buffer that were drawn for the newest sample, (batch_size,), lie in ``ints`` from here on.
 ROWS: Final = len(StateSlots.integers) + len(StateSlots.blocks)
 #: The blocks lie in ``reals`` from here on.
 SCALARS: Final = len(StateSlots.scalars)
 
-globals().update(StateSlots.constants())
 
+class StateArrays(StateSlots):
+    """The arrays of a state; `replant.engine.state.State` lays them out, kernels have their `fields`.
 
-def __getattr__(name: str) -> int:
-    raise AttributeError(f"no slot of the state is called {name}: see StateSlots")
+    Attributes
+    ----------
+    ints : int64 array
+    reals : float64 array
+    banks : (3, size) array
+        The fixed filter's bank and the auxiliary model's two; see `replant.kernels.filters.bank`.
+    buffer : (capacity, width) array
+        Replay: a learned sample a row, its regressor, instruments if there are any, target and weight.
+    recent : (R, 3), (R, 5) or (R, 6) array
+        Raw samples kept: input, output, interval; where outputs are examined, also the output that the filters saw and
+        the `Doubt`; where there is a reference, it is the last.
+    """
+
+    __slots__ = STATE_ARRAYS
+
+    def __init__(self, ints: Ints, reals: Array, banks: Array, buffer: Array, recent: Array) -> None:
+        self.ints, self.reals, self.banks, self.buffer, self.recent = ints, reals, banks, buffer, recent
+
+    @property
+    def rows(self) -> Ints:
+        """The rows of the buffer that were drawn for the newest sample."""
+        return self.ints[ROWS:]
+
+    @property
+    def fields(self) -> Fields:
+        """What kernels get in the interpreter."""
+        return Fields(self, (*STATE_ARRAYS, "rows"))
 
 
 class Attention(Exception):  # noqa: N818 - nothing went wrong

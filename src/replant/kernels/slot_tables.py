@@ -49,11 +49,6 @@ class Slot:
     def __set_name__(self, owner: type, name: str) -> None:
         self.name = name
 
-    @property
-    def constant(self) -> str:
-        """The name of its index in the kernels."""
-        return self.name.upper()
-
     def is_sound(self, holder: Any) -> bool:
         """Whether the number is one that the program may have written."""
         raise NotImplementedError
@@ -166,11 +161,6 @@ class Block(Slot):
         """Whether every number is finite, where they must be."""
         return not self.finite or bool(np.isfinite(getattr(holder, self.name)).all())
 
-    @property
-    def constant(self) -> str:
-        """The name of the slot of ``ints`` that says where it begins."""
-        return "AT_" + self.name.upper()
-
     @overload
     def __get__(self, holder: None, owner: type) -> Block: ...
     @overload
@@ -183,7 +173,7 @@ class Block(Slot):
 
     def sizes(self, dimensions: Mapping[str, int]) -> tuple[int, ...]:
         """Return the shape in numbers: sums of products of the named dimensions."""
-        return _sizes(self.shape, tuple(dimensions.items()))
+        return sizes(self.shape, tuple(dimensions.items()))
 
     def size(self, dimensions: Mapping[str, int]) -> int:
         """Return how many numbers it has."""
@@ -226,10 +216,10 @@ class Table:
         """Return where in ``reals`` a block begins."""
         raise NotImplementedError
 
-    @classmethod
-    def constants(cls) -> dict[str, int]:
-        """Return the index of each slot by its name in the kernels."""
-        return {slot.constant: slot.index for slot in (*cls.integers, *cls.scalars, *cls.blocks)}
+    @property
+    def fields(self) -> Fields:
+        """What kernels get in the interpreter."""
+        return Fields(self)
 
 
 class Part(Table):
@@ -304,7 +294,8 @@ class Nested(Block, Generic[Inner]):
 
 
 @lru_cache(maxsize=4096)  # a block is looked at many thousand times with the same dimensions
-def _sizes(shape: str, dimensions: tuple[tuple[str, int], ...]) -> tuple[int, ...]:
+def sizes(shape: str, dimensions: tuple[tuple[str, int], ...]) -> tuple[int, ...]:
+    """Return the numbers of a shape: sums of products of the named dimensions."""
     numbers = dict(dimensions)
     return tuple(sum(_product(term, numbers) for term in axis.split("+")) for axis in shape.split(","))
 
@@ -312,3 +303,33 @@ def _sizes(shape: str, dimensions: tuple[tuple[str, int], ...]) -> tuple[int, ..
 def _product(text: str, dimensions: Mapping[str, int]) -> int:
     factors = (factor.strip() for factor in text.split("*"))
     return math.prod(int(factor) if factor.isdigit() else dimensions[factor] for factor in factors)
+
+
+class Fields:
+    """A table as kernels have it: numbers are NumPy's own, which divide by zero as C does, blocks are views.
+
+    ``s.alarm`` is the number of that name, ``s.theta[i]`` one of a block; the translator makes a struct of it.
+    """
+
+    def __init__(self, holder: Any, beside: tuple[str, ...] = ()) -> None:
+        own, ints = vars(self), getattr(holder, "ints", None)
+        own |= {name: getattr(holder, name) for name in beside}
+        own["_places"] = {slot.name: (holder.reals, slot.index) for slot in holder.scalars}
+        own["_places"] |= {slot.name: (ints, slot.index) for slot in holder.integers}
+        own["size"] = holder.reals.size
+        for block in holder.blocks:
+            part = getattr(holder, block.name)
+            own[block.name] = Fields(part) if isinstance(block, Nested) else part
+
+    def __getattr__(self, name: str) -> Any:
+        array, index = self._place_of(name)
+        return array[index]
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        array, index = self._place_of(name)
+        array[index] = value
+
+    def _place_of(self, name: str) -> tuple[Any, int]:
+        if name not in vars(self)["_places"]:
+            raise AttributeError(f"no slot is called {name}")
+        return vars(self)["_places"][name]  # type: ignore[no-any-return]

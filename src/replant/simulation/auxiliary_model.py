@@ -173,7 +173,7 @@ class AuxiliaryModel:
         phi, zeta = np.empty((samples, size)), np.empty((samples, size))
         target, output = np.empty(samples), np.empty(samples)
         regressors(
-            state.ints, state.reals, state.banks, record.u, record.y, record.intervals, by_reference,
+            *state.arrays, record.u, record.y, record.intervals, by_reference,
             phi, zeta, target, output,
         )  # fmt: skip
         ahead = record.y - output

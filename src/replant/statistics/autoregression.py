@@ -1,7 +1,7 @@
 r"""Autoregression: the model D(q) e = w that whitens a residual, its order chosen from the data.
 
 Models of every order up to `LAGS` are found by least squares on sums of products e_{k-i} e_{k-j} over the samples whose
-predecessors are all known, see `replant.kernels.filters.autoregression`.  The Bayesian information criterion chooses:
+predecessors are all known, see `replant.kernels.filters.series`.  The Bayesian information criterion chooses:
 white noise keeps order 0 and is left as it is.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", section 16.6; Soderstrom and Stoica (1989), "System
@@ -107,14 +107,13 @@ class Autoregression:
         >>> Autoregression.of_sums(100.0 * 0.5 ** abs(np.subtract.outer(np.arange(5.0), np.arange(5.0))), 100).order
         1
         """
-        from replant.kernels.filters.autoregression import nested_models
+        from replant.kernels.filters.series import nested_models
 
         size = LAGS + 1
-        models, variances = np.empty(size * size), np.empty(size)
-        flat = np.ascontiguousarray(np.tril(sums)).ravel()
-        order = int(nested_models(flat, float(count), models, variances, np.empty(size * size + size)))
-        rows, powers = models.reshape(size, size), variances * max(float(count), 1.0)
-        return cls(rows[order, : order + 1].copy(), float(powers[order]), rows, powers, np.tril(sums), float(count))
+        lower, models, variances = np.tril(sums), np.empty((size, size)), np.empty(size)
+        order = int(nested_models(lower, float(count), models, variances, np.empty(size * size + size)))
+        powers = variances * max(float(count), 1.0)
+        return cls(models[order, : order + 1].copy(), float(powers[order]), models, powers, lower, float(count))
 
     @classmethod
     def of_covariances(cls, covariances: FloatArray) -> Autoregression:
@@ -122,11 +121,11 @@ class Autoregression:
 
         The ends of the sums' window leak: good for a residual that is nearly white, not for a smooth one.
         """
-        from replant.kernels.monitoring import residual_colour
+        from replant.kernels.monitoring import scatter
 
         size = covariances.size
         coefficients = np.empty(size)
-        power = float(residual_colour.autoregression(covariances, coefficients, np.empty(size)))
+        power = float(scatter.autoregression(covariances, coefficients, np.empty(size)))
         models = np.tile(coefficients, (size, 1))
         return cls(coefficients, power, models, np.full(size, power), np.zeros((size, size)), 1.0)
 
@@ -176,7 +175,7 @@ class Autoregression:
         Least squares does not keep the roots of D inside the unit circle: those outside are mirrored, which leaves the
         spectrum as it is.
         """
-        from replant.kernels.filters.all_pole import all_pole
+        from replant.kernels.filters.series import all_pole
 
         model, gain = _mirrored(self.coefficients)
         channels = all_pole(model, signals.reshape(signals.shape[0], -1).T)

@@ -107,7 +107,7 @@ def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
 def path_of_record(
     zeta: FloatArray, error: FloatArray, theta: FloatArray, known: FloatArray, pull: FloatArray
 ) -> PathSlots:
-    """Return the path on which a recursion would have come to ``theta``, as `kernels.monitoring.estimate_path`."""
+    """Return the path on which a recursion would have come to ``theta``, as `kernels.monitoring.scatter`."""
     samples, size = zeta.shape
     step = -(-samples // ROOM)
     path = PathSlots.zeros(FIXED | {"T": size})

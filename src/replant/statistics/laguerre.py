@@ -26,7 +26,7 @@ def laguerre(r: FloatArray, pole: float) -> FloatArray:
     array([[ 0.8 , -0.48],
            [-0.32,  0.7 ]])
     """
-    from replant.kernels.filters.all_pole import all_pole
+    from replant.kernels.filters.series import all_pole
 
     model, states = np.array([1.0, -pole]), np.empty((LAGUERRE, r.size))
     states[0] = all_pole(model, math.sqrt(1.0 - pole * pole) * (r - r.mean())[None])[0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from replant.kernels.filters.autoregression import nested_models
+from replant.kernels.filters.series import nested_models
 from support.cases import every
 
 ORDERS = 5
@@ -19,10 +19,10 @@ def sums_of(errors: np.ndarray) -> np.ndarray:
 
 
 def models_of(errors: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
-    models, variances = np.full(ORDERS**2, np.nan), np.full(ORDERS, np.nan)
+    models, variances = np.full((ORDERS, ORDERS), np.nan), np.full(ORDERS, np.nan)
     count = float(errors.size - ORDERS + 1)
-    order = nested_models(sums_of(errors).ravel(), count, models, variances, np.empty(ORDERS**2 + ORDERS))
-    return order, models.reshape(ORDERS, ORDERS), variances
+    order = nested_models(sums_of(errors), count, models, variances, np.empty(ORDERS**2 + ORDERS))
+    return order, models, variances
 
 
 COLOURS = {0: [1.0], 1: [1.0, -0.9], 2: [1.0, -1.6, 0.9], 3: [1.0, -2.7, 2.43, -0.729]}

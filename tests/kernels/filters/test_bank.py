@@ -7,7 +7,6 @@ import pytest
 
 import replant as rp
 from replant.engine.state import State
-from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.model import state_space
 from support.builders import random_plant
@@ -37,7 +36,7 @@ def made(denominator: np.ndarray) -> tuple[State, np.ndarray, int, int]:
 
 
 def work_of(state: State) -> np.ndarray:
-    return state.reals[state.ints[at.AT_WORK] :]
+    return state.work
 
 
 def discretization(state: State, bank: np.ndarray, n: int, T: int, interval: float) -> tuple[np.ndarray, ...]:

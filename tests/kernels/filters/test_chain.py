@@ -7,7 +7,6 @@ import pytest
 
 import replant as rp
 from replant.engine.state import State
-from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.chain import install_model
 from replant.kernels.step.stages import regressors
@@ -31,7 +30,7 @@ def run(
     T = state.entries
     phi, zeta, target, output = np.empty((u.size, T)), np.empty((u.size, T)), np.empty(u.size), np.empty(u.size)
     intervals = np.diff(t, prepend=t[0] - DT)
-    regressors(state.ints, state.reals, state.banks, u, y, intervals, by_reference, phi, zeta, target, output)
+    regressors(*state.arrays, u, y, intervals, by_reference, phi, zeta, target, output)
     return phi, zeta, target, output
 
 
@@ -149,7 +148,7 @@ def test_a_device_that_samples_more_slowly_misses_nothing_wherever_the_ring_begi
     poles, delay, t = np.poly([-3.0, -2.0]), 1.0 * DT, 2 * DT * np.arange(SAMPLES)
     state_filter = rp.StateVariableFilter(denominator=poles)
     state = State.build(rp.Structure(2, 1, delay=delay), DT, state_filter=state_filter)
-    assert 3 < state.ints[at.RING_SIZE] < SAMPLES / 2
+    assert 3 < state.ring_size < SAMPLES / 2
     u, y = -0.01 - 0.1 * np.abs(signals(5))
     u[:4] = u[0]  # until two intervals are known
     phi, *_ = run(state, u, y, t)
@@ -164,8 +163,8 @@ def test_an_unstable_estimate_serves_with_its_poles_reflected(unstable: list[flo
     state = State.build(rp.Structure(2), DT, state_filter=None)
     state.install(np.array([3.0, 2.0, 1.0, 0.0, 0.0, 0.0]))
     state.stability_margin, state.largest_bandwidth = 1e-3, 100.0
-    state.theta[:2], state.ready_at, state.reals[at.ELAPSED] = unstable, 0.0, 10.0
-    renew_model(state.ints, state.reals, state.banks)
+    state.theta[:2], state.ready_at, state.elapsed = unstable, 0.0, 10.0
+    renew_model(state.fields)
     bank, poles = state.banks[2], np.roots([1.0, *unstable])
     expected = np.minimum(-np.abs(poles.real), -1e-3) + 1j * poles.imag
     np.testing.assert_allclose(bank[bk.DENOMINATOR : bk.DENOMINATOR + 2], np.poly(expected)[1:].real, atol=1e-7)
@@ -181,28 +180,28 @@ def test_a_wild_estimate_never_serves_as_a_model() -> None:
     good = np.zeros(state.entries)
     good[:3] = 3.0, 2.0, 1.0
     state.install(good)
-    state.reals[at.STABILITY_MARGIN], state.reals[at.LARGEST_BANDWIDTH] = 1e-3, 100.0
+    state.stability_margin, state.largest_bandwidth = 1e-3, 100.0
     for bad in ([1e9, 2.0], [1.0, 1e9], [np.nan, 1.0], [1.0, np.inf]):
-        state.reals[at.ELAPSED], state.reals[at.READY_AT] = 10.0, 0.0
+        state.elapsed, state.ready_at = 10.0, 0.0
         state.theta[:2] = bad
-        assert not renew_model(state.ints, state.reals, state.banks)
-        assert (state.ints[at.WARMING], state.ints[at.SERVING_BANK]) == (0, 1)
+        assert not renew_model(state.fields)
+        assert (state.warming, state.serving_bank) == (0, 1)
         np.testing.assert_array_equal(state.banks[1, bk.DENOMINATOR : bk.DENOMINATOR + 2], [3.0, 2.0])
-        assert state.reals[at.READY_AT] > 10.0  # looked at again later
-    state.reals[at.READY_AT] = 0.0
+        assert state.ready_at > 10.0  # looked at again later
+    state.ready_at = 0.0
     state.theta[:3] = 5.0, 6.0, 1.0
-    assert not renew_model(state.ints, state.reals, state.banks)
-    assert (state.ints[at.WARMING], state.ints[at.SERVING_BANK]) == (1, 1)
+    assert not renew_model(state.fields)
+    assert (state.warming, state.serving_bank) == (1, 1)
     np.testing.assert_array_equal(state.banks[2, bk.DENOMINATOR : bk.DENOMINATOR + 2], [5.0, 6.0])
-    state.reals[at.ELAPSED] = state.reals[at.READY_AT]
-    assert renew_model(state.ints, state.reals, state.banks)
-    assert state.ints[at.SERVING_BANK] == 2
+    state.elapsed = state.ready_at
+    assert renew_model(state.fields)
+    assert state.serving_bank == 2
 
 
 def test_installing_a_model_leaves_the_other_banks_alone() -> None:
     state = State.build(rp.Structure(2), DT, state_filter=None)
     before = state.banks.copy()
-    install_model(state.ints, state.reals, state.banks, 2, np.ones(state.entries))
+    install_model(*state.arrays, 2, np.ones(state.entries))
     np.testing.assert_array_equal(state.banks[:2], before[:2])
     assert (state.banks[2] != before[2]).any()
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from replant.kernels.filters.matrix_exponential import exponential
+from replant.kernels.filters.bank import exponential
 from support.cases import every
 
 EPSILON = np.finfo(float).eps

@@ -20,7 +20,7 @@ def reference_of(pole: float, origin: float = 0.0) -> ReferenceSlots:
 def functions(pole: float, r: np.ndarray) -> np.ndarray:
     reference, states = reference_of(pole), np.empty((r.size, SIZE))
     for k in range(r.size):
-        advance(reference.reals, r[k])
+        advance(reference.fields, r[k])
         states[k] = reference.states
     return states
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.kernels.filters.reflection import reflect
+from replant.kernels.filters.polynomials import reflect
 from support.cases import every
 
 ROOTS = {

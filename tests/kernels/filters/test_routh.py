@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from replant.kernels.filters.routh import all_left_of, bandwidth, slowest_decay
+from replant.kernels.filters.polynomials import all_left_of, bandwidth, slowest_decay
 from support.cases import every
 
 ORDERS = range(1, 11)

@@ -34,7 +34,7 @@ def test_rows_are_those_of_the_filtered_record(order: int) -> None:
         if k == 20:
             noise.known, known = 0, 0
         phi, zeta = rows[k, :T].copy(), rows[k, T : 2 * T].copy()
-        target = filter_row(T, noise.reals, phi, zeta, rows[k, 2 * T])
+        target = filter_row(T, noise.fields, phi, zeta, rows[k, 2 * T])
         lags = min(order, known)
         weight = np.sqrt(noise.variances[order] / noise.variances[lags])
         expected = weight * sum(noise.models[lags, lag] * rows[k - lag] for lag in range(lags + 1))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.kernels.monitoring import estimate_path
+from replant.kernels.monitoring import scatter
 from replant.kernels.schema import FIXED, ROOM, PathSlots
 from support.cases import every
 from support.references import kept_samples
@@ -19,7 +19,7 @@ def walk(samples: int, entries: int = 3) -> tuple[PathSlots, np.ndarray, np.ndar
     kept = PathSlots.zeros(FIXED | {"T": entries})
     for k in range(1, samples + 1):
         if k >= kept.due:
-            estimate_path.keep(kept.reals, theta[k], upper[k].ravel(), diagonal[k], float(k))
+            scatter.keep(kept.fields, theta[k], upper[k], diagonal[k], float(k))
     return kept, theta, np.einsum("kij,kj,kij->ki", upper, diagonal, upper)
 
 

@@ -32,14 +32,13 @@ def test_the_gate_is_its_naive_twin() -> None:
     for exponent in rng.uniform(-1.0, 4.0, 300):
         zeta = 10.0 ** rng.uniform(-1.0, 1.5) * rng.standard_normal(size)
         state.zeta[:] = zeta
-        names = {"spread": at.LATE_VARIANCE, "usual": at.USUAL_VARIANCE, "peak": at.LARGEST_OUTPUT}
-        usual = {name: state.reals[slot] for name, slot in names.items()}
+        usual = {"spread": state.late_variance, "usual": state.usual_variance, "peak": state.largest_output}
         error = float(np.sqrt(usual["usual"]) * 10.0**exponent)
         expected, ratio = gate(usual, error, zeta, covariance, 1.0)
-        state.reals[at.VARIANCE_RATIO] = 1.0
-        found.append(outliers.is_outlier(state.ints, state.reals, error, True))
+        state.variance_ratio = 1.0
+        found.append(outliers.is_outlier(state.fields, error, True))
         assert found[-1] == expected
-        assert not expected or state.reals[at.VARIANCE_RATIO] == pytest.approx(ratio, rel=1e-9)
+        assert not expected or state.variance_ratio == pytest.approx(ratio, rel=1e-9)
     assert 30 < sum(found) < 270
 
 
@@ -53,9 +52,9 @@ def test_the_bridge_is_its_naive_twin() -> None:
     for k in range(u.size):
         ident.update(u[k], y[k])
         state = ident._state
-        modelled[k] = state.banks[state.ints[at.SERVING_BANK], bk.MODEL_OUTPUT]
+        modelled[k] = state.banks[state.serving_bank, bk.MODEL_OUTPUT]
     kept = state.recent[before : before + u.size]
     np.testing.assert_array_equal(np.flatnonzero(kept[:, at.DOUBTED]), np.flatnonzero(y > 100.0))
-    offset = state.reals[at.OUTPUT_OFFSET]
+    offset = state.output_offset
     expected = bridged(y - offset, modelled, kept[:, at.DOUBTED] > 0)
     np.testing.assert_allclose(kept[:, at.BRIDGED], expected.astype(float), rtol=1e-9, atol=1e-12)

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import solve_toeplitz
 from scipy.signal import lfilter
 
-from replant.kernels.monitoring.residual_colour import LAGS, autoregression, record
+from replant.kernels.monitoring.scatter import LAGS, autoregression, record
 from replant.kernels.schema import FIXED, ColourSlots
 from support.cases import every
 
@@ -48,7 +48,7 @@ def test_the_sums_are_those_of_the_record(forgetting: float) -> None:
     colour = ColourSlots.zeros(FIXED | {"T": T})
     colour.model[:] = model = np.array([1.0, -0.7, 0.2, 0.1, -0.05])
     for k in range(samples):
-        record(colour.reals, errors[k], alphas, forgetting, zeta[k].copy())
+        record(colour.fields, errors[k], alphas, forgetting, zeta[k].copy())
     weight = forgetting ** np.arange(samples)[::-1]
     assert colour.count == pytest.approx(weight.sum(), rel=1e-12)
     assert colour.power == pytest.approx((weight * errors**2).sum() * forgetting / alphas, rel=1e-12)

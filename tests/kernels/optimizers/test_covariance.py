@@ -38,16 +38,16 @@ def test_an_observation_changes_the_covariance_as_the_formula_says(size: int) ->
     for _ in range(20):
         U, D = random_factors(generator, size)
         P, zeta, noise = compose(U, D), generator.standard_normal(size), 10 ** generator.uniform(-2, 2)
-        flat, diagonal, gain = U.ravel().copy(), D.copy(), np.empty(size)
+        flat, diagonal, gain = U.copy(), D.copy(), np.empty(size)
         alpha = observe(flat, diagonal, zeta, noise, np.empty(size), gain)
         expected = noise + zeta @ P @ zeta
         assert alpha == pytest.approx(expected, rel=1e-11)
         scale = np.abs(P).max()
         np.testing.assert_allclose(gain, P @ zeta, atol=1e-11 * scale * np.abs(zeta).sum())
-        updated = compose(flat.reshape(size, size), diagonal)
+        updated = compose(flat, diagonal)
         np.testing.assert_allclose(updated, P - np.outer(P @ zeta, P @ zeta) / expected, atol=1e-11 * scale)
         assert (diagonal > 0).all()
-        assert_unit_upper(flat.reshape(size, size))
+        assert_unit_upper(flat)
 
 
 @every("size", ORDERS)
@@ -56,13 +56,13 @@ def test_time_adds_its_noise(size: int) -> None:
     for _ in range(20):
         U, D = random_factors(generator, size)
         increase = 10 ** generator.uniform(-3, 2, size) * (generator.random(size) < 0.7)
-        flat, diagonal = U.ravel().copy(), D.copy()
+        flat, diagonal = U.copy(), D.copy()
         walk(flat, diagonal, increase, np.empty(2 * size * size + 2 * size))
         expected = compose(U, D) + np.diag(increase)
-        updated = compose(flat.reshape(size, size), diagonal)
+        updated = compose(flat, diagonal)
         np.testing.assert_allclose(updated, expected, atol=1e-11 * np.abs(expected).max())
         assert (diagonal > 0).all()
-        assert_unit_upper(flat.reshape(size, size))
+        assert_unit_upper(flat)
 
 
 def assert_unit_upper(U: np.ndarray) -> None:
@@ -73,7 +73,7 @@ def assert_unit_upper(U: np.ndarray) -> None:
 def test_the_expanded_covariance_is_the_product_and_symmetric_to_the_bit(size: int) -> None:
     U, D = random_factors(np.random.default_rng(size), size)
     covariance = np.empty((size, size))
-    expand(U.ravel(), D, covariance)
+    expand(U, D, covariance)
     np.testing.assert_array_equal(covariance, covariance.T)
     np.testing.assert_allclose(covariance, compose(U, D), rtol=1e-12, atol=1e-13 * np.abs(covariance).max())
 
@@ -106,11 +106,11 @@ def test_after_1e5_ill_conditioned_updates_it_is_positive_definite(size: int) ->
     asserted too, so that the stream is known to be hard.
     """
     directions = hardly_different_directions(size)
-    U, D = np.eye(size).ravel(), np.full(size, 1e6)
+    U, D = np.eye(size), np.full(size, 1e6)
     observe_many(U, D, directions, 1e-6, np.empty(size), np.empty(size), 100_000)
     assert np.isfinite(U).all()
     assert (D > 0).all()
-    assert_unit_upper(U.reshape(size, size))
+    assert_unit_upper(U)
     covariance = np.empty((size, size))
     expand(U, D, covariance)
     assert (covariance == covariance.T).all()
@@ -134,12 +134,12 @@ def test_walking_and_observing_settles_on_the_riccati_equation(size: int) -> Non
     """After 3e4 steps P is the stationary one: another turn of the directions leaves it as it is."""
     generator = np.random.default_rng(size)
     directions, increase = generator.standard_normal((3 * size, size)), 10 ** generator.uniform(-5, -2, size)
-    U, D = np.eye(size).ravel(), np.full(size, 1e6)
+    U, D = np.eye(size), np.full(size, 1e6)
     arguments = (increase, np.empty(2 * size * size + 2 * size), np.empty(size), np.empty(size))
     observe_and_walk(U, D, directions, 0.5, *arguments, 30_000 - 30_000 % (3 * size))
-    before = compose(U.reshape(size, size), D)
+    before = compose(U, D)
     observe_and_walk(U, D, directions, 0.5, *arguments, 30 * size)
-    after = compose(U.reshape(size, size), D)
+    after = compose(U, D)
     np.testing.assert_allclose(after, before, rtol=1e-9, atol=1e-12 * np.abs(before).max())
     assert np.linalg.eigvalsh(after).min() > 0
     dense = np.eye(size)

@@ -25,7 +25,7 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
         rp.Structure(2, 1), DT, state_filter=rp.StateVariableFilter(2.0), instruments=instruments,
         memory=optimizer.memory(4), numbers=optimizer.settings(DT, np.ones(4)),
     )  # fmt: skip
-    state.ints[at.ALGORITHM] = optimizer.code
+    state.algorithm = optimizer.code
     P = state.entries
     generator = np.random.default_rng(P)
     zeta = generator.standard_normal((ROWS, P))
@@ -38,7 +38,8 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
         along = zeta[k] if instruments else phi[k]
         row = np.concatenate([phi[k], [target[k], 1 / (1 + along @ along) if normalize else 1.0], zeta[k]])
         state.ints[at.ROWS] = 0
-        kernels.learn(state.ints, state.reals, row[None, :], 1, DT)
+        state.buffer = row[None, :]
+        kernels.learn(state.fields, 1, DT)
         arguments = (extended(phi[k]), extended(target[k]), *([extended(zeta[k])] if instruments else []))
         expected = update(expected, *arguments)
         np.testing.assert_allclose(state.theta, expected.astype(float), atol=1e-12 * float(np.abs(expected).max()))

@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.kernels.optimizers.random_stream import draw_below
+from replant.kernels.optimizers.memory import draw_below
 from support import references
 from support.cases import every
 

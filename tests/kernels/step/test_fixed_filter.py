@@ -11,7 +11,6 @@ import replant as rp
 from replant.engine.dispatch import step_kernels
 from replant.engine.state import State
 from replant.engine.vector_blocks import is_under_way
-from replant.kernels import schema as at
 from replant.kernels.step import covariance, fixed_filter, gradient
 from replant.optimizers import OPTIMIZERS
 from support.cases import every
@@ -37,7 +36,7 @@ def state_of(structure: rp.Structure, optimizer: str, which: str = "held", repla
 
 
 def arrays(state: State) -> tuple[np.ndarray, ...]:
-    return state.ints, state.reals, state.banks, state.buffer, state.recent
+    return state.arrays
 
 
 def run(state: State, one: Kernel, many: Kernel) -> tuple[np.ndarray, np.ndarray]:
@@ -51,7 +50,7 @@ def run(state: State, one: Kernel, many: Kernel) -> tuple[np.ndarray, np.ndarray
     for k in range(5):
         errors[k] = one(*arrays(state), u[k], y[k], np.nan, np.nan)
     many(*arrays(state), u[middle], y[middle], REGULAR, REGULAR, errors[middle], parameters[middle])
-    state.ints[at.ADAPT] = 0
+    state.adapt = 0
     for k in range(SAMPLES - 5, SAMPLES):
         errors[k] = one(*arrays(state), u[k], y[k], np.nan, np.nan)
     state.work[:] = 0.0  # no part of the state
@@ -82,7 +81,7 @@ def test_a_rejected_sample_changes_its_count_alone() -> None:
         for k in range(before):
             fixed_filter.step(*arrays(state), np.cos(k), np.sin(k), np.nan, np.nan)
         expected, others = state.ints.copy(), [array.tobytes() for array in arrays(state)[1:]]
-        expected[at.NOT_FINITE] += 1
+        expected[State.not_finite.index] += 1
         assert np.isnan(fixed_filter.step(*arrays(state), np.nan, 1.0, np.nan, np.nan))
         np.testing.assert_array_equal(state.ints, expected)
         assert [array.tobytes() for array in arrays(state)[1:]] == others
@@ -91,7 +90,7 @@ def test_a_rejected_sample_changes_its_count_alone() -> None:
 def chosen(structure: rp.Structure, optimizer: str, *, regular: bool, **slots: int) -> object:
     state = state_of(structure, optimizer)
     for name, value in slots.items():
-        state.ints[getattr(at, name)] = value
+        setattr(state, name, value)
     return step_kernels(state, regular=regular)
 
 
@@ -101,7 +100,7 @@ def test_each_identifier_gets_the_leanest_kernels_that_suit_it() -> None:
     assert chosen(rp.Structure(2, 1), "amsgrad", regular=False) == general
     assert chosen(rp.Structure(2, 2, feedthrough=True), "amsgrad", regular=True) == general
     assert chosen(rp.Structure(2, 1, delay=0.05), "amsgrad", regular=True) == general
-    assert chosen(rp.Structure(2, 1), "amsgrad", regular=True, INSTRUMENTS=1) == general
+    assert chosen(rp.Structure(2, 1), "amsgrad", regular=True, instruments=1) == general
     assert chosen(rp.Structure(2, 1), "recursive-least-squares", regular=True) == (covariance.step, covariance.steps)
 
 
@@ -117,7 +116,7 @@ def test_with_the_first_stamp_the_general_kernels_go_on_where_the_lean_ones_stop
     twin._work_on(twin._state, regular=False)
     twin.update_many(u[:30], y[:30])
     for each in (ident, twin):
-        each._state.reals[at.LAST_TIME] = t[29]
+        each._state.last_time = t[29]
         each.update(u[30], y[30], t[30])
         each.update_many(u[31:], y[31:], t[31:])
     assert ident._steps is gradient.steps

@@ -30,7 +30,7 @@ def prepared(replay: rp.Replay | None, **changes: object) -> State:
 
 
 def arrays(state: State) -> tuple[np.ndarray, ...]:
-    return state.ints, state.reals, state.banks, state.buffer, state.recent
+    return state.arrays
 
 
 def take(state: State, u: float, y: float, t: float = np.nan) -> float:
@@ -40,7 +40,7 @@ def take(state: State, u: float, y: float, t: float = np.nan) -> float:
 def learn_number(state: State, k: float) -> int:
     """Store the number k in the place of a sample; return how many rows are drawn."""
     state.phi[:] = k, -k
-    return remember(state.ints, state.reals, state.buffer, 10.0 * k)
+    return remember(state.fields, 10.0 * k)
 
 
 def remember_many(replay: rp.Replay, count: int) -> tuple[np.ndarray, list[np.ndarray]]:
@@ -67,7 +67,7 @@ def test_a_full_buffer_holds_exactly_the_newest_samples(count: int) -> None:
 def test_without_normalisation_every_weight_is_one() -> None:
     state = prepared(rp.Replay(capacity=4), normalize=False)
     state.phi[:] = 3.0, 4.0
-    remember(state.ints, state.reals, state.buffer, 1.0)
+    remember(state.fields, 1.0)
     np.testing.assert_array_equal(state.buffer[0], [3.0, 4.0, 1.0, 1.0])
 
 
@@ -76,7 +76,7 @@ def test_instruments_lie_beside_the_regressor_and_carry_the_weight() -> None:
     state = prepared(rp.Replay(capacity=4), instruments=True)
     state.phi[:] = 3.0, 4.0
     state.zeta[:] = 1.0, 2.0
-    remember(state.ints, state.reals, state.buffer, 7.0)
+    remember(state.fields, 7.0)
     np.testing.assert_array_equal(state.buffer[0], [3.0, 4.0, 7.0, 1.0 / 6.0, 1.0, 2.0])
 
 
@@ -131,13 +131,13 @@ def test_without_replay_each_sample_is_learned_once() -> None:
 @every(
     ("u", "y", "slot"),
     [
-        (np.nan, 1.0, at.NOT_FINITE),
-        (1.0, np.nan, at.NOT_FINITE),
-        (np.inf, 1.0, at.NOT_FINITE),
-        (1.0, -np.inf, at.NOT_FINITE),
-        (1e308, 1.0, at.TOO_LARGE),
-        (1.0, -1e308, at.TOO_LARGE),
-        (1.0, np.nextafter(at.LARGEST, np.inf), at.TOO_LARGE),
+        (np.nan, 1.0, State.not_finite.index),
+        (1.0, np.nan, State.not_finite.index),
+        (np.inf, 1.0, State.not_finite.index),
+        (1.0, -np.inf, State.not_finite.index),
+        (1e308, 1.0, State.too_large.index),
+        (1.0, -1e308, State.too_large.index),
+        (1.0, np.nextafter(at.LARGEST, np.inf), State.too_large.index),
     ],
     ids=repr,
 )
@@ -155,7 +155,13 @@ def test_a_rejected_sample_changes_its_count_alone(replay: rp.Replay | None, u: 
 
 @every(
     ("t", "slot"),
-    [(np.inf, at.NOT_FINITE), (-np.inf, at.NOT_FINITE), (0.6, at.NOT_LATER), (0.5, at.NOT_LATER), (-1e9, at.NOT_LATER)],
+    [
+        (np.inf, State.not_finite.index),
+        (-np.inf, State.not_finite.index),
+        (0.6, State.not_later.index),
+        (0.5, State.not_later.index),
+        (-1e9, State.not_later.index),
+    ],
     ids=repr,
 )
 def test_a_rejected_stamp_changes_its_count_alone(t: float, slot: int) -> None:
@@ -164,10 +170,10 @@ def test_a_rejected_stamp_changes_its_count_alone(t: float, slot: int) -> None:
         take(state, np.cos(k), np.sin(k), 0.1 * k)
     expected, others = state.ints.copy(), [array.tobytes() for array in arrays(state)[1:]]
     expected[slot] += 1
-    if slot == at.NOT_LATER:  # ten in a row would be a clock that was set
-        expected[at.EARLIER_STAMPS] += 1
-    assert np.isnan(take(state, 1.0, 1.0, state.reals[at.LAST_TIME] if t == 0.6 else t))
-    state.reals[at.EARLIER_TIME] = 0.0
+    if slot == State.not_later.index:  # ten in a row would be a clock that was set
+        expected[State.earlier_stamps.index] += 1
+    assert np.isnan(take(state, 1.0, 1.0, state.last_time if t == 0.6 else t))
+    state.earlier_time = 0.0
     np.testing.assert_array_equal(state.ints, expected)
     assert [array.tobytes() for array in arrays(state)[1:]] == others
 
@@ -175,6 +181,6 @@ def test_a_rejected_stamp_changes_its_count_alone(t: float, slot: int) -> None:
 def test_the_largest_sample_is_still_accepted() -> None:
     state = prepared(None)
     assert np.isfinite(take(state, at.LARGEST, -at.LARGEST))
-    assert state.ints[at.SAMPLES] == 1
+    assert state.samples == 1
     assert np.isfinite(take(state, 1.0, 1.0))
     assert is_finite(state)

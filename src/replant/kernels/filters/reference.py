@@ -16,15 +16,11 @@ Control 36.
 
 import math
 
-from replant.kernels import schema as at
 from replant.kernels.optimizers.covariance import measurement_update
-from replant.kernels.schema import FIXED, LAGUERRE, ReferenceSlots
+from replant.kernels.schema import LAGUERRE
 
-POLE, ORIGIN = ReferenceSlots.pole.index, ReferenceSlots.origin.index
 SIZE = LAGUERRE + 1
 """Functions, and the constant [count]."""
-_BEGINS = ReferenceSlots.begins(FIXED | {"L": SIZE})
-STATES, WEIGHTS, FACTORS, DIAGONAL = (_BEGINS[name] for name in ("states", "weights", "factors", "diagonal"))
 
 
 def advance(reference, r):
@@ -32,42 +28,42 @@ def advance(reference, r):
 
     The first is sqrt(1 - a^2) / (1 - a/z), each other one (1/z - a) / (1 - a/z) of the one before.
     """
-    a, states = reference[POLE], reference[STATES:]
+    a, states = reference.pole, reference.states
     before = states[0]
-    states[0] = a * before + math.sqrt(1.0 - a * a) * (r - reference[ORIGIN])
+    states[0] = a * before + math.sqrt(1.0 - a * a) * (r - reference.origin)
     for i in range(1, LAGUERRE):
         old = states[i]
         states[i] = before + a * (old - states[i - 1])
         before = old
 
 
-def explained(reference, weights):
-    """Return w' l; the weights lie in ``reference`` from ``weights`` on."""
+def explained(reference, which):
+    """Return w' l, of the input (0) or of the output (1)."""
     total = 0.0
     for i in range(SIZE):
-        total += reference[weights + i] * reference[STATES + i]
+        total += reference.weights[which, i] * reference.states[i]
     return total
 
 
-def project(ints, reals):
+def project(s):
     """Take the newest reference: what it explains of input and output, by what was known before."""
-    reference = reals[ints[at.AT_REFERENCE] :]
-    advance(reference, reals[at.REFERENCE_NOW])
-    reals[at.INPUT_BY_REFERENCE] = explained(reference, WEIGHTS)
-    reals[at.OUTPUT_BY_REFERENCE] = explained(reference, WEIGHTS + SIZE)
+    reference = s.reference
+    advance(reference, s.reference_now)
+    s.input_by_reference = explained(reference, 0)
+    s.output_by_reference = explained(reference, 1)
 
 
 def learn_weights(reference, u, y, work):
     """Let the weights learn input and output; ``work`` holds 2 (LAGUERRE + 1) numbers."""
-    states, gain = reference[STATES:], work[SIZE:]
-    alpha = measurement_update(SIZE, reference[FACTORS:], reference[DIAGONAL:], states, 1.0, work, gain)
-    for_input = (u - explained(reference, WEIGHTS)) / alpha
-    for_output = (y - explained(reference, WEIGHTS + SIZE)) / alpha
+    states, gain = reference.states, work[SIZE:]
+    alpha = measurement_update(SIZE, reference.factors, reference.diagonal, states, 1.0, work, gain)
+    for_input = (u - explained(reference, 0)) / alpha
+    for_output = (y - explained(reference, 1)) / alpha
     for i in range(SIZE):
-        reference[WEIGHTS + i] += gain[i] * for_input
-        reference[WEIGHTS + SIZE + i] += gain[i] * for_output
+        reference.weights[0, i] += gain[i] * for_input
+        reference.weights[1, i] += gain[i] * for_output
 
 
-def learn(ints, reals, u, y):
+def learn(s, u, y):
     """Let the weights learn the newest input and output; they forget nothing."""
-    learn_weights(reals[ints[at.AT_REFERENCE] :], u, y, reals[ints[at.AT_WORK] :])
+    learn_weights(s.reference, u, y, s.work)

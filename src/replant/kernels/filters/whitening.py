@@ -21,16 +21,8 @@ Theory for the User", sections 7.3 and 10.3.
 
 import math
 
-from replant.kernels import schema as at
-from replant.kernels.filters.autoregression import nested_models
-from replant.kernels.schema import FIXED, LAGS, Doubt, NoiseSlots
-
-ORDER, FILTERS, GAIN, COUNT = (
-    slot.index for slot in (NoiseSlots.order, NoiseSlots.filters, NoiseSlots.gain, NoiseSlots.count)
-)
-KNOWN, POSITION = NoiseSlots.known.index, NoiseSlots.position.index
-_BEGINS = NoiseSlots.begins(FIXED | {"T": 0})  # what depends on T comes last
-MODELS, VARIANCES, SUMS, ROWS = (_BEGINS[name] for name in ("models", "variances", "sums", "rows"))
+from replant.kernels.filters.series import nested_models
+from replant.kernels.schema import LAGS, Doubt
 
 IRREGULAR = 0.1
 """Difference from the sampling time beyond which an interval breaks the residual's past [sampling times].
@@ -55,29 +47,27 @@ def filter_row(T, noise, phi, zeta, target):
 
     Coefficients beyond the order are zero, so that all four earlier rows can be read at once.
     """
-    width, size = 2 * T + 1, LAGS + 1
-    newest = int(noise[POSITION]) + 1
-    if newest == size:
+    newest = int(noise.position) + 1
+    if newest == LAGS + 1:
         newest = 0
-    lags = min(int(noise[ORDER]), int(noise[KNOWN]))
-    noise[POSITION] = newest
-    noise[KNOWN] = min(noise[KNOWN] + 1.0, float(size))
-    row = noise[ROWS + newest * width :]
+    lags = min(int(noise.order), int(noise.known))
+    noise.position = newest
+    noise.known = min(noise.known + 1.0, float(LAGS + 1))
+    row = noise.rows[newest]
     for i in range(T):
         row[i] = phi[i]
     for i in range(T):
         row[T + i] = zeta[i]
     row[2 * T] = target
-    if noise[ORDER] == 0.0 or noise[FILTERS] == 0.0:
+    if noise.order == 0.0 or noise.filters == 0.0:
         return target
-    weight = math.sqrt(noise[GAIN] * noise[VARIANCES] / noise[VARIANCES + lags])
-    model = MODELS + size * lags
-    d_1, d_2, d_3, d_4 = noise[model + 1], noise[model + 2], noise[model + 3], noise[model + 4]
+    weight = math.sqrt(noise.gain * noise.variances[0] / noise.variances[lags])
+    d = noise.models[lags]
+    d_1, d_2, d_3, d_4 = d[1], d[2], d[3], d[4]
     first = before(newest)
     second = before(first)
     third = before(second)
-    row_1, row_2 = noise[ROWS + first * width :], noise[ROWS + second * width :]
-    row_3, row_4 = noise[ROWS + third * width :], noise[ROWS + before(third) * width :]
+    row_1, row_2, row_3, row_4 = noise.rows[first], noise.rows[second], noise.rows[third], noise.rows[before(third)]
     for i in range(T):
         phi[i] = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
     for i in range(T, 2 * T):
@@ -86,24 +76,23 @@ def filter_row(T, noise, phi, zeta, target):
     return weight * (target + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])
 
 
-def gain(ints, reals):
+def gain(s):
     """Return the residual's variance in the unit of the optimizer's covariance, over that of the filtered residual."""
-    return reals[ints[at.AT_NOISE] + GAIN] if ints[at.HAS_NOISE_MODEL] == 1 else 1.0
+    return s.noise.gain if s.has_noise_model else 1.0
 
 
-def whiten(ints, reals, target, interval):
+def whiten(s, target, interval):
     """Filter the regressor, the instruments and the target of the newest sample; return the target.
 
     Those of an output that was bridged stay as they are: they are not learned, and break the past of later ones.
     """
-    noise = reals[ints[at.AT_NOISE] :]
-    if abs(interval - reals[at.INTERVAL]) > IRREGULAR * reals[at.INTERVAL]:
-        noise[KNOWN] = 0.0
-    if ints[at.DOUBT] != Doubt.NONE:
-        noise[KNOWN] = 0.0
+    noise = s.noise
+    if abs(interval - s.interval) > IRREGULAR * s.interval:
+        noise.known = 0.0
+    if s.doubt != Doubt.NONE:
+        noise.known = 0.0
         return target
-    T = ints[at.ENTRIES]
-    return filter_row(T, noise, reals[ints[at.AT_PHI] :], reals[ints[at.AT_ZETA] :], target)
+    return filter_row(s.entries, noise, s.phi, s.zeta, target)
 
 
 def add_residuals(T, noise, theta, errors, forgetting):
@@ -112,43 +101,33 @@ def add_residuals(T, noise, theta, errors, forgetting):
     All residuals are those of ``theta``: the estimate moves from sample to sample, by little beside the residual, but
     not beside what is left of a smooth one once it is filtered.  ``errors`` (LAGS + 1,) is work.
     """
-    size, width, at_row = LAGS + 1, 2 * T + 1, int(noise[POSITION])
-    if noise[KNOWN] < size:
+    size, at_row = LAGS + 1, int(noise.position)
+    if noise.known < size:
         return
     for lag in range(size):
-        row = noise[ROWS + at_row * width :]
+        row = noise.rows[at_row]
         error = row[2 * T]
         for i in range(T):
             error -= theta[i] * row[i]
         errors[lag] = error
         at_row = before(at_row)
-    noise[COUNT] = forgetting * noise[COUNT] + 1.0
+    noise.count = forgetting * noise.count + 1.0
     for i in range(size):
-        sums = noise[SUMS + size * i :]
         for j in range(i + 1):
-            sums[j] = forgetting * sums[j] + errors[i] * errors[j]
+            noise.sums[i, j] = forgetting * noise.sums[i, j] + errors[i] * errors[j]
 
 
-def record(ints, reals):
+def record(s):
     """Take the newest sample's residual, before its update, into the sums that the noise model is made from."""
-    noise, theta = reals[ints[at.AT_NOISE] :], reals[ints[at.AT_THETA] :]
-    work = reals[ints[at.AT_WORK] :]
-    add_residuals(ints[at.ENTRIES], noise, theta, work, reals[ints[at.AT_SETTINGS]])
+    add_residuals(s.entries, s.noise, s.theta, s.work, s.settings[0])
 
 
-def renew(ints, reals):
+def renew(s):
     """Renew the models of all orders, and the order in use, from the sums, where they are of enough residuals.
 
     The auxiliary model has just been renewed.
     """
-    begin, size = ints[at.AT_NOISE], LAGS + 1
-    noise = reals[begin:]
-    noise[KNOWN] = 0.0  # the rows so far came from another filter
-    if noise[COUNT] >= ENOUGH:
-        noise[ORDER] = nested_models(
-            noise[SUMS : SUMS + size * size],
-            noise[COUNT],
-            noise[MODELS : MODELS + size * size],
-            noise[VARIANCES : VARIANCES + size],
-            reals[ints[at.AT_WORK] :],
-        )
+    noise = s.noise
+    noise.known = 0.0  # the rows so far came from another filter
+    if noise.count >= ENOUGH:
+        noise.order = nested_models(noise.sums, noise.count, noise.models, noise.variances, s.work)

@@ -7,12 +7,13 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import whitening
-from replant.kernels.filters.routh import slowest_decay
-from replant.kernels.monitoring import residual_colour
-from replant.kernels.native import LAID_OUT, Ints, Matrix, Reals, kernel
+from replant.kernels.filters.polynomials import slowest_decay
+from replant.kernels.monitoring import scatter
+from replant.kernels.native import LAID_OUT, kernel
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
-from replant.kernels.optimizers.memory import place
+from replant.kernels.optimizers.memory import block
+from replant.kernels.schema import StateArrays
 
 INPUT_LEAP = 1e3
 """Distance beyond which an input leaps [largest moving standard deviations that it so far had].
@@ -49,217 +50,202 @@ Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 
-def input_rests(ints, reals, u):
+def input_rests(s, u):
     """Return whether the input has come to rest: its moving variance says so, or it has not moved for a memory.
 
     An optimizer that forgets must not wait for the variance: it would have forgotten all by then.
     """
-    if ints[at.SAMPLES] == 0:
-        reals[at.INPUT_MEAN] = reals[at.INPUT_ANCHOR] = u
-    share = reals[at.FORGET_INPUT]
-    away = u - reals[at.INPUT_MEAN]
-    reals[at.INPUT_MEAN] += share * away
-    reals[at.INPUT_POWER] += share * (away * away - reals[at.INPUT_POWER])
-    reals[at.LARGEST_POWER] = max(reals[at.LARGEST_POWER], reals[at.INPUT_POWER])
-    least = AT_REST * reals[at.LARGEST_POWER]
-    if ints[at.REST_AFTER] > 0:
-        step = u - reals[at.INPUT_ANCHOR]
-        ints[at.INPUT_STILL] += 1
+    if s.samples == 0:
+        s.input_mean = s.input_anchor = u
+    share = s.forget_input
+    away = u - s.input_mean
+    s.input_mean += share * away
+    s.input_power += share * (away * away - s.input_power)
+    s.largest_power = max(s.largest_power, s.input_power)
+    least = AT_REST * s.largest_power
+    if s.rest_after > 0:
+        step = u - s.input_anchor
+        s.input_still += 1
         if step * step > least:
-            reals[at.INPUT_ANCHOR] = u
-            ints[at.INPUT_STILL] = 0
-        elif ints[at.INPUT_STILL] > ints[at.REST_AFTER]:
+            s.input_anchor = u
+            s.input_still = 0
+        elif s.input_still > s.rest_after:
             return True
-    return reals[at.INPUT_POWER] < least
+    return s.input_power < least
 
 
-def unit_of_covariance(ints, reals):
+def unit_of_covariance(s):
     """Return the variance that the covariance of recursive least squares is a multiple of: that of what it learns."""
-    usual = max(reals[at.USUAL_VARIANCE], LEAST_NOISE * reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
-    return whitening.gain(ints, reals) * usual
+    usual = max(s.usual_variance, LEAST_NOISE * s.largest_output, np.finfo(np.float64).tiny)
+    return whitening.gain(s) * usual
 
 
-def begin_initial_state(ints, reals, banks, y):
+def begin_initial_state(s, y):
     """Take the initial state for that of an output that stood at ``y``, and for unknown: learning goes on.
 
     The refined filter estimates it beside the parameters.  Ten times the largest that the modelled output lately was
     is what it may be.  The auxiliary model begins there, too: instruments far from the regressor would do harm.
     """
-    n, T = ints[at.ORDER], ints[at.ENTRIES]
-    first, memory = T - n, ints[at.AT_MEMORY]
-    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
-    U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
-    variances, bank = reals[ints[at.AT_WORK] : ints[at.AT_WORK] + n], banks[ints[at.SERVING_BANK]]
-    size = (
-        UNKNOWN
-        * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
-        * (reals[at.OUTPUT_SCALE] * reals[at.OUTPUT_SCALE])
-    )
+    n, T = s.order, s.entries
+    first, theta, (U, D) = T - n, s.theta, second.factors_of(s)
+    variances, bank = s.work[:n], s.banks[s.serving_bank]
+    size = UNKNOWN * max(s.largest_output, np.finfo(np.float64).tiny) * (s.output_scale * s.output_scale)
     if not y * y < size:
         y = 0.0
     for i in range(n):  # (s^(n-1) + a_(n-1) s^(n-2) + ..)/A of an impulse is one at first, and flat
-        unit = reals[ints[at.AT_UNIT] + first + i]
+        unit = s.unit[first + i]
         mean = y if i == 0 else y * bank[bk.DENOMINATOR + i - 1]
         theta[first + i] = mean / unit
         variances[i] = size / (unit * unit)
         size *= bank[bk.SCALE] * bank[bk.SCALE]
         for b in range(1, 3):
-            banks[b, bk.at_weights(n, T) + first + i] = theta[first + i] * reals[at.OUTPUT_SCALE]
-        if ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
-            variances[i] /= unit_of_covariance(ints, reals)
-            cap = memory + place(second.AT_CAPS, T) + first + i
-            reals[cap] = max(reals[cap], variances[i])
-    second.begin_last(U, D, first, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
-    if ints[at.COLOURED] == 1:
-        residual_colour.begin_last(reals[ints[at.AT_COLOUR] :], first, T)
+            s.banks[b, bk.at_weights(n, T) + first + i] = theta[first + i] * s.output_scale
+        if s.algorithm == RECURSIVE_LEAST_SQUARES:
+            variances[i] /= unit_of_covariance(s)
+            caps = block(s.memory, second.AT_CAPS, T)
+            caps[first + i] = max(caps[first + i], variances[i])
+    second.begin_last(U, D, first, variances, s.backup[:T])
+    if s.coloured:
+        scatter.begin_last(s.colour, first, T)
 
 
-@kernel(LAID_OUT, "ints[at.REFINED] == 1 and ints[at.COLOURED] == 1")
-def forget_constant(ints: Ints, reals: Reals, banks: Matrix):
+@kernel(LAID_OUT, "s.refined and s.coloured")
+def forget_constant(s: StateArrays):
     """Take the constant beside G(s) for unknown: as large as would make the output ten times what it lately was.
 
     The initial state, the entries behind it, is begun anew by the next sample.
     """
-    n, T = ints[at.ORDER], ints[at.ENTRIES]
-    which, memory, work = T - n - 1, ints[at.AT_MEMORY], ints[at.AT_WORK]
-    U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
-    variances = reals[work : work + n + 1]
-    size = (
-        UNKNOWN
-        * max(reals[at.LARGEST_OUTPUT], np.finfo(np.float64).tiny)
-        * (reals[at.OUTPUT_SCALE] * reals[at.OUTPUT_SCALE])
-    )
-    unit = reals[ints[at.AT_UNIT] + which]
-    size *= bk.whole_power(banks[ints[at.SERVING_BANK], bk.SCALE], 2 * n) / (unit * unit)
-    size /= unit_of_covariance(ints, reals)
+    n, T = s.order, s.entries
+    which, variances, (U, D) = T - n - 1, s.work[: n + 1], second.factors_of(s)
+    size = UNKNOWN * max(s.largest_output, np.finfo(np.float64).tiny) * (s.output_scale * s.output_scale)
+    unit = s.unit[which]
+    size *= bk.whole_power(s.banks[s.serving_bank, bk.SCALE], 2 * n) / (unit * unit)
+    size /= unit_of_covariance(s)
     for i in range(n + 1):
         variances[i] = size
-    cap = memory + place(second.AT_CAPS, T) + which
-    reals[cap] = max(reals[cap], size)
-    second.begin_last(U, D, which, variances, reals[ints[at.AT_BACKUP] : ints[at.AT_BACKUP] + T])
-    residual_colour.begin_last(reals[ints[at.AT_COLOUR] :], which, T)
+    caps = block(s.memory, second.AT_CAPS, T)
+    caps[which] = max(caps[which], size)
+    second.begin_last(U, D, which, variances, s.backup[:T])
+    scatter.begin_last(s.colour, which, T)
 
 
 @kernel(LAID_OUT)
-def interrupt(ints: Ints, reals: Reals, banks: Matrix, interval: float):
+def interrupt(s: StateArrays, interval: float):
     """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
-    n = ints[at.ORDER]
-    ints[at.GAPS] += 1
-    ints[at.GAP_AT] = ints[at.SAMPLES]
-    ints[at.STARTED] = 0
-    ints[at.WARMING] = 0
-    reals[at.CUSUM] = 0.0
-    bank = banks[ints[at.SERVING_BANK]] if ints[at.INSTRUMENTS] == 1 else banks[0]
-    work = reals[ints[at.AT_WORK] :]
-    decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], work)
+    n = s.order
+    s.gaps += 1
+    s.gap_at = s.samples
+    s.started = False
+    s.warming = False
+    s.cusum = 0.0
+    bank = s.banks[s.serving_bank] if s.instruments else s.banks[0]
+    decay = slowest_decay(bank[bk.DENOMINATOR : bk.DENOMINATOR + n], s.work)
     wait = SETTLE / decay if decay > 0.0 else 0.0
-    if ints[at.INSTRUMENTS] == 1:  # a model that hardly forgets is not waited for longer than it has been known
-        wait = min(wait, reals[at.ELAPSED])
-    now = reals[at.ELAPSED] + interval
-    reals[at.LEARN_FROM] = reals[at.READY_AT] = now + wait
+    if s.instruments:  # a model that hardly forgets is not waited for longer than it has been known
+        wait = min(wait, s.elapsed)
+    now = s.elapsed + interval
+    s.learn_from = s.ready_at = now + wait
     # the refined filter estimates the initial state; not where the parameters may have walked meanwhile, as far as they
     # may then go with instruments that are not yet like the regressor
-    if ints[at.REFINED] == 1 and ints[at.ALGORITHM] == RECURSIVE_LEAST_SQUARES:
-        reals[at.LEARN_FROM] = now
+    if s.refined and s.algorithm == RECURSIVE_LEAST_SQUARES:
+        s.learn_from = now
 
 
-def clock_was_set(ints, reals, t):
+def clock_was_set(s, t):
     """Count a stamp that does not advance; return whether so many in a row advance that it is the clock's new time."""
-    ints[at.EARLIER_STAMPS] = (
-        ints[at.EARLIER_STAMPS] + 1 if ints[at.EARLIER_STAMPS] > 0 and t > reals[at.EARLIER_TIME] else 1
-    )
-    reals[at.EARLIER_TIME] = t
-    if ints[at.EARLIER_STAMPS] <= at.MOST_EARLIER:
-        ints[at.NOT_LATER] += 1
+    s.earlier_stamps = s.earlier_stamps + 1 if s.earlier_stamps > 0 and t > s.earlier_time else 1
+    s.earlier_time = t
+    if s.earlier_stamps <= at.MOST_EARLIER:
+        s.not_later += 1
         return False
     return True
 
 
-def hold(ints, reals, u, y, t, r, reason):
+def hold(s, u, y, t, r):
     """Hold a sample back until the next one tells whether it was misread; it counts as rejected so long."""
-    ints[at.HELD_AT] = ints[at.SAMPLES] + 1
-    reals[at.HELD_INPUT], reals[at.HELD_OUTPUT], reals[at.HELD_TIME] = u, y, t
-    if ints[at.HAS_REFERENCE] == 1:
-        reals[at.HELD_REFERENCE] = r
-    ints[reason] += 1
+    s.held_at = s.samples + 1
+    s.held_input, s.held_output, s.held_time = u, y, t
+    if s.has_reference:
+        s.held_reference = r
 
 
-def believe(ints, reason):
+def believe(s):
     """Tell the identifier to take the sample that is held back, and the present one once more."""
-    ints[reason] -= 1
-    ints[at.HELD_AT] = at.BELIEVED
-    ints[at.ATTENTION] = 1
+    s.held_at = at.BELIEVED
+    s.attention = True
 
 
-def is_far(reals, u):
+def is_far(s, u):
     """Return whether an input is far beyond all before, where these are known."""
-    away = u - reals[at.INPUT_MEAN]
-    return away * away > INPUT_LEAP * INPUT_LEAP * reals[at.LARGEST_POWER] > 0.0
+    away = u - s.input_mean
+    return away * away > INPUT_LEAP * INPUT_LEAP * s.largest_power > 0.0
 
 
-def input_leaps(ints, reals, u, y, t, r):
+def input_leaps(s, u, y, t, r):
     """Return whether a sample whose input is far away is to be left: alone it was misread, two in a row are a move."""
-    if ints[at.HELD_AT] == at.BELIEVED:
+    if s.held_at == at.BELIEVED:
         return False
     if math.isinf(t):
-        ints[at.NOT_FINITE] += 1
-    elif ints[at.HELD_AT] == ints[at.SAMPLES] + 1 and is_far(reals, reals[at.HELD_INPUT]):
-        believe(ints, at.INPUT_LEAPS)
+        s.not_finite += 1
+    elif s.held_at == s.samples + 1 and is_far(s, s.held_input):
+        s.input_leaps -= 1
+        believe(s)
     else:
-        hold(ints, reals, u, y, t, r, at.INPUT_LEAPS)
+        s.input_leaps += 1
+        hold(s, u, y, t, r)
     return True
 
 
-def time_leaps(ints, reals, u, y, t, r):
+def time_leaps(s, u, y, t, r):
     """Return whether a sample whose stamp leaps ahead is to be left: the next one shows whether it was misread.
 
     It was not where that comes soon after it, or hardly further ahead than it had leapt: there are slow rigs.
     """
-    leap, held = at.LEAP * reals[at.INTERVAL], reals[at.HELD_TIME]
-    if ints[at.HELD_AT] == at.BELIEVED:
+    leap, held = at.LEAP * s.interval, s.held_time
+    if s.held_at == at.BELIEVED:
         return False
-    ahead = held - reals[at.LAST_TIME]
-    if ints[at.HELD_AT] == ints[at.SAMPLES] + 1 and ahead > leap and 0.0 < t - held <= max(leap, 2.0 * ahead):
-        believe(ints, at.TIME_LEAPS)
+    ahead = held - s.last_time
+    if s.held_at == s.samples + 1 and ahead > leap and 0.0 < t - held <= max(leap, 2.0 * ahead):
+        s.time_leaps -= 1
+        believe(s)
     else:
-        hold(ints, reals, u, y, t, r, at.TIME_LEAPS)
+        s.time_leaps += 1
+        hold(s, u, y, t, r)
     return True
 
 
-def is_too_coarse(ints, reals, t):
+def is_too_coarse(s, t):
     """Return whether stamps as far from zero cannot tell sampling times apart; count it."""
-    if abs(t) <= at.FARTHEST * reals[at.INTERVAL]:
+    if abs(t) <= at.FARTHEST * s.interval:
         return False
-    ints[at.TOO_COARSE] += 1
+    s.too_coarse += 1
     return True
 
 
-def interval_of(ints, reals, banks, u, y, t, r):
+def interval_of(s, u, y, t, r):
     """Return the time since the sample before; NaN, and count it, where a time stamp cannot be used, or not yet."""
     if math.isnan(t):
-        return reals[at.INTERVAL]
+        return s.interval
     if math.isinf(t):
-        ints[at.NOT_FINITE] += 1
+        s.not_finite += 1
         return np.nan
-    interval = reals[at.INTERVAL]
-    if ints[at.SAMPLES] > 0:
-        interval = t - reals[at.LAST_TIME]
+    interval = s.interval
+    if s.samples > 0:
+        interval = t - s.last_time
         if not interval > 0.0:
-            if is_too_coarse(ints, reals, t) or not clock_was_set(ints, reals, t):
+            if is_too_coarse(s, t) or not clock_was_set(s, t):
                 return np.nan
-            interval = 2.0 * reals[at.LONGEST_GAP]  # how long it was nobody knows
-        if reals[at.DELAY] > 0.0 and interval * (ints[at.RING_SIZE] - 2) < reals[at.DELAY]:
-            ints[at.TOO_DENSE] += 1
+            interval = 2.0 * s.longest_gap  # how long it was nobody knows
+        if s.delay > 0.0 and interval * (s.ring_size - 2) < s.delay:
+            s.too_dense += 1
             return np.nan
-        if interval > reals[at.LONGEST_GAP]:
-            if interval > at.LEAP * reals[at.INTERVAL] and (
-                is_too_coarse(ints, reals, t) or time_leaps(ints, reals, u, y, t, r)
-            ):
+        if interval > s.longest_gap:
+            if interval > at.LEAP * s.interval and (is_too_coarse(s, t) or time_leaps(s, u, y, t, r)):
                 return np.nan
-            interval = min(interval, LONGEST * reals[at.INTERVAL])
-            interrupt(ints, reals, banks, interval)
-    elif is_too_coarse(ints, reals, t):
+            interval = min(interval, LONGEST * s.interval)
+            interrupt(s, interval)
+    elif is_too_coarse(s, t):
         return np.nan
-    ints[at.EARLIER_STAMPS] = 0
-    reals[at.LAST_TIME] = t
+    s.earlier_stamps = 0
+    s.last_time = t
     return interval

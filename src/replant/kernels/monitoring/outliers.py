@@ -20,7 +20,6 @@ Nikiforov, "Detection of Abrupt Changes", 1993, chapter 2.
 
 import math
 
-from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
 from replant.kernels.optimizers import covariance as second
@@ -203,267 +202,253 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
-def model_output(ints, banks):
+def model_output(s):
     """Return the auxiliary model's output at the newest sample, 0 without one."""
-    return banks[ints[at.SERVING_BANK], bk.MODEL_OUTPUT] if ints[at.INSTRUMENTS] == 1 else 0.0
+    return s.banks[s.serving_bank, bk.MODEL_OUTPUT] if s.instruments else 0.0
 
 
-def equation_error(ints, reals, target):
-    """Return target - theta' phi, scaled."""
-    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + ints[at.ENTRIES]]
-    phi = reals[ints[at.AT_PHI] : ints[at.AT_PHI] + ints[at.ENTRIES]]
+def equation_error(s, target):
+    """Return the a-priori error y - theta' phi, epsilon of (12)."""
     error = target
-    for i in range(theta.size):
-        error -= theta[i] * phi[i]
+    for i in range(s.entries):
+        error -= s.theta[i] * s.phi[i]
     return error
 
 
-def own_noise(ints, reals):
+def own_noise(s):
     """Return what the residual's variance is in the unit of the optimizer's covariance."""
-    memory, settings = reals[ints[at.AT_MEMORY] :], reals[ints[at.AT_SETTINGS] :]
-    return second.own_noise(ints[at.ALGORITHM], ints[at.ENTRIES], memory, settings)
+    return second.own_noise(s.algorithm, s.entries, s.memory, s.settings)
 
 
-def variance_ratio(ints, reals):
+def variance_ratio(s):
     """Return the variance of the newest a-priori error over the residual's: more while parameters are uncertain."""
-    T = ints[at.ENTRIES]
-    memory = ints[at.AT_MEMORY]
-    U, D = reals[memory : memory + T * T], reals[memory + T * T : memory + T * T + T]
-    direction = ints[at.AT_ZETA] if ints[at.INSTRUMENTS] == 1 else ints[at.AT_PHI]
-    along = second.variance_along(U, D, reals[direction : direction + T])
-    return 1.0 + whitening.gain(ints, reals) * along / own_noise(ints, reals)
+    U, D = second.factors_of(s)
+    along = second.variance_along(U, D, s.zeta if s.instruments else s.phi)
+    return 1.0 + whitening.gain(s) * along / own_noise(s)
 
 
-def is_harmful(ints, reals, square):
+def is_harmful(s, square):
     """Return whether an a-priori error is no chance, the parameters' uncertainty counted, and would do harm."""
-    ratio = variance_ratio(ints, reals)
-    reals[at.VARIANCE_RATIO] = ratio
+    ratio = variance_ratio(s)
+    s.variance_ratio = ratio
     leverage = 1.0 - 1.0 / ratio  # part of the error by which learning it would move the modelled output
-    usual = max(reals[at.LATE_VARIANCE], reals[at.USUAL_VARIANCE])
-    harm = square > reals[at.LARGEST_OUTPUT] or leverage * leverage * square > HARM * reals[at.LARGEST_OUTPUT]
+    usual = max(s.late_variance, s.usual_variance)
+    harm = square > s.largest_output or leverage * leverage * square > HARM * s.largest_output
     return harm and square > GATE * usual * ratio
 
 
-def is_outlier(ints, reals, error, settled):
+def is_outlier(s, error, settled):
     """Return whether an a-priori error is too large to be, or is none."""
     square = error * error
-    if square <= GATE * max(reals[at.LATE_VARIANCE], reals[at.USUAL_VARIANCE]):
+    if square <= GATE * max(s.late_variance, s.usual_variance):
         return False
     if math.isnan(square):  # of an output that is missing
         return True
-    if reals[at.RESIDUALS_SEEN] < ENOUGH or not reals[at.LARGEST_OUTPUT] > 0.0:
+    if s.residuals_seen < ENOUGH or not s.largest_output > 0.0:
         return False
-    if not settled and not square > UNSETTLED * reals[at.LARGEST_OUTPUT]:
+    if not settled and not square > UNSETTLED * s.largest_output:
         return False
-    return is_harmful(ints, reals, square)
+    return is_harmful(s, square)
 
 
-def reason_of(ints, y, doubt):
+def reason_of(s, y, doubt):
     """Return the doubt in an output whose error is too large to be, ``doubt`` where there was one before; count it."""
     if math.isnan(y):
-        ints[at.NO_OUTPUT] += 1
+        s.no_output += 1
         return Doubt.MISSING
     if doubt != Doubt.NONE:
         return doubt
-    ints[at.OUTLIERS] += 1
+    s.outliers += 1
     return Doubt.OUTLIER
 
 
-def is_stuck(ints, reals, y, modelled):
+def is_stuck(s, y, modelled):
     """Return whether a run of ties is no chance; if so, remember the output."""
-    share = max(reals[at.TIE_SHARE], LEAST_TIE_SHARE)
+    share = max(s.tie_share, LEAST_TIE_SHARE)
     fine = share < COARSE
-    if ints[at.TIES] < MANY if not fine else ints[at.TIES] * math.log(share) > CHANCE:
+    if s.ties < MANY if not fine else s.ties * math.log(share) > CHANCE:
         return False
-    moved = modelled - reals[at.TIE_MODEL]
-    if abs(moved) < STEPS * reals[at.SENSOR_STEP]:
+    moved = modelled - s.tie_model
+    if abs(moved) < STEPS * s.sensor_step:
         return False
-    away = moved / reals[at.OUTPUT_SCALE]
-    noise = (MOVED_RESOLVED if fine else MOVED) * reals[at.USUAL_VARIANCE]  # lately it is that of a stuck sensor
-    if not away * away > max(noise, (PART_RESOLVED if fine else PART) * reals[at.LARGEST_OUTPUT]):
+    away = moved / s.output_scale
+    noise = (MOVED_RESOLVED if fine else MOVED) * s.usual_variance  # lately it is that of a stuck sensor
+    if not away * away > max(noise, (PART_RESOLVED if fine else PART) * s.largest_output):
         return False
-    ints[at.STUCK_OUTPUTS] += 1
-    ints[at.STUCK_LAST] = ints[at.SAMPLES]
-    reals[at.STUCK_ALSO] = reals[at.STUCK_AT]
-    reals[at.STUCK_AT] = y
+    s.stuck_outputs += 1
+    s.stuck_last = s.samples
+    s.stuck_also = s.stuck_at
+    s.stuck_at = y
     return True
 
 
-def stands(ints, reals, y, modelled):
+def stands(s, y, modelled):
     """Follow how long the output has stood still; return whether the sensor is stuck."""
-    step = abs(y - reals[at.LAST_RAW])
+    step = abs(y - s.last_raw)
     equal = step == 0.0
-    reals[at.LAST_RAW] = y
+    s.last_raw = y
     known = False
-    if ints[at.STUCK_OUTPUTS] > 0:
-        known = y == reals[at.STUCK_AT] or (ints[at.STUCK_OUTPUTS] > 1 and y == reals[at.STUCK_ALSO])
-        if ints[at.SAMPLES] - ints[at.STUCK_LAST] > FORGOTTEN:
-            ints[at.STUCK_OUTPUTS] = 0
-    if ints[at.TIES] == 0 and not known:
-        reals[at.TIE_SHARE] += TIE_SHARE * ((1.0 if equal else 0.0) - reals[at.TIE_SHARE])
+    if s.stuck_outputs > 0:
+        known = y == s.stuck_at or (s.stuck_outputs > 1 and y == s.stuck_also)
+        if s.samples - s.stuck_last > FORGOTTEN:
+            s.stuck_outputs = 0
+    if s.ties == 0 and not known:
+        s.tie_share += TIE_SHARE * ((1.0 if equal else 0.0) - s.tie_share)
     if not equal:
-        ints[at.TIES] = 0
-        reals[at.TIE_MODEL] = modelled
-        least = COARSER * reals[at.SENSOR_STEP]
-        reals[at.SENSOR_STEP] = step if step < least or not least > 0.0 else least
-        return known and reals[at.TIE_SHARE] < COARSE
-    ints[at.TIES] += 1
+        s.ties = 0
+        s.tie_model = modelled
+        least = COARSER * s.sensor_step
+        s.sensor_step = step if step < least or not least > 0.0 else least
+        return known and s.tie_share < COARSE
+    s.ties += 1
     if known:
-        ints[at.STUCK_LAST] = ints[at.SAMPLES]
-    return known or is_stuck(ints, reals, y, modelled)
+        s.stuck_last = s.samples
+    return known or is_stuck(s, y, modelled)
 
 
-def advance_outputs(ints, reals, banks, y, interval, first):
+def advance_outputs(s, y, interval, first):
     """Take ``y`` for the newest output: undo what the filters made of the measured one."""
-    n, T, last, kept = ints[at.ORDER], ints[at.ENTRIES], reals[at.USED_OUTPUT], ints[at.AT_BACKUP]
-    work = reals[ints[at.AT_WORK] :]
-    refined = ints[at.REFINED] == 1
+    n, T, last, kept = s.order, s.entries, s.used_output, s.backup
+    refined = s.refined
     for b in range(3):
-        bank = banks[b]
+        bank = s.banks[b]
         states = bk.at_states(n, T) + bk.OUTPUT * n
         for i in range(n):
-            bank[states + i] = 0.0 if first else reals[kept + b * n + i]
-        idle = b == 3 - ints[at.SERVING_BANK] and ints[at.WARMING] == 0
-        if first or idle or (b == 0 and refined) or (b > 0 and ints[at.INSTRUMENTS] == 0):
+            bank[states + i] = 0.0 if first else kept[b * n + i]
+        idle = b == 3 - s.serving_bank and not s.warming
+        if first or idle or (b == 0 and refined) or (b > 0 and not s.instruments):
             continue
-        slot = bk.discretization(bank, n, T, interval, work)
-        bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last, y, work)
-    reals[at.LAST_OUTPUT] = y
-    return chain.fill_regressor(ints, reals, banks[ints[at.SERVING_BANK] if refined else 0], y, not refined)
+        slot = bk.discretization(bank, n, T, interval, s.work)
+        bk.advance_channel(bank, n, T, bk.OUTPUT, slot, last, y, s.work)
+    s.last_output = y
+    return chain.fill_regressor(s, s.banks[s.serving_bank if refined else 0], y, not refined)
 
 
-def keep_outputs(ints, reals, banks):
+def keep_outputs(s):
     """Keep the states of the output's filters as they were before the newest sample."""
-    n, kept = ints[at.ORDER], ints[at.AT_BACKUP]
-    states = bk.at_states(n, ints[at.ENTRIES]) + bk.OUTPUT * n
-    room = reals[kept : kept + 3 * n]
+    n, room = s.order, s.backup
+    states = bk.at_states(n, s.entries) + bk.OUTPUT * n
     for b in range(3):
-        old = banks[b, states : states + n]
+        old = s.banks[b, states : states + n]
         for i in range(old.size):
             room[b * n + i] = old[i]
 
 
-def observe(ints, reals, banks, u, y, interval):
+def observe(s, u, y, interval):
     """Take a sample through the chain as `chain.observe` does; bridge its output where that cannot be.
 
     Leaves the error as measured in ERROR, the output that the filters saw in USED, and the reason in DOUBT.
     """
-    first = ints[at.STARTED] == 0 or reals[at.UNKNOWN_INPUT] > 0.0
-    settled = not first and reals[at.ELAPSED] >= reals[at.LEARN_FROM]
-    away = reals[at.LAST_OUTPUT] - model_output(ints, banks)
-    keep_outputs(ints, reals, banks)
-    reals[at.USED_OUTPUT] = reals[at.LAST_OUTPUT]
-    target = chain.observe(ints, reals, banks, u, y, interval)
-    error = equation_error(ints, reals, target)
-    modelled = model_output(ints, banks)
+    first = not s.started or s.unknown_input > 0.0
+    settled = not first and s.elapsed >= s.learn_from
+    away = s.last_output - model_output(s)
+    keep_outputs(s)
+    s.used_output = s.last_output
+    target = chain.observe(s, u, y, interval)
+    error = equation_error(s, target)
+    modelled = model_output(s)
     doubt = Doubt.NONE
-    reals[at.VARIANCE_RATIO] = 1.0
-    if stands(ints, reals, y, modelled):
+    s.variance_ratio = 1.0
+    if stands(s, y, modelled):
         doubt = Doubt.STUCK
-        ints[at.STUCK] += 1
-    if is_outlier(ints, reals, error, settled) or math.isnan(y):
-        doubt = reason_of(ints, y, doubt)
+        s.stuck += 1
+    if is_outlier(s, error, settled) or math.isnan(y):
+        doubt = reason_of(s, y, doubt)
     if doubt != Doubt.NONE:
-        bridged = reals[at.USED_OUTPUT]
-        if ints[at.INSTRUMENTS] == 1:
+        bridged = s.used_output
+        if s.instruments:
             bridged = modelled + (0.0 if first else FADE * away)
-        target = advance_outputs(ints, reals, banks, bridged, interval, first)
+        target = advance_outputs(s, bridged, interval, first)
         y = bridged
-    ints[at.DOUBT] = doubt
-    reals[at.ERROR] = error
-    reals[at.USED_OUTPUT] = y
-    size = (modelled if ints[at.INSTRUMENTS] == 1 else y) / reals[at.OUTPUT_SCALE]
-    reals[at.LARGEST_OUTPUT] = max(
-        size * size, reals[at.LARGEST_OUTPUT] - reals[at.FORGET_INPUT] * reals[at.LARGEST_OUTPUT]
-    )
+    s.doubt = doubt
+    s.error = error
+    s.used_output = y
+    size = (modelled if s.instruments else y) / s.output_scale
+    s.largest_output = max(size * size, s.largest_output - s.forget_input * s.largest_output)
     return target
 
 
-def begins_anew(ints, reals):
+def begins_anew(s):
     """Return whether the newest error was that of an initial state not yet known after a gap, and no residual."""
-    alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
-    return ints[at.GAP_AT] > 0 and alpha > UNKNOWN * own_noise(ints, reals)
+    alpha = second.alpha_of(s)
+    return s.gap_at > 0 and alpha > UNKNOWN * own_noise(s)
 
 
-def is_calm(ints, reals):
+def is_calm(s):
     """Return whether no sensor was stuck just now, for one that saturates does so again soon, nor seems to be.
 
     On a fine scale a tie may be the first of many, and is so seldom a chance that nothing is lost by not learning it.
     """
-    if ints[at.TIES] > 0 and reals[at.TIE_SHARE] < RESOLVED:
+    if s.ties > 0 and s.tie_share < RESOLVED:
         return False
-    return ints[at.STUCK_OUTPUTS] == 0 or ints[at.SAMPLES] - ints[at.STUCK_LAST] >= CALM
+    return s.stuck_outputs == 0 or s.samples - s.stuck_last >= CALM
 
 
-def test_power(ints, reals, power):
+def test_power(s, power):
     """Raise the alarm, or end it, by the sum of the residual's ``power`` over the usual one."""
-    if ints[at.ALARM] != Alarm.NONE:
-        back = max(reals[at.CUSUM] + GROWN - power, 0.0)
-        reals[at.CUSUM] = back
+    if s.alarm != Alarm.NONE:
+        back = max(s.cusum + GROWN - power, 0.0)
+        s.cusum = back
         if back > LIMIT:
-            if ints[at.ALARM] == Alarm.FLOATS:  # what came meanwhile is no part of the record
-                ints[at.GAP_AT] = ints[at.SAMPLES]
+            if s.alarm == Alarm.FLOATS:  # what came meanwhile is no part of the record
+                s.gap_at = s.samples
             else:
-                reals[at.CUSUM_LIMIT] = min(2.0 * reals[at.CUSUM_LIMIT], LARGEST_LIMIT)
-            if ints[at.ALARM] == Alarm.LOOKED_INTO:  # and no other plant was found: such residuals are usual
-                reals[at.USUAL_VARIANCE] = max(reals[at.USUAL_VARIANCE], reals[at.LATE_VARIANCE])
-                reals[at.USUAL_INNOVATION] = max(reals[at.USUAL_INNOVATION], reals[at.LATE_INNOVATION])
-            ints[at.ALARM] = Alarm.NONE
-            reals[at.CUSUM] = 0.0
-            ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
+                s.cusum_limit = min(2.0 * s.cusum_limit, LARGEST_LIMIT)
+            if s.alarm == Alarm.LOOKED_INTO:  # and no other plant was found: such residuals are usual
+                s.usual_variance = max(s.usual_variance, s.late_variance)
+                s.usual_innovation = max(s.usual_innovation, s.late_innovation)
+            s.alarm = Alarm.NONE
+            s.cusum = 0.0
+            s.change_began = s.samples
         return
-    grown = reals[at.CUSUM] + power - GROWN
-    reals[at.CUSUM] = max(grown, 0.0)
+    grown = s.cusum + power - GROWN
+    s.cusum = max(grown, 0.0)
     if not grown > 0.0:
-        ints[at.CHANGE_BEGAN] = ints[at.SAMPLES]
-    elif grown > reals[at.CUSUM_LIMIT]:
-        ints[at.ALARM] = Alarm.RAISED
-        reals[at.CUSUM] = 0.0
+        s.change_began = s.samples
+    elif grown > s.cusum_limit:
+        s.alarm = Alarm.RAISED
+        s.cusum = 0.0
 
 
-def innovation_power(reals, square):
+def innovation_power(s, square):
     """Follow the variance of the filtered residual; return its newest ``square`` over the usual one.
 
     The residual itself varies slowly where it is coloured: a long swing of it would pass for a change.
     """
-    least = LEAST * reals[at.LARGEST_OUTPUT]
-    late, usual = max(reals[at.LATE_INNOVATION], least), max(reals[at.USUAL_INNOVATION], least)
-    reals[at.LATE_INNOVATION] += SHORT * (min(square, MOST * late) - reals[at.LATE_INNOVATION])
+    least = LEAST * s.largest_output
+    late, usual = max(s.late_innovation, least), max(s.usual_innovation, least)
+    s.late_innovation += SHORT * (min(square, MOST * late) - s.late_innovation)
     square = min(square, MOST * usual)
     return square / usual if usual > 0.0 else 0.0
 
 
-def watch(ints, reals, learned, white):
+def watch(s, learned, white):
     """Follow the residual's variance, and whether it has grown.
 
     ``learned``: whether the plant can be judged by it; ``white``: the residual filtered by the noise model.
     """
-    if ints[at.DOUBT] >= Doubt.STUCK:
+    if s.doubt >= Doubt.STUCK:
         return
-    if learned and ints[at.DOUBT] == Doubt.NONE and ints[at.LEARNED] == ints[at.SAMPLES]:
-        alpha = reals[ints[at.AT_MEMORY] + ints[at.MEMORY_SIZE] - 1]
-        reals[at.VARIANCE_RATIO] = max(alpha / own_noise(ints, reals), 1.0)
-    square = reals[at.ERROR] * reals[at.ERROR] / reals[at.VARIANCE_RATIO]
-    reals[at.RESIDUALS_SEEN] += 1.0
-    if reals[at.RESIDUALS_SEEN] > ENOUGH:
-        least = LEAST * reals[at.LARGEST_OUTPUT]
-        reals[at.LATE_VARIANCE] += SHORT * (
-            min(square, MOST * max(reals[at.LATE_VARIANCE], least)) - reals[at.LATE_VARIANCE]
-        )
-        usual = max(reals[at.USUAL_VARIANCE], least)
+    if learned and s.doubt == Doubt.NONE and s.learned == s.samples:
+        alpha = second.alpha_of(s)
+        s.variance_ratio = max(alpha / own_noise(s), 1.0)
+    square = s.error * s.error / s.variance_ratio
+    s.residuals_seen += 1.0
+    if s.residuals_seen > ENOUGH:
+        least = LEAST * s.largest_output
+        s.late_variance += SHORT * (min(square, MOST * max(s.late_variance, least)) - s.late_variance)
+        usual = max(s.usual_variance, least)
         square = min(square, MOST * usual)
         power = square / usual if usual > 0.0 else 0.0
-        if ints[at.HAS_NOISE_MODEL] == 1 and ints[at.DOUBT] == Doubt.NONE:
-            power = innovation_power(reals, white * white / reals[at.VARIANCE_RATIO])
-        if learned and reals[at.CUSUM_LIMIT] > 0.0:
-            test_power(ints, reals, power)
-        if ints[at.ALARM] == Alarm.NONE:
-            share = max(1.0 / reals[at.RESIDUALS_SEEN], LONG)
-            reals[at.USUAL_VARIANCE] += share * (square - reals[at.USUAL_VARIANCE])
-            if ints[at.HAS_NOISE_MODEL] == 1 and ints[at.DOUBT] == Doubt.NONE:
-                reals[at.USUAL_INNOVATION] += (
-                    share * (power - 1.0) * max(reals[at.USUAL_INNOVATION], LEAST * reals[at.LARGEST_OUTPUT])
-                )
+        if s.has_noise_model and s.doubt == Doubt.NONE:
+            power = innovation_power(s, white * white / s.variance_ratio)
+        if learned and s.cusum_limit > 0.0:
+            test_power(s, power)
+        if s.alarm == Alarm.NONE:
+            share = max(1.0 / s.residuals_seen, LONG)
+            s.usual_variance += share * (square - s.usual_variance)
+            if s.has_noise_model and s.doubt == Doubt.NONE:
+                s.usual_innovation += share * (power - 1.0) * max(s.usual_innovation, LEAST * s.largest_output)
     else:
-        reals[at.USUAL_VARIANCE] += (square - reals[at.USUAL_VARIANCE]) / reals[at.RESIDUALS_SEEN]
-        reals[at.LATE_VARIANCE] = reals[at.USUAL_VARIANCE]
+        s.usual_variance += (square - s.usual_variance) / s.residuals_seen
+        s.late_variance = s.usual_variance

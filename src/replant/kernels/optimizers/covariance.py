@@ -32,8 +32,19 @@ AT_NOISE, AT_INCREASE, AT_TRACKING_PROJECTED, AT_TRACKING_GAIN, AT_TRACKING_WORK
 )
 
 
+def factors_of(s):
+    """Return U (T, T) and D (T,) of the covariance U D U' that the optimizer keeps."""
+    T = s.entries
+    return s.memory[: T * T].reshape(T, T), s.memory[T * T : T * T + T]
+
+
+def alpha_of(s):
+    """Return alpha of the newest update: its innovation's variance, in the unit of the covariance."""
+    return s.memory[s.memory_size - 1]
+
+
 def measurement_update(P, U, D, zeta, noise, projected, gain):
-    """Bierman's update of U (P^2) and D (P) for a scalar observation zeta' theta of variance ``noise``.
+    """Bierman's update of U (P, P) and D (P,) for a scalar observation zeta' theta of variance ``noise``.
 
     Fills ``gain`` (P) with P zeta of the old P and returns alpha = noise + zeta' P zeta: the Kalman gain is
     gain / alpha.  ``projected`` (P) is work.
@@ -41,7 +52,7 @@ def measurement_update(P, U, D, zeta, noise, projected, gain):
     for i in range(P):
         total = zeta[i]
         for j in range(i):
-            total += U[j * P + i] * zeta[j]
+            total += U[j, i] * zeta[j]
         projected[i] = total
     alpha = noise
     for j in range(P):
@@ -52,8 +63,8 @@ def measurement_update(P, U, D, zeta, noise, projected, gain):
         D[j] *= before / alpha
         factor = -projected[j] / before
         for i in range(j):
-            u = U[i * P + j]
-            U[i * P + j] = u + gain[i] * factor
+            u = U[i, j]
+            U[i, j] = u + gain[i] * factor
             gain[i] += u * v
     return alpha
 
@@ -64,7 +75,7 @@ def time_update(P, U, D, increase, work):
     for i in range(P):
         row = work[i * width :]
         for j in range(P):
-            row[j] = U[i * P + j]
+            row[j] = U[i, j]
             row[P + j] = 1.0 if i == j else 0.0
         weights[i] = D[i]
         weights[P + i] = increase[i]
@@ -78,7 +89,7 @@ def time_update(P, U, D, increase, work):
             for k in range(width):
                 cross += earlier[k] * row[k] * weights[k]
             cross = cross / length if length > 0.0 else 0.0
-            U[j * P + i] = cross
+            U[j, i] = cross
             for k in range(width):
                 earlier[k] -= cross * row[k]
 
@@ -93,8 +104,8 @@ def begin_last(U, D, first, variances, work):
     for k in range(first, P):
         weight = D[k]
         for i in range(first):
-            work[i] = U[i * P + k]
-            U[i * P + k] = 0.0
+            work[i] = U[i, k]
+            U[i, k] = 0.0
         for j in range(first - 1, -1, -1):
             v, before = work[j], D[j]
             D[j] = before + weight * v * v
@@ -102,12 +113,12 @@ def begin_last(U, D, first, variances, work):
                 continue
             share = weight / D[j]
             for i in range(j):
-                work[i] -= v * U[i * P + j]
-                U[i * P + j] += share * v * work[i]
+                work[i] -= v * U[i, j]
+                U[i, j] += share * v * work[i]
             weight = share * before
     for k in range(first, P):
         for i in range(first, k):
-            U[i * P + k] = 0.0
+            U[i, k] = 0.0
         D[k] = variances[k - first]
 
 
@@ -118,7 +129,7 @@ def variance_along(U, D, zeta):
     for j in range(P):
         projected = zeta[j]
         for i in range(j):
-            projected += U[i * P + j] * zeta[i]
+            projected += U[i, j] * zeta[i]
         total += D[j] * projected * projected
     return total
 
@@ -130,7 +141,7 @@ def expand(U, D, covariance):
         for j in range(i + 1):
             total = 0.0
             for k in range(i, P):
-                total += U[i * P + k] * D[k] * U[j * P + k]
+                total += U[i, k] * D[k] * U[j, k]
             covariance[i, j] = total
             covariance[j, i] = total
 
@@ -142,7 +153,7 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direct
     stops at its cap.
     """
     P, forgetting, estimate = theta.size, settings[0], theta
-    U, D, caps = memory, block(memory, AT_D, P), block(memory, AT_CAPS, P)
+    U, D, caps = memory[: P * P].reshape(P, P), block(memory, AT_D, P), block(memory, AT_CAPS, P)
     projected, gain, newest = block(memory, AT_PROJECTED, P), block(memory, AT_GAIN, P), block(memory, AT_ALPHA, P)
     for k in range(batch):
         row = buffer[rows[k]]
@@ -164,7 +175,7 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
     bias.
     """
     P, estimate = theta.size, theta
-    U, D, tracked = memory, block(memory, AT_D, P), block(memory, AT_NOISE, P)
+    U, D, tracked = memory[: P * P].reshape(P, P), block(memory, AT_D, P), block(memory, AT_NOISE, P)
     increase, projected = block(memory, AT_INCREASE, P), block(memory, AT_TRACKING_PROJECTED, P)
     gain, work = block(memory, AT_TRACKING_GAIN, P), block(memory, AT_TRACKING_WORK, P)
     newest = block(memory, AT_TRACKING_ALPHA, P)

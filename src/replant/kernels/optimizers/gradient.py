@@ -68,7 +68,7 @@ def gradient(theta, memory, settings, buffer, rows, batch, direction):
         along = phi[direction:]
         step = gain * normalized_error(P, theta, phi)
         for i in range(P):
-            theta[i] += step * along[i]
+            theta[i] += step * along[i]  # (17)
 
 
 @inlined
@@ -87,10 +87,10 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
         rate = alpha / (1.0 - power1)  # the corrections of bias, taken out of the loop: two divisions less an entry
         root = 1.0 / math.sqrt(1.0 - power2)
         for i in side_by_side(P):
-            g = -error * along[i]
-            m[i] = beta1 * m[i] + (1.0 - beta1) * g
+            g = -error * along[i]  # (16)
+            m[i] = beta1 * m[i] + (1.0 - beta1) * g  # lines 2 and 3
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
-            theta[i] -= rate * m[i] / (math.sqrt(v[i]) * root + epsilon)
+            theta[i] -= rate * m[i] / (math.sqrt(v[i]) * root + epsilon)  # lines 4 to 6
     memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)] = power1, power2
 
 
@@ -107,7 +107,7 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
             g = -error * along[i]
             m[i] = beta1 * m[i] + (1.0 - beta1) * g
             v[i] = beta2 * v[i] + (1.0 - beta2) * g * g
-            largest[i] = max(largest[i], v[i])
+            largest[i] = max(largest[i], v[i])  # line 1 of Algorithm 2
             theta[i] -= alpha * m[i] / (math.sqrt(largest[i]) + epsilon)
 
 
@@ -193,7 +193,7 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     for k in range(batch):
         phi = buffer[rows[k]]
         for i in range(P):
-            theta[i] -= period * gain * slope[i]
+            theta[i] -= period * gain * slope[i]  # (19), its first line; the others in `enter_row`
         enter_row(P, theta, memory, Q, slope, keep, period * phi[P + 1], phi, phi[direction:])
 
 

@@ -13,10 +13,9 @@ ensemble      eight of these at once, one in each SIMD lane           tests/onli
                                                                       members
 ============  ======================================================  ==================================================
 
-Arguments of all kernels, as `kernels.schema` and `engine.state.State` describe them: ints (I,) int64, reals (R,), banks
-(3, size), buffer (capacity, width), recent (rows, 3, 5 or 6); u and y in the units of the record, the time stamp t in
-s, the reference r in a unit of its own; of kernels for K samples also errors (K,) in the unit of y, and parameters
-(K, P) in physical units, both written.
+Arguments of all kernels: the state s, as `kernels.schema` describes it; u and y in the units of the record, the time
+stamp t in s, the reference r in a unit of its own; of kernels for K samples also errors (K,) in the unit of y, and
+parameters (K, P) in physical units, both written.
 
 `stages` has the stages that all of them use; a variant is the list of its stages.  What is written twice, and why:
 
@@ -26,12 +25,12 @@ what                        where                     why
 the order of the stages     `take` of each variant    variants differ in most stages: one function for all would be
                                                       branches throughout
 `update_estimate`           stages, fixed_filter,     the general one calls its parts as functions, that of the fixed
-                            ensemble_replay           filter has them in its loop; vectors have no branch on data, so an
+                            ensemble_members          filter has them in its loop; vectors have no branch on data, so an
                                                       update is undone lane by lane
 the loop over samples       `stages.take_many`,       the arrays of the fixed filter are cut once a call, not once a
                             fixed_filter              sample
 filters and regressor       `filters.chain`,          one bank, one interval and held inputs need neither a search for a
                             fixed_filter              discretisation nor pieces of a dead time
-counting                    `take`, ensemble_lanes    level members are counted once for all
+counting                    `take`, ensemble_members  level members are counted once for all
 ==========================  ========================  ==================================================================
 """

@@ -11,8 +11,8 @@ import numpy as np
 
 from replant.kernels import schema as at
 from replant.kernels.monitoring.interruptions import input_leaps, input_rests, interval_of, is_far
-from replant.kernels.native import AS_MANY, IS_SOUND, Ints, Matrix, Reals, kernel
-from replant.kernels.schema import Doubt
+from replant.kernels.native import AS_MANY, IS_SOUND, Matrix, Reals, kernel
+from replant.kernels.schema import Doubt, StateArrays
 from replant.kernels.step.stages import (
     acceptable,
     keep_guarded_sample,
@@ -24,59 +24,62 @@ from replant.kernels.step.stages import (
 )
 
 
-def has_one_before(ints):
+def has_one_before(s):
     """Return whether a sample without an output can be used: not before the first output, which nothing tells of."""
-    return ints[at.EXAMINES_OUTPUT] == 1 and ints[at.SAMPLES] > 0
+    return s.examines_output and s.samples > 0
 
 
-def lacks_first_reference(ints, r):
+def lacks_first_reference(s, r):
     """Return whether there is no reference yet, and this one cannot be used; count it."""
-    if ints[at.HAS_REFERENCE] == 0 or ints[at.SAMPLES] > 0 or abs(r) <= at.LARGEST:
+    if not s.has_reference or s.samples > 0 or abs(r) <= at.LARGEST:
         return False
-    ints[at.TOO_LARGE if math.isfinite(r) else at.NOT_FINITE] += 1
+    if math.isfinite(r):
+        s.too_large += 1
+    else:
+        s.not_finite += 1
     return True
 
 
-def take(ints, reals, banks, buffer, recent, u, y, t, r):
+def take(s, u, y, t, r):
     """Collect one sample; return NaN, as nothing is predicted yet."""
-    u, y = mapped_input(ints, reals, u), y - reals[at.OUTPUT_OFFSET]
-    if not (acceptable(ints, u, y) or (has_one_before(ints) and lacks_output_alone(ints, u, y))):
+    u, y = mapped_input(s, u), y - s.output_offset
+    if not (acceptable(s, u, y) or (has_one_before(s) and lacks_output_alone(s, u, y))):
         return np.nan
-    if lacks_first_reference(ints, r) or (is_far(reals, u) and input_leaps(ints, reals, u, y, t, r)):
+    if lacks_first_reference(s, r) or (is_far(s, u) and input_leaps(s, u, y, t, r)):
         return np.nan
-    interval = interval_of(ints, reals, banks, u, y, t, r)
+    interval = interval_of(s, u, y, t, r)
     if math.isnan(interval):
         return np.nan
-    if ints[at.HAS_REFERENCE] == 1:
-        note_reference(ints, reals, r)
-    input_rests(ints, reals, u)
-    if ints[at.EXAMINES_OUTPUT] == 1:
-        ints[at.DOUBT] = Doubt.MISSING if math.isnan(y) else Doubt.NONE
-        if ints[at.DOUBT] == Doubt.MISSING:
-            ints[at.NO_OUTPUT] += 1
+    if s.has_reference:
+        note_reference(s, r)
+    input_rests(s, u)
+    if s.examines_output:
+        s.doubt = Doubt.MISSING if math.isnan(y) else Doubt.NONE
+        if s.doubt == Doubt.MISSING:
+            s.no_output += 1
         else:
-            reals[at.USED_OUTPUT] = y
-        keep_guarded_sample(ints, reals, recent, u, y, interval)
+            s.used_output = y
+        keep_guarded_sample(s, u, y, interval)
     else:
-        keep_sample(ints, recent, u, y, interval)
-    ints[at.SAMPLES] += 1
-    if ints[at.SAMPLES] == ints[at.ATTENTION_AT]:
-        ints[at.ATTENTION] = 1
+        keep_sample(s, s.recent, u, y, interval)
+    s.samples += 1
+    if s.samples == s.attention_at:
+        s.attention = True
     return np.nan
 
 
 @kernel(IS_SOUND)
 def step(
-    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
+    s: StateArrays, u: float, y: float, t: float, r: float
 ):  # fmt: skip
     """Take one sample as `take` does."""
-    return take(ints, reals, banks, buffer, recent, u, y, t, r)
+    return take(s, u, y, t, r)
 
 
 @kernel(IS_SOUND, *AS_MANY)
 def steps(
-    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
+    s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals,
     errors: Reals, parameters: Matrix,
 ):  # fmt: skip
     """Take many samples as `take_many` does; ``parameters`` (K, 0), as there are none."""
-    return take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters, take)
+    return take_many(s, u, y, t, r, errors, parameters, take)

@@ -12,15 +12,16 @@ its own rows, and those of the batch are gathered first.
 A member whose sample is rejected goes through the arithmetic with the others, on its last sample over again, and is put
 back afterwards.
 
-`ensemble_lanes` has what is done member by member, `ensemble_replay` the learning, `ensemble_tiles` the copying.
+Samples come in tiles of some hundred, a vector a sample.  `ensemble_members` has what is done member by member, and the
+learning.
 """
 
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
-from replant.kernels.lanes import LANES, all_within, vectors
+from replant.kernels.lanes import LANES, all_within, load, member, members, prefetch, store, vectors
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
 from replant.kernels.step import fixed_filter
-from replant.kernels.step.ensemble_lanes import (
+from replant.kernels.step.ensemble_members import (
     ERROR,
     FINITE,
     INPUT,
@@ -32,72 +33,116 @@ from replant.kernels.step.ensemble_lanes import (
     count_each,
     spread,
     undo,
+    update_estimate,
 )
-from replant.kernels.step.ensemble_replay import update_estimate
-from replant.kernels.step.ensemble_tiles import deliver, fetch
 from replant.kernels.step.soundness import is_known, is_laid_out
 from replant.kernels.step.stages import cut_estimate, mapped_input
 
+AHEAD = 16
+"""Rows that the memory is asked for before they are copied [count]."""
+
+
+def are_neighbours(numbers):
+    """Say whether the members are one after the other in the ensemble: then so are their numbers in a row."""
+    neighbours = True
+    for lane in range(LANES):
+        neighbours &= numbers[lane] == numbers[0] + lane
+    return neighbours
+
+
+def fetch(samples, numbers, start, own):
+    """Copy the members' columns of the samples from a row on, or the one for all."""
+    rows, width = vectors(own), samples.shape[1]
+    if width == 1:
+        for k in range(rows.size):
+            rows[k] = samples[start + k, 0]
+    elif are_neighbours(numbers):
+        for k in range(rows.size):
+            ahead = min(start + k + AHEAD, samples.shape[0] - 1)
+            prefetch(samples, ahead, numbers[0])
+            prefetch(samples, ahead, numbers[LANES - 1])  # their last line
+            rows[k] = load(samples, start + k, numbers[0])
+    else:
+        for k in range(rows.size):
+            for lane in range(LANES):
+                own[k, lane] = samples[start + k, numbers[lane]]
+
+
+def deliver(numbers, members, start, told, estimates, errors, parameters):
+    """Copy errors and estimates of a tile to where they are wanted."""
+    rows = vectors(told)
+    if members == LANES and are_neighbours(numbers):
+        for k in range(rows.size):
+            store(errors, start + k, numbers[0], rows[k])
+    else:
+        for k in range(rows.size):
+            for lane in range(members):
+                errors[start + k, numbers[lane]] = told[k, lane]
+    if parameters.shape[2] > 0:
+        for lane in range(members):
+            for k in range(rows.size):
+                for i in range(parameters.shape[2]):
+                    parameters[numbers[lane], start + k, i] = estimates[k, i, lane]
+
 
 @inlined
-def take(arrays, apart, shared, work, cuts, u, y):
+def take(arrays, s, apart, shared, work, cuts, u, y):
     """Take samples that were admitted; ``shared``: all draw the same rows.
 
-    ``cuts`` are filters, regressor and estimate as `fixed_filter` cuts them, of the vectors.  Returns the errors, and 0
-    for members all of whose numbers are finite, else NaN.
+    ``s`` has the fields of all members, ``cuts`` are filters, regressor and estimate as `fixed_filter` cuts them.
+    Returns the errors, and 0 for members all of whose numbers are finite, else NaN.
     """
-    ints, r = arrays[0], vectors(arrays[1])
     filters, regressor, estimate = cuts
-    r[at.ELAPSED] += r[at.INTERVAL]
-    fixed_filter.advance_filters(ints[0], r, filters, r[at.INPUT_NOW], u, y)
-    r[at.LAST_OUTPUT] = y
-    target = fixed_filter.fill_regressor(r, regressor, y)
+    s.elapsed += s.interval
+    fixed_filter.advance_filters(s, filters, s.input_now, u, y)
+    s.last_output = y
+    target = fixed_filter.fill_regressor(s, regressor, y)
     fixed_filter.settle(filters[3], filters[4])
-    if ints[0, at.ADAPT] == 1:
-        error, finite = update_estimate(arrays, apart, shared, work, estimate, target)
+    if s.adapt:
+        error, finite = update_estimate(arrays, s, apart, shared, work, estimate, target)
     else:
         error, finite = fixed_filter.error_of(estimate[0], estimate[4], target), 0.0 * y
-    return error * r[at.OUTPUT_SCALE], finite
+    return error * s.output_scale, finite
 
 
 def take_tile(arrays, apart, work, u, y, errors, parameters):
     """Take the samples of a tile: ``u``, ``y`` and ``errors`` have a row a sample, ``parameters`` one a parameter."""
     ints, reals, banks, _, recent = arrays
-    r, b, written, live = vectors(reals), vectors(banks), vectors(parameters), work[0]
+    s, b, written, live = members(ints, reals), vectors(banks), vectors(parameters), work[0]
     inputs, outputs, told = vectors(u), vectors(y), vectors(errors)
-    place, estimate = bk.at_kept(ints[0, at.ORDER], ints[0, at.ENTRIES]), cut_estimate(ints[0], r)
+    place, estimate = bk.at_kept(s.order, s.entries), cut_estimate(s)
     # the regular clock's discretisation is the bank's first
-    cuts = fixed_filter.cut_filters(ints[0], r, b[0], place), fixed_filter.cut_regressor(ints[0], r, b), estimate
-    theta, unit, row = estimate[0], estimate[5], ints[0, at.AT_WORK] + 2 * ints[0, at.ORDER]
-    rings, level = fixed_filter.cut_rings(ints[0], r), are_level(ints)
+    cuts = fixed_filter.cut_filters(s, b[0], place), fixed_filter.cut_regressor(s, b[0]), estimate
+    theta, unit, aside = estimate[0], estimate[5], s.work[2 * s.order :]
+    rings, level = fixed_filter.cut_rings(s), are_level(ints, reals)
     for lane in range(LANES):
         live[lane] = 1
     for k in range(inputs.size):
-        now_u, now_y = mapped_input(ints[0], r, inputs[k]), outputs[k] - r[at.OUTPUT_OFFSET]
+        now_u, now_y = mapped_input(s, inputs[k]), outputs[k] - s.output_offset
         if level and not (all_within(now_u, at.LARGEST) and all_within(now_y, at.LARGEST)):
-            spread(ints)
+            spread(ints, reals)
             level = False
         if level:
-            admit(ints[0], r, rings, vectors(recent), now_u, now_y)
+            admit(s, rings, vectors(recent), now_u, now_y)
         else:
-            r[row + INPUT], r[row + OUTPUT] = now_u, now_y
+            aside[INPUT], aside[OUTPUT] = now_u, now_y
             admit_each(ints, reals, banks, recent, live)
-            now_u, now_y = r[row + INPUT], r[row + OUTPUT]
-        error, finite = take(arrays, apart, level and not apart, work, cuts, now_u, now_y)
+            now_u, now_y = aside[INPUT], aside[OUTPUT]
+        error, finite = take(arrays, s, apart, level and not apart, work, cuts, now_u, now_y)
         if not (level and all_within(finite, 0.0)):
-            r[row + ERROR], r[row + FINITE] = error, finite
-            undo(ints, reals, banks[0], live)
-            error = r[row + ERROR]
+            aside[ERROR], aside[FINITE] = error, finite
+            undo(ints, reals, banks, live)
+            error = aside[ERROR]
         if not level:
             count_each(ints, reals, live, False)
-        elif count(ints[0]):
-            spread(ints)
+        elif count(s):
+            spread(ints, reals)
             count_each(ints, reals, live, True)
         told[k] = error
         for i in range(written.shape[1]):
             written[k, i] = theta[i] * unit[i]
     if level:
-        spread(ints)
+        spread(ints, reals)
 
 
 def are_sound(ints, reals, banks, buffer, recent, apart):
@@ -105,21 +150,22 @@ def are_sound(ints, reals, banks, buffer, recent, apart):
     if reals.shape[0] < at.SCALARS or banks.shape[0] < 3:
         return False
     for lane in range(LANES):
-        own = ints[lane]
-        if not is_laid_out(own, reals.shape[0], banks.shape[0], banks.shape[1]) or own[at.INSTRUMENTS] == 1:
+        s = member(ints, reals, lane)
+        if not is_laid_out(s, reals.shape[0], banks.shape[0], banks.shape[1]) or s.instruments:
             return False
-        batch, capacity, rows, T = own[at.BATCH_SIZE], own[at.CAPACITY], own[at.RECENT_SIZE], own[at.ENTRIES]
-        heads = 0 <= own[at.BUFFER_HEAD] < capacity and 0 <= own[at.BUFFER_FILLED] <= capacity
-        if not (1 <= batch and own.size >= at.ROWS + batch and capacity >= 1 and heads):
+        batch, capacity, rows, T = s.batch_size, s.capacity, s.recent_size, s.entries
+        heads = 0 <= s.buffer_head < capacity and 0 <= s.buffer_filled <= capacity
+        if not (1 <= batch and s.ints.size >= at.ROWS + batch and capacity >= 1 and heads):
             return False
         if apart and not (buffer.shape[0] == LANES and capacity <= buffer.shape[1] and buffer.shape[2] >= T + 2):
             return False
         if not apart and not (buffer.shape[2] == LANES and capacity <= buffer.shape[0] and buffer.shape[1] >= T + 2):
             return False
-        if not (0 <= rows <= recent.shape[0] and recent.shape[1] >= 3 and 0 <= own[at.RECENT_HEAD] < max(rows, 1)):
+        if not (0 <= rows <= recent.shape[0] and recent.shape[1] >= 3 and 0 <= s.recent_head < max(rows, 1)):
             return False
-        same = own[at.ENTRIES] == ints[0, at.ENTRIES] and own[at.ORDER] == ints[0, at.ORDER]
-        if not (same and is_known(own) and own[at.BATCH_SIZE] == ints[0, at.BATCH_SIZE]):
+        first = member(ints, reals, 0)
+        same = T == first.entries and s.order == first.order and batch == first.batch_size
+        if not (same and is_known(s)):
             return False
     return True
 
@@ -136,11 +182,12 @@ def are_within(numbers, members, u, y, errors):
     "ints.shape[0] == LANES and reals.shape[1] == LANES and banks.shape[2] == LANES and recent.shape[2] == LANES",
     "are_sound(ints, reals, banks, buffer, recent, apart)",
     "live.size >= LANES and picked.size >= LANES and numbers.size >= LANES and 1 <= members <= LANES",
-    "order.size == ints[0, at.BATCH_SIZE] and drawn.shape[0] == order.size",
+    "order.size == member(ints, reals, 0).batch_size and drawn.shape[0] == order.size",
     "drawn.shape[1] == (buffer.shape[2] if apart else buffer.shape[1]) and drawn.shape[2] == LANES",
-    "spare.shape[0] >= ints[0, at.ENTRIES] + ints[0, at.MEMORY_SIZE] and spare.shape[1] == LANES",
+    "spare.shape[0] >= member(ints, reals, 0).entries + member(ints, reals, 0).memory_size and spare.shape[1] == LANES",
     "tile.shape[0] == 3 and tile.shape[1] >= 1 and tile.shape[2] == LANES",
-    "estimates.shape[0] >= tile.shape[1] and estimates.shape[1] == parameters.shape[2] <= ints[0, at.ENTRIES]",
+    "estimates.shape[0] >= tile.shape[1] and estimates.shape[1] == parameters.shape[2]",
+    "parameters.shape[2] <= member(ints, reals, 0).entries",
     "estimates.shape[2] == LANES and 0 <= start and y.shape[0] == u.shape[0] <= errors.shape[0]",
     "are_within(numbers, members, u, y, errors) and errors.shape[1] <= parameters.shape[0]",
     "parameters.shape[1] >= u.shape[0]",

@@ -7,11 +7,11 @@ cut once a call; benchmarks/kernels.py measures the ratio to C.
 
 import numpy as np
 
-from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
-from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Ints, Matrix, Reals, inlined, kernel, short_loops
+from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Matrix, Reals, inlined, kernel, short_loops
 from replant.kernels.optimizers import gradient as loops
+from replant.kernels.schema import StateArrays
 from replant.kernels.step.stages import (
     acceptable,
     cut_estimate,
@@ -36,47 +36,46 @@ def place_of(bank, n, T, interval):
 
 
 @inlined
-def cut_filters(ints, reals, bank, place):
+def cut_filters(s, bank, place):
     """Return the arrays of `advance_states`, of the exact solution that begins at ``place``.
 
     A (n n,), the responses to a constant and to a ramp (n,); the states of the output, then of the input, and room for
     the new ones (2 n,).
     """
-    n, states, room = ints[at.ORDER], bk.at_states(ints[at.ORDER], ints[at.ENTRIES]), ints[at.AT_WORK]
+    n, states = s.order, bk.at_states(s.order, s.entries)
     constant = place + 1 + n * n
     return (
         bank[place + 1 : constant],
         bank[constant : constant + n],
         bank[constant + n : constant + 2 * n],
         bank[states : states + 2 * n],
-        reals[room : room + 2 * n],
+        s.work[: 2 * n],
     )
 
 
 @inlined
-def cut_rings(ints, reals):
+def cut_rings(s):
     """Return the rings of past inputs, held inputs and intervals (RING,)."""
-    ring, inputs, held, intervals = ints[at.RING_SIZE], ints[at.AT_INPUTS], ints[at.AT_HELD], ints[at.AT_INTERVALS]
-    return reals[inputs : inputs + ring], reals[held : held + ring], reals[intervals : intervals + ring]
+    return s.inputs, s.held, s.intervals
 
 
 @inlined
-def cut_regressor(ints, reals, banks):
+def cut_regressor(s, bank):
     """Return the arrays of `fill_regressor`: those of the output (n numbers each), then those of the input.
 
     d_i / c^(n-i), gain, new filter state, phi; gain, the new states that enter the regressor, phi.  The last entry of
     phi and of its gain is the constant where there is one.
     """
-    n, T, inputs, bank = ints[at.ORDER], ints[at.ENTRIES], ints[at.INPUT_ENTRIES], banks[0]
-    characteristic, gain, room, phi = bk.DENOMINATOR + n, bk.at_gain(n), ints[at.AT_WORK], ints[at.AT_PHI]
+    n, T, inputs = s.order, s.entries, s.input_entries
+    characteristic, gain = bk.DENOMINATOR + n, bk.at_gain(n)
     return (
         bank[characteristic : characteristic + n],
         bank[gain : gain + n],
-        reals[room : room + n],
-        reals[phi : phi + n],
+        s.work[:n],
+        s.phi[:n],
         bank[gain + n : gain + T],
-        reals[room + 2 * n - inputs : room + 2 * n],
-        reals[phi + n : phi + T],
+        s.work[2 * n - inputs : 2 * n],
+        s.phi[n:T],
     )
 
 
@@ -96,7 +95,7 @@ def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
         for j in range(n):
             sy += row[j] * wy[j]
             su += row[j] * wu[j]
-        new_wy[i] = sy
+        new_wy[i] = sy  # (7)
         new_wu[i] = su
 
 
@@ -107,55 +106,55 @@ def settle(states, new):
         states[i] = new[i]
 
 
-def discretize(ints, reals, bank):
+def discretize(s, bank):
     """Make the one discretisation that a regular clock needs, unless it is there."""
-    n, T = ints[at.ORDER], ints[at.ENTRIES]
-    bk.discretization(bank, n, T, reals[at.INTERVAL], reals[ints[at.AT_WORK] :])
+    n, T = s.order, s.entries
+    bk.discretization(bank, n, T, s.interval, s.work)
 
 
-def begin(ints, reals, banks, u, y):
+def begin(s, u, y):
     """Take the first sample: the filters are at rest, and their discretisation is made."""
-    chain.begin(ints, reals, banks, u, y)
-    discretize(ints, reals, banks[0])
-    states, new = bk.at_states(ints[at.ORDER], ints[at.ENTRIES]), ints[at.AT_WORK]
-    for i in range(2 * ints[at.ORDER]):
-        reals[new + i] = banks[0, states + i]
+    chain.begin(s, u, y)
+    discretize(s, s.banks[0])
+    states, new = bk.at_states(s.order, s.entries), s.work
+    for i in range(2 * s.order):
+        new[i] = s.banks[0, states + i]
 
 
 @inlined
-def keep_input(ints, rings, u, last, interval):
+def keep_input(s, rings, u, last, interval):
     """Keep an input in the rings: a dead time, or stamps, may come into use where another kernel goes on."""
     inputs, held, intervals = rings
-    newest = ints[at.RING_HEAD] + 1
+    newest = s.ring_head + 1
     if newest == inputs.size:
         newest = 0
-    ints[at.RING_HEAD] = newest
+    s.ring_head = newest
     inputs[newest], held[newest], intervals[newest] = u, last, interval
 
 
 @inlined
-def advance_filters(ints, reals, filters, last, u, y):
+def advance_filters(s, filters, last, u, y):
     """Carry the filter states from the sample before, of the input ``last``, to this one, as (6)-(7) do."""
     A, constant, ramp, states, new = filters
-    last_y = reals[at.LAST_OUTPUT]
-    rise = u - last if ints[at.STRAIGHT_INPUT] == 1 else 0.0
+    last_y = s.last_output
+    rise = u - last if s.straight_input else 0.0
     advance_states(A, constant, ramp, states, new, last_y, y - last_y, last, rise)
-    reals[at.INPUT_NOW] = u
+    s.input_now = u
 
 
 @inlined
-def fill_regressor(reals, regressor, y):
+def fill_regressor(s, regressor, y):
     """Fill the scaled regressor phi of (12) and return the scaled target s^n/Lambda y."""
     characteristic, gain_y, wy, phi_y, gain_u, wu, phi_u = regressor
     target = y
     for i in range(wy.size):
-        target -= characteristic[i] * wy[i]
-        phi_y[i] = gain_y[i] * wy[i]
+        target -= characteristic[i] * wy[i]  # s^n/Lambda y: lambda of (4) on the left
+        phi_y[i] = gain_y[i] * wy[i]  # phi of (12): a filter state over its sigma
     for i in range(wu.size):
         phi_u[i] = gain_u[i] * wu[i]
     if phi_u.size > wu.size:
         phi_u[wu.size] = gain_u[wu.size]
-    return target / reals[at.OUTPUT_SCALE]
+    return target / s.output_scale  # y of (12)
 
 
 @inlined
@@ -168,93 +167,93 @@ def error_of(theta, phi, target):
 
 
 @inlined
-def update_estimate(ints, buffer, estimate, target):
+def update_estimate(s, estimate, target):
     """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
     theta, memory, _, _, _, _, settings, rows = estimate
-    error = keep_and_write(ints, buffer[ints[at.BUFFER_HEAD]], estimate, target)
-    batch = draw_rows(ints, rows)
-    loops.learn(ints[at.ALGORITHM], theta, memory, settings, buffer, rows, batch, 0)
-    undo_unless_finite(ints, estimate)
+    error = keep_and_write(s, s.buffer[s.buffer_head], estimate, target)
+    batch = draw_rows(s, rows)
+    loops.learn(s.algorithm, theta, memory, settings, s.buffer, rows, batch, 0)
+    undo_unless_finite(s, estimate)
     return error
 
 
 @inlined
-def cut(ints, reals, banks):
+def cut(s):
     """Return every array that a sample needs: `cut_filters`, `cut_rings`, `cut_regressor`, `cut_estimate`."""
-    place = place_of(banks[0], ints[at.ORDER], ints[at.ENTRIES], reals[at.INTERVAL])
+    place = place_of(s.banks[0], s.order, s.entries, s.interval)
     return (
-        cut_filters(ints, reals, banks[0], place),
-        cut_rings(ints, reals),
-        cut_regressor(ints, reals, banks),
-        cut_estimate(ints, reals),
+        cut_filters(s, s.banks[0], place),
+        cut_rings(s),
+        cut_regressor(s, s.banks[0]),
+        cut_estimate(s),
     )
 
 
 @inlined
-def take(ints, reals, banks, buffer, recent, cuts, u, y):
+def take(s, cuts, u, y):
     """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
 
     ``cuts`` are those of `cut`.
     """
     filters, rings, regressor, estimate = cuts
-    u, y = mapped_input(ints, reals, u), y - reals[at.OUTPUT_OFFSET]
-    if not acceptable(ints, u, y):
+    u, y = mapped_input(s, u), y - s.output_offset
+    if not acceptable(s, u, y):
         return np.nan
-    if ints[at.RECENT_SIZE] > 0:
-        keep_sample(ints, recent, u, y, reals[at.INTERVAL])
-    if ints[at.SAMPLES] > 0:
-        reals[at.ELAPSED] += reals[at.INTERVAL]
-    if ints[at.STARTED] == 0:
-        begin(ints, reals, banks, u, y)
+    if s.recent_size > 0:
+        keep_sample(s, s.recent, u, y, s.interval)
+    if s.samples > 0:
+        s.elapsed += s.interval
+    if not s.started:
+        begin(s, u, y)
     else:
-        last = reals[at.INPUT_NOW]
-        keep_input(ints, rings, u, last, reals[at.INTERVAL])
-        advance_filters(ints, reals, filters, last, u, y)
-    reals[at.LAST_OUTPUT] = y
-    target = fill_regressor(reals, regressor, y)
+        last = s.input_now
+        keep_input(s, rings, u, last, s.interval)
+        advance_filters(s, filters, last, u, y)
+    s.last_output = y
+    target = fill_regressor(s, regressor, y)
     settle(filters[3], filters[4])
-    ints[at.SAMPLES] += 1
-    if may_learn(ints, reals):
-        error = update_estimate(ints, buffer, estimate, target)
-        ints[at.LEARNED] = ints[at.SAMPLES]
+    s.samples += 1
+    if may_learn(s):
+        error = update_estimate(s, estimate, target)
+        s.learned = s.samples
     else:
         error = error_of(estimate[0], estimate[4], target)
-        ints[at.RESTED] += 1
-    if ints[at.SAMPLES] >= ints[at.PAST_DUE]:
-        keep_estimate(ints, reals)
-    return error * reals[at.OUTPUT_SCALE]
+        s.rested += 1
+    if s.samples >= s.past_due:
+        keep_estimate(s)
+    return error * s.output_scale
 
 
 @kernel(IS_SOUND, LEARNS)
 @short_loops
 def step(
-    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: float, y: float, t: float, r: float
+    s: StateArrays, u: float, y: float, t: float, r: float
 ):  # fmt: skip
     """Take one sample; return its error as `take` does.
 
     ``t`` must be NaN: the clock is regular.  ``r``, a reference, is not used.
     """
-    if ints[at.STARTED] == 1:
-        discretize(ints, reals, banks[0])
-    return take(ints, reals, banks, buffer, recent, cut(ints, reals, banks), u, y)
+    if s.started:
+        discretize(s, s.banks[0])
+    return take(s, cut(s), u, y)
 
 
 @kernel(IS_SOUND, LEARNS, *AS_MANY)
 @short_loops
 def steps(
-    ints: Ints, reals: Reals, banks: Matrix, buffer: Matrix, recent: Matrix, u: Reals, y: Reals, t: Reals, r: Reals,
+    s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals,
     errors: Reals, parameters: Matrix,
 ):  # fmt: skip
     """Take many samples; write the error and the estimate (physical units) after each.  ``t`` and ``r`` must be empty.
 
     Returns how many: all.
     """
-    if ints[at.STARTED] == 1:
-        discretize(ints, reals, banks[0])
-    cuts = cut(ints, reals, banks)
+    if s.started:
+        discretize(s, s.banks[0])
+    cuts = cut(s)
     theta, unit = cuts[3][0], cuts[3][5]
     for k in range(u.size):
-        errors[k] = take(ints, reals, banks, buffer, recent, cuts, u[k], y[k])
+        errors[k] = take(s, cuts, u[k], y[k])
         for i in range(parameters.shape[1]):
             parameters[k, i] = theta[i] * unit[i]
     return u.size

@@ -19,10 +19,10 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
-from replant.kernels.monitoring import residual_colour
-from replant.kernels.native import LAID_OUT, Ints, Matrix, Reals, inlined, kernel
-from replant.kernels.optimizers.random_stream import draw_below
-from replant.kernels.schema import LAGS, Doubt
+from replant.kernels.monitoring import scatter
+from replant.kernels.native import LAID_OUT, Matrix, Reals, inlined, kernel
+from replant.kernels.optimizers.memory import draw_below
+from replant.kernels.schema import Doubt, StateArrays
 
 KEEP_AFTER_PART = 8
 """Part by which the samples must have grown until the estimate is kept again [part: one in so many].
@@ -44,69 +44,58 @@ they have all reached the cache, for which everything after would wait [count].
 
 
 @inlined
-def mapped_input(ints, reals, u):
-    """Return the input as the filters see it, u or u^2 less the working point; ``u`` and ``reals`` may be vectors."""
-    return (u * u if ints[at.SQUARE_INPUT] == 1 else u) - reals[at.INPUT_OFFSET]
+def mapped_input(s, u):
+    """Return the input as the filters see it, u or u^2 less the working point; ``u`` and the state may be vectors."""
+    return (u * u if s.square_input else u) - s.input_offset
 
 
 @inlined
-def acceptable(ints, u, y):
+def acceptable(s, u, y):
     """Return whether input and output are finite and small enough for float64; count a sample that is not."""
     if abs(u) <= at.LARGEST and abs(y) <= at.LARGEST:
         return True
     if math.isfinite(u) and math.isfinite(y):
-        ints[at.TOO_LARGE] += 1
+        s.too_large += 1
     else:
-        ints[at.NOT_FINITE] += 1
+        s.not_finite += 1
     return False
 
 
-def lacks_output_alone(ints, u, y):
+def lacks_output_alone(s, u, y):
     """Return whether a sample that was turned away has an input that can be used, and no output."""
     if not (math.isnan(y) and abs(u) <= at.LARGEST):
         return False
-    ints[at.NOT_FINITE] -= 1
+    s.not_finite -= 1
     return True
 
 
-def note_reference(ints, reals, r):
+def note_reference(s, r):
     """Take the reference of an accepted sample; of one that is not finite or too large, the last."""
     if abs(r) <= at.LARGEST:
-        reals[at.REFERENCE_NOW] = r
+        s.reference_now = r
     else:
-        ints[at.NO_REFERENCE] += 1
+        s.no_reference += 1
 
 
 @inlined
-def may_learn(ints, reals):
+def may_learn(s):
     """Say whether the user has not frozen the estimate, and the filters have settled after a gap."""
-    return not (ints[at.ADAPT] == 0 or reals[at.ELAPSED] < reals[at.LEARN_FROM])
+    return s.adapt and not s.elapsed < s.learn_from
 
 
 @inlined
-def cut_estimate(ints, reals):
+def cut_estimate(s):
     """Return what is learned, and with what.
 
     theta (T,) and the optimizer's memory (M,); both as they were before the newest sample; phi (T,); the unit of
     theta (T,); the optimizer's settings (S,); the drawn rows (BATCH,).
     """
-    T, M, S = ints[at.ENTRIES], ints[at.MEMORY_SIZE], ints[at.SETTINGS_SIZE]
-    theta, memory, backup = ints[at.AT_THETA], ints[at.AT_MEMORY], ints[at.AT_BACKUP]
-    phi, unit, settings = ints[at.AT_PHI], ints[at.AT_UNIT], ints[at.AT_SETTINGS]
-    return (
-        reals[theta : theta + T],
-        reals[memory : memory + M],
-        reals[backup : backup + T],
-        reals[backup + T : backup + T + M],
-        reals[phi : phi + T],
-        reals[unit : unit + T],
-        reals[settings : settings + S],
-        ints[at.ROWS : at.ROWS + ints[at.BATCH_SIZE]],
-    )
+    T, M = s.entries, s.memory_size
+    return s.theta, s.memory, s.backup[:T], s.backup[T : T + M], s.phi, s.unit, s.settings, s.rows
 
 
 @inlined
-def keep_and_write(ints, row, estimate, target):
+def keep_and_write(s, row, estimate, target):
     """Keep the estimate as it is and write a sample into its row of the buffer; return the a-priori error, scaled.
 
     ``row`` becomes [phi (T,), target, 1/m^2], m^2 = 1 + phi' phi where updates are normalised.  In one pass: for a few
@@ -118,52 +107,52 @@ def keep_and_write(ints, row, estimate, target):
         entry, parameter = phi[i], theta[i]
         row[i], kept_theta[i] = entry, parameter
         squares += entry * entry
-        error -= parameter * entry
+        error -= parameter * entry  # epsilon of (12)
     row[T] = target
-    row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
+    row[T + 1] = 1.0 / (1.0 + squares) if s.normalize else 1.0  # 1 / m^2 of (13)
     for i in range(memory.size):
         kept_memory[i] = memory[i]
     return error
 
 
 @inlined
-def draw_rows(ints, rows):
+def draw_rows(s, rows):
     """Draw the rows of the newest sample's batch into ``rows``, and move on in the buffer; return how many."""
-    head, capacity = ints[at.BUFFER_HEAD], ints[at.CAPACITY]
-    ints[at.BUFFER_HEAD] = head + 1 if head + 1 < capacity else 0
-    filled = min(ints[at.BUFFER_FILLED] + 1, capacity)
-    ints[at.BUFFER_FILLED] = filled
-    batch = ints[at.BATCH_SIZE] if filled > ints[at.WARMUP] else 1
-    seed, drawn = ints[at.SEED], ints[at.DRAWN]
+    head, capacity = s.buffer_head, s.capacity
+    s.buffer_head = head + 1 if head + 1 < capacity else 0
+    filled = min(s.buffer_filled + 1, capacity)
+    s.buffer_filled = filled
+    batch = s.batch_size if filled > s.warmup else 1
+    seed, drawn = s.seed, s.drawn
     for i in range(batch - 1):
         rows[i] = draw_below(seed, drawn + i, filled)
     rows[batch - 1] = head
-    ints[at.DRAWN] = drawn + batch - 1
+    s.drawn = drawn + batch - 1
     return batch
 
 
-def remember(ints, reals, buffer, target):
+def remember(s, target):
     """Keep the estimate, store the sample in the buffer and draw the rows of its batch; return how many.
 
     With instruments zeta (T,) lies behind the row of `keep_and_write`, and m^2 = 1 + zeta' zeta: the noise of phi would
     correlate with it.  Once the buffer is full the newest sample takes the place of the oldest: Algorithm 3 of the
     article, mended; as printed it takes the buffer for empty again each time the index wraps.
     """
-    T, row, estimate = ints[at.ENTRIES], buffer[ints[at.BUFFER_HEAD]], cut_estimate(ints, reals)
-    keep_and_write(ints, row, estimate, target)
-    if ints[at.INSTRUMENTS] == 1:
-        zeta, companion = reals[ints[at.AT_ZETA] : ints[at.AT_ZETA] + T], row[T + 2 :]
+    T, row, estimate = s.entries, s.buffer[s.buffer_head], cut_estimate(s)
+    keep_and_write(s, row, estimate, target)
+    if s.instruments:
+        zeta, companion = s.zeta, row[T + 2 :]
         squares = 0.0
         for i in range(zeta.size):
             companion[i] = zeta[i]
             squares += zeta[i] * zeta[i]
-        row[T + 1] = 1.0 / (1.0 + squares) if ints[at.NORMALIZE] == 1 else 1.0
-    return draw_rows(ints, estimate[7])
+        row[T + 1] = 1.0 / (1.0 + squares) if s.normalize else 1.0
+    return draw_rows(s, estimate[7])
 
 
-def direction_of(ints):
+def direction_of(s):
     """Return the column of the buffer where the vector begins that updates follow: that of zeta, or of phi."""
-    return ints[at.ENTRIES] + 2 if ints[at.INSTRUMENTS] == 1 else 0
+    return s.entries + 2 if s.instruments else 0
 
 
 def all_finite(size, numbers):
@@ -189,91 +178,83 @@ def left_float64(theta, unit, memory):
 
 
 @inlined
-def undo_unless_finite(ints, estimate):
+def undo_unless_finite(s, estimate):
     """Undo an update that left float64, and count it."""
     theta, memory, kept_theta, kept_memory, _, unit, _, _ = estimate
     if left_float64(theta, unit, memory):
-        ints[at.REFUSED] += 1
+        s.refused += 1
         for i in range(theta.size):
             theta[i] = kept_theta[i]
         for i in range(memory.size):
             memory[i] = kept_memory[i]
 
 
-def update_estimate(ints, reals, buffer, target, interval, learn):
+def update_estimate(s, target, interval, learn):
     """Let ``learn`` consume the newest sample, whose scaled target this is, and its batch: the general variants."""
-    batch = remember(ints, reals, buffer, target)
-    learn(ints, reals, buffer, batch, interval)
-    undo_unless_finite(ints, cut_estimate(ints, reals))
-    ints[at.LEARNED] = ints[at.SAMPLES]
+    batch = remember(s, target)
+    learn(s, batch, interval)
+    undo_unless_finite(s, cut_estimate(s))
+    s.learned = s.samples
 
 
-def keep_estimate(ints, reals):
+def keep_estimate(s):
     """Keep the estimate as it is now, in the place of the oldest one kept: later samples are held out from it."""
-    T, samples = ints[at.ENTRIES], ints[at.SAMPLES]
-    theta = reals[ints[at.AT_THETA] : ints[at.AT_THETA] + T]
-    row = ints[at.AT_PAST] + (ints[at.PAST_KEPT] % at.PAST) * (1 + T)
-    kept = reals[row + 1 : row + 1 + T]
-    reals[row] = samples
-    for i in range(theta.size):
-        kept[i] = theta[i]
-    ints[at.PAST_KEPT] += 1
-    ints[at.PAST_DUE] = samples + min(max(samples // KEEP_AFTER_PART, KEEP_AFTER_LEAST), ints[at.PAST_STEP])
+    samples = s.samples
+    kept = s.past_kept % at.PAST
+    s.past[kept, 0] = samples
+    for i in range(s.entries):
+        s.past[kept, 1 + i] = s.theta[i]
+    s.past_kept += 1
+    s.past_due = samples + min(max(samples // KEEP_AFTER_PART, KEEP_AFTER_LEAST), s.past_step)
 
 
 @inlined
-def keep_sample(ints, recent, u, y, interval):
+def keep_sample(s, recent, u, y, interval):
     """Keep the raw sample, over the oldest one."""
-    head = ints[at.RECENT_HEAD]
+    head = s.recent_head
     row = recent[head]
     row[0], row[1], row[2] = u, y, interval
-    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
+    s.recent_head = head + 1 if head + 1 < s.recent_size else 0
 
 
-def keep_guarded_sample(ints, reals, recent, u, y, interval):
+def keep_guarded_sample(s, u, y, interval):
     """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
 
     Where there is no output, what the filters saw stands for it; where no reference came, the last one.
     """
-    head = ints[at.RECENT_HEAD]
-    row = recent[head]
+    head = s.recent_head
+    row = s.recent[head]
     row[at.INPUT], row[at.STEP] = u, interval
-    row[at.OUTPUT] = reals[at.USED_OUTPUT] if ints[at.DOUBT] == Doubt.MISSING else y
-    row[at.BRIDGED], row[at.DOUBTED] = reals[at.USED_OUTPUT], ints[at.DOUBT]
-    if ints[at.HAS_REFERENCE] == 1:
-        row[at.REFERENCE] = reals[at.REFERENCE_NOW]
-    ints[at.RECENT_HEAD] = head + 1 if head + 1 < ints[at.RECENT_SIZE] else 0
+    row[at.OUTPUT] = s.used_output if s.doubt == Doubt.MISSING else y
+    row[at.BRIDGED], row[at.DOUBTED] = s.used_output, s.doubt
+    if s.has_reference:
+        row[at.REFERENCE] = s.reference_now
+    s.recent_head = head + 1 if head + 1 < s.recent_size else 0
 
 
-def renew_model(ints, reals, banks):
+def renew_model(s):
     """Make the newest estimate the auxiliary model where that is due, and renew what is known of the noise with it."""
-    if chain.renew_model(ints, reals, banks):
-        if ints[at.HAS_NOISE_MODEL] == 1:
-            whitening.renew(ints, reals)
-        colour = ints[at.AT_COLOUR]
-        if ints[at.COLOURED] == 1:
-            residual_colour.autoregression(
-                reals[colour + residual_colour.COVARIANCES : colour + residual_colour.COVARIANCES + LAGS + 1],
-                reals[colour + residual_colour.MODEL : colour + residual_colour.MODEL + LAGS + 1],
-                reals[ints[at.AT_WORK] :],
-            )
+    if chain.renew_model(s):
+        if s.has_noise_model:
+            whitening.renew(s)
+        if s.coloured:
+            scatter.autoregression(s.colour.covariances, s.colour.model, s.work)
 
 
-def take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters, take):
+def take_many(s, u, y, t, r, errors, parameters, take):
     """Take samples by ``take``, until the identifier has work to do; return how many.
 
     ``u`` and ``y`` are (K,); ``t`` (K,) are time stamps in s, or it is empty where the clock is regular; ``r`` (K,) is
     the reference, or empty where there is none.  Writes ``errors`` (K,), in the unit of y, and ``parameters`` (K, P),
     the estimate after each sample in physical units.
     """
-    theta, unit = ints[at.AT_THETA], ints[at.AT_UNIT]
     for k in range(u.size):
         stamp = t[k] if t.size > 0 else np.nan
         reference = r[k] if r.size > 0 else np.nan
-        errors[k] = take(ints, reals, banks, buffer, recent, u[k], y[k], stamp, reference)
+        errors[k] = take(s, u[k], y[k], stamp, reference)
         for i in range(parameters.shape[1]):
-            parameters[k, i] = reals[theta + i] * reals[unit + i]
-        if ints[at.ATTENTION] == 1:
+            parameters[k, i] = s.theta[i] * s.unit[i]
+        if s.attention:
             return k + 1
     return u.size
 
@@ -283,11 +264,11 @@ def take_many(ints, reals, banks, buffer, recent, u, y, t, r, errors, parameters
     "y.size >= u.size and target.size >= u.size and output.size >= u.size",
     "intervals.size == 1 or intervals.size >= u.size",
     "by_reference.shape[0] == 0 or (by_reference.shape[0] >= u.size and by_reference.shape[1] >= 2)",
-    "phi.shape[0] >= u.size and phi.shape[1] >= ints[at.ENTRIES]",
-    "ints[at.INSTRUMENTS] == 0 or (zeta.shape[0] >= u.size and zeta.shape[1] >= ints[at.ENTRIES])",
+    "phi.shape[0] >= u.size and phi.shape[1] >= s.entries",
+    "not s.instruments or (zeta.shape[0] >= u.size and zeta.shape[1] >= s.entries)",
 )
 def regressors(
-    ints: Ints, reals: Reals, banks: Matrix, u: Reals, y: Reals, intervals: Reals, by_reference: Matrix, phi: Matrix,
+    s: StateArrays, u: Reals, y: Reals, intervals: Reals, by_reference: Matrix, phi: Matrix,
     zeta: Matrix, target: Reals, output: Reals,
 ):  # fmt: skip
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
@@ -297,21 +278,21 @@ def regressors(
     scaled, and ``output`` (K,) in the unit of y.  Rows of rejected samples are NaN.  ``zeta`` and ``output`` are left
     alone where there are no instruments.
     """
-    T = ints[at.ENTRIES]
+    T = s.entries
     regular = intervals.size == 1
     for k in range(u.size):
         interval = intervals[0] if regular else intervals[k]
-        uk, yk = mapped_input(ints, reals, u[k]), y[k] - reals[at.OUTPUT_OFFSET]
+        uk, yk = mapped_input(s, u[k]), y[k] - s.output_offset
         if by_reference.shape[0] > 0:
-            reals[at.INPUT_BY_REFERENCE], reals[at.OUTPUT_BY_REFERENCE] = by_reference[k, 0], by_reference[k, 1]
-        if acceptable(ints, uk, yk):
-            target[k] = chain.observe(ints, reals, banks, uk, yk, interval)
+            s.input_by_reference, s.output_by_reference = by_reference[k, 0], by_reference[k, 1]
+        if acceptable(s, uk, yk):
+            target[k] = chain.observe(s, uk, yk, interval)
             for i in range(T):
-                phi[k, i] = reals[ints[at.AT_PHI] + i]
-                if ints[at.INSTRUMENTS] == 1:
-                    zeta[k, i] = reals[ints[at.AT_ZETA] + i]
-            if ints[at.INSTRUMENTS] == 1:
-                output[k] = banks[ints[at.SERVING_BANK], bk.MODEL_OUTPUT]
+                phi[k, i] = s.phi[i]
+                if s.instruments:
+                    zeta[k, i] = s.zeta[i]
+            if s.instruments:
+                output[k] = s.banks[s.serving_bank, bk.MODEL_OUTPUT]
         else:
             target[k] = np.nan
             for i in range(T):

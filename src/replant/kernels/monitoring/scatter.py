@@ -1,19 +1,19 @@
-"""Power and colour of the residual, and instruments filtered by it, kept for standard deviations under coloured noise.
+"""What standard deviations are made from: power and colour of the residual, and the path of the estimate.
 
 Noise that is not white makes the plain covariance sigma^2 P too small.  With the residual modelled as an
 autoregression, e = w / D(q), the covariance of the instrumental-variable estimate is
 
     sigma_w^2 P Q P,   Q = sum zeta_f zeta_f',  zeta_f = zeta / D(q).
 
+The path of a recursive estimate is kept at a few samples: its scatter gives a variance without a noise model, see
+`replant.statistics.batch_means`.  Room is limited and the record is not: when the room is full every second row goes,
+and the next ones come half as often.
+
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
 
 from replant.kernels.native import Reals, kernel
-from replant.kernels.schema import FIXED, LAGS, ColourSlots
-
-COUNT, POWER, POSITION = ColourSlots.count.index, ColourSlots.power.index, ColourSlots.position.index
-BEGINS = ColourSlots.begins(FIXED | {"T": 0})  # what depends on T comes last
-MODEL, COVARIANCES, ERRORS, FILTERED = (BEGINS[name] for name in ("model", "covariances", "errors", "filtered"))
+from replant.kernels.schema import LAGS, ROOM
 
 
 @kernel("covariances.size > LAGS and model.size > LAGS and previous.size > LAGS")
@@ -48,42 +48,62 @@ def record(colour, error, alpha, forgetting, zeta):
     ``zeta`` is overwritten by its filtered value.
     """
     T = zeta.size
-    colour[COUNT] = forgetting * colour[COUNT] + 1.0
-    colour[POWER] = forgetting * colour[POWER] + error * error * forgetting / alpha
+    colour.count = forgetting * colour.count + 1.0
+    colour.power = forgetting * colour.power + error * error * forgetting / alpha
     for lag in range(LAGS + 1):
-        other = error if lag == 0 else colour[ERRORS + lag - 1]
-        colour[COVARIANCES + lag] = forgetting * colour[COVARIANCES + lag] + error * other
+        other = error if lag == 0 else colour.errors[lag - 1]
+        colour.covariances[lag] = forgetting * colour.covariances[lag] + error * other
     for lag in range(LAGS - 1, 0, -1):
-        colour[ERRORS + lag] = colour[ERRORS + lag - 1]
-    colour[ERRORS] = error
-    newest = (int(colour[POSITION]) + 1) % LAGS
-    row = FILTERED + newest * T  # holds what is LAGS samples old, which the newest takes the place of
-    filtered = colour[row : row + T]
+        colour.errors[lag] = colour.errors[lag - 1]
+    colour.errors[0] = error
+    newest = (int(colour.position) + 1) % LAGS
+    filtered = colour.filtered[newest]  # holds what is LAGS samples old, which the newest takes the place of
     for i in range(T):
-        zeta[i] -= colour[MODEL + LAGS] * filtered[i]
+        zeta[i] -= colour.model[LAGS] * filtered[i]
     for lag in range(1, LAGS):
-        row = FILTERED + (newest + LAGS - lag) % LAGS * T
-        weight, earlier = colour[MODEL + lag], colour[row : row + T]
+        weight, earlier = colour.model[lag], colour.filtered[(newest + LAGS - lag) % LAGS]
         for i in range(T):
             zeta[i] -= weight * earlier[i]
     for i in range(T):
         filtered[i] = zeta[i]
-    squares = FILTERED + LAGS * T
     keep = forgetting * forgetting
     for i in range(T):
-        one, sums = zeta[i], colour[squares + i * T : squares + i * T + T]
+        one, sums = zeta[i], colour.squares[i]
         for j in range(T):
             sums[j] = keep * sums[j] + one * zeta[j]
-    colour[POSITION] = newest
+    colour.position = newest
 
 
 def begin_last(colour, first, entries):
     """Forget what the regressor's entries from ``first`` on have been, as `optimizers.covariance.begin_last` does."""
     for lag in range(LAGS):
         for i in range(first, entries):
-            colour[FILTERED + lag * entries + i] = 0.0
-    squares = FILTERED + LAGS * entries
+            colour.filtered[lag, i] = 0.0
     for i in range(entries):
         for j in range(entries):
             if i >= first or j >= first:
-                colour[squares + i * entries + j] = 0.0
+                colour.squares[i, j] = 0.0
+
+
+def keep(path, theta, U, D, samples):
+    """Keep the estimate after so many learned ``samples`` and the diagonal of P = U D U', or make room for it."""
+    T, kept = theta.size, int(path.kept)
+    path.step = max(path.step, 1.0)
+    if kept == ROOM:
+        kept //= 2
+        for b in range(kept):
+            for i in range(T):
+                path.rows[b, 0, i] = path.rows[2 * b + 1, 0, i]
+                path.rows[b, 1, i] = path.rows[2 * b + 1, 1, i]
+        path.kept = kept
+        path.due = samples + path.step  # this row would be the first of a pair: the second one counts
+        path.step *= 2.0
+        return
+    for i in range(T):
+        variance = 0.0
+        for k in range(i, T):
+            variance += U[i, k] * U[i, k] * D[k]
+        path.rows[kept, 0, i] = theta[i]
+        path.rows[kept, 1, i] = variance
+    path.kept = kept + 1
+    path.due = samples + path.step

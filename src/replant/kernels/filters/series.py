@@ -1,0 +1,131 @@
+r"""Series of numbers as wholes: autoregressions of every order, the all-pole filter, the play operator.
+
+Over samples whose predecessors are all known, G[i, j] is the sum of e_{k-i} e_{k-j}.  The model of order j minimises
+the sum of (e_k + d_1 e_{k-1} + .. + d_j e_{k-j})^2: G[1:j+1, 1:j+1] d = -G[1:j+1, 0].  One factorisation L D L' of
+G[1:, 1:] serves all orders, as its leading parts are those of the smaller ones.
+
+Autocovariances would do with fewer numbers, but the ends of their window leak: where the residual is smooth, as behind
+a disturbance of the plant's input, their innovation is 40 to 400 times too large.
+
+The all-pole filter is what makes white noise an autoregression; the play operator what a part with backlash makes of
+the motion that pushes it.
+
+Sources: Ljung (1999), "System Identification: Theory for the User", sections 10.1 and 16.4; Brokate and Sprekels
+(1996), "Hysteresis and Phase Transitions", chapter 2.
+"""
+
+import math
+
+import numpy as np
+
+from replant.kernels.native import Matrix, Reals, kernel
+
+ROUNDING = 1e-13
+"""Part of a sum that is left after the smaller orders, below which it is rounding [part].
+Derivation: some hundred times the precision of float64.
+"""
+
+
+@kernel(
+    "variances.size >= 1 and sums.shape[0] >= variances.size and sums.shape[1] >= variances.size",
+    "models.shape[0] >= variances.size and models.shape[1] >= variances.size",
+    "work.size >= variances.size * variances.size + variances.size",
+)
+def nested_models(sums: Matrix, count: float, models: Matrix, variances: Reals, work: Reals):
+    """Fill the models of orders 0 .. P - 1 and the variances of their residuals; return the order with the least BIC.
+
+    ``sums`` (P, P): the lower triangle of G; ``count``: samples summed; ``models`` (P, P): row j is 1, d_1 .. d_j,
+    0 ..; ``variances`` (P,); ``work`` holds P P + P numbers.
+    """
+    P = variances.size
+    top = P - 1
+    at_scaled = P * P  # forward solution, scaled by the pivots
+    least = max(ROUNDING * sums[0, 0], 1e-300)
+    power = max(sums[0, 0], least)
+    for i in range(P):
+        for j in range(P):
+            models[i, j] = 0.0
+    usable = True
+    best, lowest = 0, math.inf
+    for order in range(P):
+        if order > 0:
+            i = order - 1  # its row in the factors
+            for j in range(i + 1):
+                total = sums[order, j + 1]
+                for k in range(j):
+                    total -= work[i * top + k] * work[j * top + k] * work[k * top + k]
+                if j < i:
+                    work[i * top + j] = total / work[j * top + j]
+                else:
+                    work[i * top + i] = total
+            pivot = work[i * top + i]
+            usable = usable and pivot > ROUNDING * sums[order, order] and pivot > 1e-300
+            if usable:
+                total = -sums[order, 0]
+                for k in range(i):
+                    total -= work[i * top + k] * work[k * top + k] * work[at_scaled + k]
+                work[at_scaled + i] = total / pivot
+                power = max(power - total * total / pivot, least)
+                for j in range(i, -1, -1):
+                    solution = work[at_scaled + j]
+                    for k in range(j + 1, order):
+                        solution -= work[k * top + j] * models[order, k + 1]
+                    models[order, j + 1] = solution
+            else:  # what is left is rounding: the smaller order does as well
+                for j in range(P):
+                    models[order, j] = models[order - 1, j]
+                work[i * top + i] = 1.0
+        models[order, 0] = 1.0
+        variances[order] = power / max(count, 1.0)
+        criterion = count * math.log(power) + order * math.log(max(count, 1.0))
+        if criterion < lowest:
+            best, lowest = order, criterion
+    return best
+
+
+@kernel(
+    "coefficients.size >= 1 and state.size >= coefficients.size",
+    "result.shape[0] >= signals.shape[0] and result.shape[1] == signals.shape[1]",
+)
+def fill_all_pole(coefficients: Reals, signals: Matrix, result: Matrix, state: Reals):
+    """Write what `all_pole` returns into ``result``; ``state`` (p + 1,) is work."""
+    order = coefficients.size - 1
+    for channel in range(signals.shape[0]):
+        for i in range(order + 1):
+            state[i] = 0.0
+        for k in range(signals.shape[1]):
+            output = signals[channel, k] + state[0]
+            for i in range(order):
+                state[i] = state[i + 1] - coefficients[i + 1] * output
+            result[channel, k] = output
+
+
+def all_pole(coefficients: Reals, signals: Matrix) -> Matrix:
+    """Return x / D(q) of ``signals`` (channels, K), from rest: y(k) = x(k) - d_1 y(k-1) - ... - d_p y(k-p).
+
+    ``coefficients`` (p + 1,) are 1, d_1 .. d_p.  In transposed direct form II the state (p,) holds the sums to come.
+    """
+    signals = np.ascontiguousarray(signals, float)
+    result = np.empty(signals.shape)
+    fill_all_pole(np.ascontiguousarray(coefficients, float), signals, result, np.empty(coefficients.size))
+    return result
+
+
+@kernel("output.size >= v.size")
+def fill_play(v: Reals, width: float, output: Reals):
+    """Write what `play` returns into ``output`` (K,)."""
+    held = 0.0
+    for k in range(v.size):
+        held = min(max(held, v[k] - width), v[k] + width)
+        output[k] = held
+
+
+def play(v: Reals, width: float) -> Reals:
+    """Return the output (K,) of a play of half a ``width`` behind a signal (K,): it follows where it is pushed.
+
+    y(k) = min(max(y(k-1), v(k) - width), v(k) + width), from y = 0 before the record; in the unit of v.
+    """
+    v = np.ascontiguousarray(v, float)
+    output = np.empty(v.size)
+    fill_play(v, width, output)
+    return output
