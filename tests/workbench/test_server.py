@@ -189,7 +189,10 @@ def test_a_session_is_saved_to_one_file_and_opened_again(motor: Path, tmp_path: 
         assert b"<!doctype html>" in report[1][:40].lower()
         beside = page.ask("compared?log=log1&part=0")["models"]["m2"]
         assert beside["fit"] == pytest.approx(made["found"]["validations"][0]["fit"]["simulated"])
-        assert beside["verdict"]["headline"]
+        unseen = made["found"]["validations"][0]["verdict"]["reasons"]
+        assert [each["text"] for each in beside["verdict"]["reasons"]] == unseen
+        over_all = page.ask("compared?log=log1&part=")["models"]["m2"]["verdict"]["reasons"]
+        assert [each["text"] for each in over_all] == made["found"]["verdict"]["reasons"]  # it has seen them
         assert page.ask("responses")["models"]["m2"]["poles"]
         assert page.ask("conditioned?log=log1&points=50")["samples"] == 4093
 

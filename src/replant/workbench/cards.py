@@ -93,7 +93,7 @@ def _result(found: dict[str, Any]) -> dict[str, Any]:
     words = verdict_words(found["verdict"]["status"])
     unseen = [
         {"on": each["source"].partition(", ")[2] or each["source"], "fit": each["fit"]["simulated"],
-         "verdict": _judged(each["verdict"])}
+         "verdict": judged(each["verdict"])}
         for each in found.get("validations", ())
     ]  # fmt: skip
     candidates = [each for each in found.get("candidates", ()) if each["criterion"] is not None]
@@ -105,21 +105,17 @@ def _result(found: dict[str, Any]) -> dict[str, Any]:
         "num": found["num"], "den": found["den"], "delay": found["delay"], "poles": found["structure"]["poles"],
         "zeros": found["structure"]["zeros"], "fit": found["fit"]["simulated"], "one_step": found["fit"]["one_step"],
         "samples": found["samples"], "known": _known(found["parameters"]), "unusable": not words.usable,
-        "verdict": _judged(found["verdict"]), "unseen": unseen, "candidates": candidates[:LIKELY],
+        "verdict": judged(found["verdict"]), "unseen": unseen, "candidates": candidates[:LIKELY],
         "tried": len(found.get("candidates", ())), "seconds": found.get("elapsed_seconds"),
         "left_out": {reason: count for reason, count in found["rejected"].items() if count},
     }  # fmt: skip
 
 
-def _judged(verdict: dict[str, Any]) -> dict[str, Any]:
+def judged(verdict: dict[str, Any]) -> dict[str, Any]:
+    """Return a verdict, as JSON has it, with its words, its gravity and where its reasons can be seen."""
     words = verdict_words(verdict["status"])
     reasons = [{"text": reason, **asdict(place_of(reason))} for reason in verdict["reasons"]]
     return {"gravity": words.gravity, "headline": words.headline, "meaning": words.meaning, "reasons": reasons}
-
-
-def judged(verdict: dict[str, Any]) -> dict[str, Any]:
-    """Return a verdict, as JSON has it, with its words, its gravity and where its reasons can be seen."""
-    return _judged(verdict)
 
 
 def _known(parameters: dict[str, dict[str, float | None]]) -> float | None:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
+from replant.kernels.schema import Doubt as Suspect
+from replant.offline.bad_samples import suspicious
 
 SHOWN = 12  # stretches that are listed, the longest [count]
-FEWEST = 20  # samples of the same value from which on a sensor may be stuck [count]
-USUAL = 10.0  # how often longer that is than what holds nine tenths of the others [ratio]
 MOVES = 2  # moves of the input within it, without which the output may well rest [count]
 GAP = 3.0  # distance of two time stamps from which on samples are missing between them [usual intervals]
 MISSING = 10  # missing outputs in a row that are worth a line [count]
@@ -55,18 +55,13 @@ def _missing(t: FloatArray, y: FloatArray) -> list[Doubt]:
 
 
 def _stuck(t: FloatArray, u: FloatArray, y: FloatArray) -> list[Doubt]:
-    """Return where the output has the same value for long while the input moves."""
-    same = np.flatnonzero(np.append(True, y[1:] != y[:-1]))
-    lengths = np.diff(np.append(same, y.size))
-    usual = max(float(FEWEST), USUAL * float(np.quantile(lengths, 0.9)))
+    """Return where a solution leaves the output out as that of a stuck sensor, and the input moves."""
     moved = np.concatenate([[0], np.cumsum(u[1:] != u[:-1])])
-    found = []
-    for a, length in zip(same[lengths >= usual].tolist(), lengths[lengths >= usual].tolist(), strict=True):
-        if moved[a + length - 1] - moved[a] >= MOVES and np.isfinite(y[a]):
-            found.append(
-                Doubt(float(t[a]), _end(t, a + length), f"the output stays at {y[a]:.4g} while the input moves")
-            )
-    return found
+    return [
+        Doubt(float(t[a]), _end(t, b), f"the output stays at {y[a]:.4g} while the input moves")
+        for a, b in _runs(suspicious(u, y) == Suspect.STUCK)
+        if moved[b - 1] - moved[a] >= MOVES
+    ]
 
 
 def _runs(flags: BoolArray) -> list[tuple[int, int]]:

@@ -69,9 +69,11 @@ def compared(session: Session, asked: Asked) -> dict[str, Any]:
     found: dict[str, Any] = session.work.do(
         tasks.compared, models, str(log.path), log.setup, part, log.modified, _between(asked), _points(asked)
     )
-    for each in found["models"].values():
-        if "verdict" in each:
-            each["verdict"] = judged(each["verdict"])
+    for name, each in found["models"].items():
+        card = session.card(name)
+        is_unseen = card.path != log.path or part in card.setup.validate_on
+        if "verdict" in each:  # on what it was made from, that of its making: a validation takes samples for others
+            each["verdict"] = judged(each["verdict"] if is_unseen else card.found["verdict"])
     return found
 
 
