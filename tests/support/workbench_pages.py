@@ -83,6 +83,14 @@ class Workbench:
     def zoomed(self) -> str:
         return self.text("shown")
 
+    def reach(self, selector: str) -> None:
+        """Go by Tab to what a selector names; once round the page at most."""
+        for _ in range(150):
+            if self.page.locator(f"{selector}:focus").count():
+                return
+            self.page.keyboard.press("Tab")
+        raise AssertionError(f"Tab does not lead to {selector}")
+
     def seen(self, name: str) -> None:
         """Keep a picture of the page."""
         SEEN.mkdir(parents=True, exist_ok=True)

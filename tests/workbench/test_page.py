@@ -142,6 +142,40 @@ def test_hostile_names_and_values_stay_words(browser, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_from_a_log_to_a_saved_model_without_a_mouse(browser, motor: Path, tmp_path: Path) -> None:
+    with opened([motor]) as served:
+        at = Workbench(browser, served.url)
+        at.is_read()
+        press, write = at.page.keyboard.press, at.page.keyboard.type
+        for column, role in (("a", "input"), ("b", "output")):
+            at.reach(f'[aria-label="Role of column {column}"]')
+            write(role)
+            at.until(lambda: at.page.get_by_label(f"Role of column {column}").input_value() == role)  # noqa: B023
+        at.reach("#add-kind")
+        write("leave")
+        for field, value in (("begin", "10"), ("end", "12")):
+            at.reach(f"#add-{field}")
+            write(value)
+        press("Enter")
+        at.until(lambda: at.page.locator("#stretches li").count() == 1)
+        at.reach("#delay")
+        press("ControlOrMeta+a")
+        write("0.01")
+        press("Enter")
+        at.until(lambda: at.done() == 3)
+        at.reach('nav [data-view="compare"]')
+        press("Enter")
+        at.until(lambda: at.page.locator("#verdicts b").count() == 3)
+        with at.page.expect_download() as coming:
+            at.reach("#save-model")
+            press("Enter")
+        coming.value.save_as(tmp_path / "saved.json")
+        at.close()
+        assert at.complaints == []
+    assert rp.load_model(tmp_path / "saved.json").delay == 0.01
+
+
 def test_every_action_by_keyboard(browser, motor: Path) -> None:
     """What the mouse drags can be typed, and plots are zoomed by keys."""
     with opened([motor]) as served:
