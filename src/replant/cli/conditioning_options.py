@@ -13,8 +13,7 @@ import numpy as np
 from replant.arguments import BoolArray
 from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
-from replant.data.band import bandpass
-from replant.data.conditioning import decimate, detrend, resample
+from replant.data.conditioning import STEPS
 from replant.data.rest import from_rest
 from replant.errors import InvalidArgumentError
 from replant.log import Log
@@ -212,32 +211,15 @@ def input_hold_of(options: dict[str, Any]) -> str:
 def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
     """Return a log as the options ask for it, and say on standard error what was done."""
     assert log is not None
-    for name, change in (("resample", resample), ("decimate", decimate)):
-        if options.get(name) is not None:
-            try:
-                log = change(log, options[name])
-            except InvalidArgumentError as error:
-                raise InvalidArgumentError(f"--{name} {options[name]:g}: {error}") from None
-    if options.get("resample") is not None:
-        note(f"resampled: {len(log):,} samples, {log.dt:g} s apart; where gaps are, both signals are missing")
-    if options.get("decimate") is not None:
-        note(
-            f"decimated: filtered against aliasing, one sample of {options['decimate']} kept, now {len(log):,}, "
-            f"{log.dt:g} s apart"
-        )
-    if options.get("detrend"):
-        log = detrend(log)
-        note("detrended: a straight line is subtracted from each signal, its mean kept")
-    if options.get("band") is not None:
-        low, high = options["band"]
+    for name, change in STEPS.items():
+        given = options.get(name)
+        if given is None or given is False:
+            continue
         try:
-            log = bandpass(log, low, high)
+            log = change(log, given)
         except InvalidArgumentError as error:
-            raise InvalidArgumentError(f"--band {Band().written(options['band'])}: {error}") from None
-        left = int(np.flatnonzero(np.isfinite(log.output))[0]) if np.isfinite(log.output).any() else log.input.size
-        note(
-            f"filtered: {words_of(low, high)} count; the first {left:,} outputs, while the filter settles, are missing"
-        )
+            raise InvalidArgumentError(f"--{name}{_written(given)}: {error}") from None
+        note(_done(name, log, options))
     log = stretched(log, options) if has_stretches(options) else log
     if options.get("x0") == REST:
         try:
@@ -246,3 +228,21 @@ def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
             raise InvalidArgumentError(f"--x0 {REST}: {error}") from None
         note(f"from rest: as many samples at the first input are put before the record, now {len(log):,}")
     return log
+
+
+def _written(given: Any) -> str:
+    return "" if given is True else f" {Band().written(given)}" if isinstance(given, tuple) else f" {given:g}"
+
+
+def _done(name: str, log: Log, options: dict[str, Any]) -> str:
+    """Return what a step has done, in words; ``log`` is what came of it."""
+    if name == "resample":
+        return f"resampled: {len(log):,} samples, {log.dt:g} s apart; where gaps are, both signals are missing"
+    if name == "decimate":
+        kept = f"one sample of {options['decimate']} kept, now {len(log):,}, {log.dt:g} s apart"
+        return f"decimated: filtered against aliasing, {kept}"
+    if name == "detrend":
+        return "detrended: a straight line is subtracted from each signal, its mean kept"
+    left = int(np.flatnonzero(np.isfinite(log.output))[0]) if np.isfinite(log.output).any() else log.input.size
+    counts = words_of(*options["band"])
+    return f"filtered: {counts} count; the first {left:,} outputs, while the filter settles, are missing"

@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
 from replant.arguments import FloatArray, instance, whole
+from replant.data.band import bandpass
 from replant.errors import InvalidArgumentError, shown
 from replant.limits import duration, increasing
 from replant.log import Log
@@ -254,3 +257,11 @@ def _clock(log: Log) -> FloatArray:
     """Return the time of each sample of a log in s, checked where it comes from stamps."""
     samples = log.input.size
     return np.arange(samples, dtype=np.float64) * log.dt if log.stamps is None else increasing(log.stamps, samples)
+
+
+STEPS: Mapping[str, Callable[[Log, Any], Log]] = {
+    "resample": resample,
+    "decimate": decimate,
+    "detrend": lambda log, _: detrend(log),
+    "band": lambda log, edges: bandpass(log, *edges),
+}  # what a user can ask for, in the order in which a log passes it: filters need a regular clock

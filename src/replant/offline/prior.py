@@ -27,11 +27,6 @@ class Prior:
     variance: float
 
     @classmethod
-    def of_spread(cls, mean: FloatArray, spread: FloatArray, variance: float) -> Prior:
-        """Return independent coefficients with standard deviations (T,), infinite where nothing is known."""
-        return cls(mean, np.diag(spread**-2.0), variance)
-
-    @classmethod
     def none(cls, size: int) -> Prior:
         """Return that nothing is known of ``size`` entries."""
         return cls(np.zeros(size), np.zeros((size, size)), 1.0)

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Iterator
 from pathlib import Path
 
+from replant.data.conditioning import STEPS
 from replant.workbench.setup import RUN, SEARCH, STRETCHES, Setup, Stretch, Wish, numbers
 
 
@@ -95,12 +96,12 @@ def _columns(setup: Setup) -> str:
 
 
 def _conditioning(setup: Setup) -> Iterator[str]:
-    if setup.resample is not None:
-        yield f"log = rp.resample(log, {float(f'{setup.resample:.12g}')!r})"
-    if setup.decimate is not None:
-        yield f"log = rp.decimate(log, {setup.decimate})"
-    if setup.detrend:
-        yield "log = rp.detrend(log)"
+    for name in STEPS:
+        given = getattr(setup, name, None)
+        if given is True:
+            yield f"log = rp.{name}(log)"
+        elif given is not None and given is not False:
+            yield f"log = rp.{name}(log, {float(f'{given:.12g}') if isinstance(given, float) else given!r})"
 
 
 def _cut(setup: Setup) -> Iterator[str]:

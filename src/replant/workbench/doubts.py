@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
+from replant.arguments import FloatArray
 from replant.kernels.schema import Doubt as Suspect
 from replant.offline.bad_samples import suspicious
+from replant.simulation.stretches import stretches_of
 
 SHOWN = 12  # stretches that are listed, the longest [count]
 MOVES = 2  # moves of the input within it, without which the output may well rest [count]
@@ -50,7 +51,7 @@ def _gaps(t: FloatArray) -> list[Doubt]:
 
 
 def _missing(t: FloatArray, y: FloatArray) -> list[Doubt]:
-    rows = _runs(~np.isfinite(y))
+    rows = stretches_of(~np.isfinite(y)).tolist()
     return [Doubt(float(t[a]), _end(t, b), f"{b - a:,} outputs are missing") for a, b in rows if b - a >= MISSING]
 
 
@@ -59,19 +60,9 @@ def _stuck(t: FloatArray, u: FloatArray, y: FloatArray) -> list[Doubt]:
     moved = np.concatenate([[0], np.cumsum(u[1:] != u[:-1])])
     return [
         Doubt(float(t[a]), _end(t, b), f"the output stays at {y[a]:.4g} while the input moves")
-        for a, b in _runs(suspicious(u, y) == Suspect.STUCK)
+        for a, b in stretches_of(suspicious(u, y) == Suspect.STUCK).tolist()
         if moved[b - 1] - moved[a] >= MOVES
     ]
-
-
-def _runs(flags: BoolArray) -> list[tuple[int, int]]:
-    """Return begin and end of each stretch of True.
-
-    >>> _runs(np.array([True, False, True, True]))
-    [(0, 1), (2, 4)]
-    """
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _end(t: FloatArray, row: int) -> float:

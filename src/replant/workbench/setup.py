@@ -86,11 +86,6 @@ class Setup:
     decimate: int | None = None
     resample: float | None = None
 
-    @property
-    def is_conditioned(self) -> bool:
-        """Whether the samples are changed before they are identified."""
-        return self.detrend or self.decimate is not None or self.resample is not None
-
     def changed(self, given: dict[str, Any]) -> Self:
         """Return the setup with what a page, or a file, says of some of its fields."""
         known = {field.name for field in fields(self)}

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.data.conditioning import decimate, detrend, resample
+from replant.data.conditioning import STEPS
 from replant.data.inspection import Inspection, inspect
 from replant.data.inspection.columns import Kind
 from replant.data.inspection.inspect import key_of
@@ -71,11 +71,9 @@ def _log(path: str, setup: Setup, part: Stretch | None, _: float) -> Log:
     )  # fmt: skip
     log = recording.held
     assert log is not None
-    if setup.resample is not None:
-        log = resample(log, setup.resample)
-    if setup.decimate is not None:
-        log = decimate(log, setup.decimate)
-    log = detrend(log) if setup.detrend else log
+    for name, change in STEPS.items():
+        given = getattr(setup, name, None)
+        log = log if given is None or given is False else change(log, given)
     return replace(log, input_hold="foh" if setup.decimate else "zoh")
 
 

@@ -170,13 +170,6 @@ def _begins_with_value(cells: Sequence[Any]) -> bool:
     return bool(given) and _is_value(given[0])
 
 
-def _without_empty_end(rows: Sequence[_Row], columns: Sequence[int]) -> Sequence[_Row]:
-    end = len(rows)
-    while end and all(cell is None for cell in _cells_at(rows, end - 1, columns)):
-        end -= 1
-    return rows[:end]
-
-
 def _is_value(cell: Any) -> bool:
     return isinstance(cell, int | float | date | time | timedelta)
 

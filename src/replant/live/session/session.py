@@ -192,7 +192,7 @@ class Session:
     def _view(self) -> View | None:
         """The newest view; None where it speaks of another model."""
         view = self._observer.view
-        return view if view is not None and is_of(view, self.identifier.parameters) else None
+        return view if view is not None and speaks_of(view, self.identifier.parameters) else None
 
     def _flush_record(self) -> None:
         if self._recorder is not None:
@@ -262,7 +262,7 @@ class Session:
             self._observer.show(f"replant: {error}")
 
 
-def is_of(view: View, parameters: FloatArray) -> bool:
+def speaks_of(view: View, parameters: FloatArray) -> bool:
     """Return whether a view speaks of parameters (P,): one that has moved beyond chance since is another model's."""
     with np.errstate(invalid="ignore"):  # infinite where the model has left float64
         return not (np.abs(parameters - view.parameters) > MOVED_SIGMAS * view.std).any()
