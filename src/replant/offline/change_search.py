@@ -18,10 +18,11 @@ Source: Andrews (1993), "Tests for parameter instability and structural change w
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, IntArray
 from replant.assessment.score_test import ALPHA
 from replant.engine.record import Record
 from replant.model.structure import Structure
@@ -113,14 +114,14 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
         return 0
     score = score / np.where(lengths > 0.0, lengths, 1.0)
     begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))
-    largest, begin = max((_statistic(score, white, size, each), int(each)) for each in begins)
+    largest, begin = _worst(score, white, size, begins)
     limit = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance
     if not largest > limit * _scatter(score[:, :size] * white[:, None] / math.sqrt(variance), begin):
         return 0
     step = int(begins[1] - begins[0])
     ends = max(begin - step, fewest), min(begin + step, white.size - fewest)
     nearer = np.unique(np.linspace(*ends, BEGINS).astype(int))
-    return max((_statistic(score, white, size, each), int(each)) for each in nearer)[1]
+    return _worst(score, white, size, nearer)[1]
 
 
 def _scatter(products: FloatArray, begin: int) -> float:
@@ -136,11 +137,22 @@ def _scatter(products: FloatArray, begin: int) -> float:
     return max(float(np.mean(np.sum(np.concatenate(away) ** 2, axis=0))), 1.0)
 
 
-def _statistic(score: FloatArray, white: FloatArray, size: int, begin: int) -> float:
-    """Return g' C^-1 g of the first ``size`` scores since a sample, what the nuisances since explain projected out."""
-    since, whole = score[begin:], score.T @ score
-    square, told = since.T @ since, since.T @ white[begin:]
-    learned = least_norm(whole, np.column_stack([square, score.T @ white]), SAME)[0]
+def _worst(score: FloatArray, white: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
+    """Return the largest statistic since some ascending samples, and its sample; each sample is summed once."""
+    edges = [0, *begins.tolist(), len(score)]
+    both = np.column_stack([score, white])
+    sums = [score[a:b].T @ both[a:b] for a, b in pairwise(edges)]
+    since = np.cumsum(sums[::-1], axis=0)[::-1]
+    return max((_statistic(since[0], each, size), int(begin)) for each, begin in zip(since[1:], begins, strict=True))
+
+
+def _statistic(whole: FloatArray, since: FloatArray, size: int) -> float:
+    """Return g' C^-1 g of the first ``size`` scores since a sample, what the nuisances since explain projected out.
+
+    ``whole`` and ``since`` (T, T + 1) are the sums of zeta zeta' and of zeta w over all samples, and over those since.
+    """
+    square, told = since[:, :-1], since[:, -1]
+    learned = least_norm(whole[:, :-1], np.column_stack([square, whole[:, -1]]), SAME)[0]
     covariance, told = square - square @ learned[:, :-1], told - square @ learned[:, -1]
     beside = least_norm(covariance[size:, size:], np.column_stack([covariance[size:, :size], told[size:]]), SAME)[0]
     left = covariance[:size, :size] - covariance[:size, size:] @ beside[:, :-1]

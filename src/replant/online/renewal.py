@@ -25,8 +25,14 @@ from replant.statistics.autoregression import likelihood_ratio
 from replant.statistics.linear_algebra import quiet
 
 EVERY = RECENT // 2
-"""Samples between two reviews of a long record [samples].
-Derivation: half of the newest samples: as far back as the past estimates reach.
+"""Samples between two verdicts that are noted of a long record [samples].
+Derivation: half of the newest samples, so that an input that has come to rest still moves in the other half.
+"""
+
+REVIEWED = STORED // 2
+"""Samples between two searches of a long record for a change [samples].
+Derivation: half of the samples kept are then new, as where a growing record is solved again; a search takes as long as
+to learn them.
 """
 
 GROWTH = 1.25
@@ -61,13 +67,14 @@ def renew(old: State, settings: Settings) -> State | None:
         return None
     began = max(old.record_began, old.gap_at)
     kept = RecentSamples.of(old, STORED)[-max(old.samples - began, 1) :]
-    record = kept.record(settings.dt, settings.filter.input_hold, parted=True)
-    structure = settings.structure
-    # at rest nothing that comes now could test another model
-    begin = 0 if is_at_rest(old) else begin_of_change(structure, record, old.physical)
     # short: the present estimate then knows more than the samples kept
     is_whole = old.gap_at <= old.record_began and RECENT >= len(kept) == old.samples - began
     has_grown = is_whole and old.samples - began >= AGAIN * (old.solved_at - began)
+    is_searched = _is_searched(old) and not is_at_rest(old)  # at rest nothing that comes now could test another model
+    if not (is_searched or has_grown):
+        return None
+    structure, record = settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True)
+    begin = begin_of_change(structure, record, old.physical) if is_searched else 0
     if not (begin or has_grown):
         return None
     solution = solve(structure, record, [old.physical], afresh=is_whole)
@@ -82,6 +89,12 @@ def renew(old: State, settings: Settings) -> State | None:
     new = restart_at(old, settings, solution, began)
     new.undecided = False  # the record has grown by half, and one model explains it still
     return new
+
+
+def _is_searched(state: State) -> bool:
+    """Return whether to search for a change: always while the record is short, then once in REVIEWED samples."""
+    count = state.samples - (state.changed_at or state.record_began)
+    return count <= RECENT or count // REVIEWED > (count - EVERY) // REVIEWED
 
 
 def _is_usable(solution: Solution, settings: Settings, present: FloatArray) -> bool:
