@@ -44,7 +44,9 @@ def calls() -> list[Call]:
         generator = np.random.default_rng(0)
         u = np.repeat(generator.choice([-1.0, 1.0], 60), 10)
         y = TransferFunction([8.0, 40.0], [1.0, 3.0, 25.0]).simulate(u, 0.02) + 0.01 * generator.standard_normal(600)
-        rp.Identifier(rp.Structure(2, 1), 0.02).update_many(u, y)
+        default = rp.Identifier(rp.Structure(2, 1), 0.02)
+        default.update_many(u, y)
+        rp.Ensemble(default, members=3).update_many(u[:100], y[:100])
         rp.Identifier(rp.Structure(2, 1), 0.02, optimizer="amsgrad", instruments=True).update_many(u, y)
         fixed = rp.Identifier(
             rp.Structure(2, 1), 0.02, filter=rp.StateVariableFilter(10.0), scaling=None, optimizer=rp.AMSGrad(0.01),

@@ -19,8 +19,8 @@ VARIANTS = ("plain", "avx2", "avx512")
 #: What Python gives for a state, and what is made of it.
 ARRAYS = {"ints": Array("i", 1), "reals": Array("d", 1), **BESIDE}
 STATE = (
-    "{ a[0].p, a[0].n[0], a[1].p, a[1].n[0], { a[2].p, a[2].n[0], a[2].n[1] }, { a[3].p, a[3].n[0], a[3].n[1] }, "
-    "{ a[4].p, a[4].n[0], a[4].n[1] } }"
+    "{{ {0}.p, {0}.n[0], {1}.p, {1}.n[0], {{ {2}.p, {2}.n[0], {2}.n[1] }}, {{ {3}.p, {3}.n[0], {3}.n[1] }}, "
+    "{{ {4}.p, {4}.n[0], {4}.n[1] }} }}"
 )
 
 
@@ -45,15 +45,16 @@ def runner(kernel: Any, function: Function, conditions: list[str], head: str) ->
     lines, number = [head, "{"], 0
     for name, kind in zip(function.parameters, function.own_kinds, strict=True):
         given = f"a[{number}]"
-        number += len(ARRAYS) if isinstance(kind, Record) else 1
         if isinstance(kind, Record):
-            lines += [f"    State own = {STATE};", f"    State *{name} = &own;"]
+            arrays = STATE.format(*(f"a[{number + place}]" for place in range(len(ARRAYS))))
+            lines += [f"    State state_{name} = {arrays};", f"    State *{name} = &state_{name};"]
         elif isinstance(kind, Array):
             sizes = ", ".join(f"{given}.n[{axis}]" for axis in range(kind.dimensions))
             lines.append(f"    {kind.name} {name} = {{ {given}.p, {sizes} }};")
         else:
             field = "d" if kind == "d" else "i != 0" if kind == "b" else "i"
             lines.append(f"    {_scalar(kind)} {name} = {given}.{field};")
+        number += len(ARRAYS) if isinstance(kind, Record) else 1
     for text, condition in zip(kernel.requirements, conditions, strict=True):
         lines += [f"    if (!{condition})", f'        return "{text}";']
     call = f"{function.name}({', '.join(function.parameters)})"
@@ -117,7 +118,7 @@ def sources(package: str, root: Path, kernels: list[Any]) -> dict[str, str]:
     """Return the C files by name: ``kernels.c``, and ``lanes.c``, which is compiled once for each instruction set."""
     program, lanes = Program(package, root), Program(package, root)
     border = (HERE / "border.h").read_text("utf-8")
-    vectorised = [kernel for kernel in kernels if kernel.python.__module__.endswith("step.ensemble")]
+    vectorised = [kernel for kernel in kernels if ".step.ensemble" in kernel.python.__module__]
     plain = entries(program, [kernel for kernel in kernels if kernel not in vectorised])
     every, runners = [], []
     for kernel, function, conditions in plain:

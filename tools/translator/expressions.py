@@ -27,6 +27,7 @@ COMPARISONS: dict[type, str] = {
     ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
 }  # fmt: skip
 OF_A_REAL = {"sqrt": "d", "log": "d", "cos": "d", "sin": "d", "isnan": "b", "isinf": "b", "isfinite": "b"}
+ABSOLUTE = {"i": "llabs", "d": "fabs", "l": "lanes_abs"}
 FOLDED = {"np.finfo", "float", "int"}  # calls whose value is known when translating
 
 
@@ -174,9 +175,9 @@ class Expressions:
         if operator not in ARITHMETIC or isinstance(kind, Array | Tuple | Record | Known):
             raise UnsupportedError(f"{operator.__name__} of {describe(kind)}")
         if kind == "b":
-            if operator is not ast.BitAnd:
+            if operator not in (ast.BitAnd, ast.BitOr):
                 raise UnsupportedError(f"{operator.__name__} of truths")
-            return f"(bool)({left[0]} & {right[0]})", "b"
+            return f"(bool)({left[0]} {ARITHMETIC[operator]} {right[0]})", "b"
         return f"({self.cast(left, kind)} {ARITHMETIC[operator]} {self.cast(right, kind)})", kind
 
     def of_UnaryOp(self, node: ast.UnaryOp) -> Value:
@@ -234,7 +235,13 @@ class Expressions:
         if isinstance(place, ast.Slice):
             upper = self.known(place.upper) if place.upper else len(kind.parts)
             return self.tuple_of([(f"{code}.f{i}", part) for i, part in enumerate(kind.parts[:upper])])
-        index = self.known(place)
+        try:
+            index = self.known(place)
+        except KeyError:
+            first = kind.parts[0]
+            if not isinstance(first, Record) or set(kind.parts) != {first}:
+                raise UnsupportedError("a place in a tuple of other than tables is to be known") from None
+            return f"(({self.program.type_of(first)} const *)&{code})[{self.whole(place)}]", first
         return f"{code}.f{index}", kind.parts[index]
 
     def _place_in(self, code: str, kind: Array, places: list[ast.AST], text: str) -> Value:
@@ -325,7 +332,7 @@ class Expressions:
                 result = f"{name}_{kind}({self.cast(result, kind)}, {self.cast(value, kind)})", kind
             return result
         if name == "abs":
-            return f"{'fabs' if values[0][1] == 'd' else 'llabs'}({values[0][0]})", values[0][1]
+            return f"{ABSOLUTE[str(values[0][1])]}({values[0][0]})", values[0][1]
         if name in ("int", "np.int64"):
             return self.cast(values[0], "i"), "i"
         if name == "np.uint64":

@@ -80,7 +80,9 @@ class Record:
     @property
     def prefix(self) -> str:
         """What the names of the functions begin with that cut out its blocks."""
-        return {"d": self.title, "l": "vectors", "s": "lane"}[self.element].lower()
+        whole = {"d": "", "l": "vectors", "s": "lane"}[self.element]
+        part = "" if self.table.integers and whole else self.title  # several parts may have a block of the same name
+        return "_".join(word for word in (part, whole) if word).lower()
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,15 @@ typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8), may_alia
 typedef int64_t lane_bits __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
 
 INLINE lanes broadcast(double a) { return a - (lanes){0}; } /* less nought: a negative nought stays one */
-INLINE lanes max_l(lanes a, lanes b)
+INLINE lanes choose(lane_bits which, lanes a, lanes b)
 {
-    lane_bits larger = b > a;
-    return (lanes)((larger & (lane_bits)b) | (~larger & (lane_bits)a));
+    return (lanes)((which & (lane_bits)a) | (~which & (lane_bits)b));
 }
+INLINE lanes max_l(lanes a, lanes b) { return choose(b > a, b, a); }
+INLINE lanes min_l(lanes a, lanes b) { return choose(b < a, b, a); }
+INLINE lanes if_less(lanes a, lanes b, lanes c, lanes d) { return choose(a < b, c, d); }
+INLINE lanes if_at_most(lanes a, lanes b, lanes c, lanes d) { return choose(a <= b, c, d); }
+INLINE lanes lanes_abs(lanes a) { return (lanes)((lane_bits)a & INT64_MAX); }
 INLINE lanes lanes_if(bool first, lanes a, lanes b)
 {
     if (first)

@@ -8,8 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
+from replant.engine.aligned import aligned
 from replant.engine.state import State
-from replant.kernels.schema import LAYOUT, LINE, StateSlots
+from replant.engine.state_lanes import Lanes
+from replant.engine.state_lanes import kind as kind_of_lane
+from replant.kernels.schema import LAYOUT, StateSlots
 
 TILE = 256  # samples that a block takes at once: they, and what comes of them, stay in the processor's cache [samples]
 #: What the members of a block have in common: everything in `ints` but the random seed and what changes.
@@ -124,6 +127,7 @@ class Room:
 
     def __init__(self) -> None:
         self._arrays = aligned((0, 0, 0)), aligned((0, 0, 0))
+        self._lanes: Lanes | None = None
 
     def of(self, samples: int, size: int) -> tuple[FloatArray, FloatArray]:
         """Return room for inputs, outputs and errors, and for the first ``size`` parameters, of a tile of samples."""
@@ -135,16 +139,14 @@ class Room:
             self._arrays = aligned((3, rows, LANES)), aligned((rows, size, LANES))
         return self._arrays
 
+    def lanes(self, state: State, size: int) -> Lanes:
+        """Return room for states like this one, and for the first ``size`` parameters."""
+        if self._lanes is None or (self._lanes.kind, self._lanes.size) != (kind_of_lane(state), size):
+            self._lanes = Lanes(state, size)
+        return self._lanes
+
 
 def side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
     """Return the arrays stacked along a new last axis, each vector on a line of the cache of its own."""
     result = aligned((*arrays[0].shape, len(arrays)))
     return np.stack(arrays, axis=-1, out=result)
-
-
-def aligned(shape: tuple[int, ...]) -> FloatArray:
-    """Return an array of zeros that begins on a cache line, so that no vector lies across two lines."""
-    size = int(np.prod(shape))
-    room = np.zeros(size + LINE // 8)
-    skip = -room.ctypes.data % LINE // 8
-    return room[skip : skip + size].reshape(shape)

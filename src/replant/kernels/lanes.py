@@ -6,8 +6,8 @@ processor.  IEEE 754 rounds every lane by itself, so a member gets the same bits
 Compilers do not vectorise over members by themselves: the loop over members would have to be the innermost one of every
 sum, with all intermediate values in memory and a check that no two arrays overlap.
 
-Two vectors cannot be compared, and there is no branch on a vector.  What depends on the data of one member is done lane
-by lane, where `all_within` finds a lane out of range.
+There is no branch on a vector.  `if_less` and `if_at_most` choose between two, lane by lane; what else depends on the
+data of one member is done by itself, where `all_within` finds a lane out of range.
 
 The interpreter does not run kernels with lanes: their bits are those of the members one by one.
 """
@@ -40,6 +40,16 @@ def member(ints, reals, lane):
 def all_within(vector, limit):
     """Say whether the magnitude of every lane is at most this float64; that of NaN is not."""
     return _compiled(vector, limit)
+
+
+def if_less(one, other, chosen, else_chosen):
+    """Return, lane by lane, the third vector where the first is less than the second, else the fourth; NaN is not."""
+    return _compiled(one, other, chosen, else_chosen)
+
+
+def if_at_most(one, other, chosen, else_chosen):
+    """Return, lane by lane, the third vector where the first is at most the second, else the fourth; NaN is not."""
+    return _compiled(one, other, chosen, else_chosen)
 
 
 def load(matrix, row, column):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray, array_of_reals, iterable, whole
+from replant.engine.state_lanes import kind as kind_of_lane
 from replant.engine.vector_blocks import (
     Block,
     Room,
@@ -24,6 +25,7 @@ from replant.engine.vector_blocks import (
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.limits import count
 from replant.model.transfer_function import TransferFunction
+from replant.online.company import Company, may_go_together
 from replant.online.identifier import Identifier
 from replant.online.trace import Trace
 from replant.online.turns import Shared, Turn, changes, reads
@@ -41,7 +43,7 @@ Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y,
 class Ensemble(Shared):
     """Step M identifiers at once: on M streams, or on one stream with M settings.
 
-    Each member gives the result of a single identifier up to rounding: it has its own start-up, rejected samples and
+    Each member gives the result of a single identifier, to the bit: it has its own start-up, rejected samples and
     random numbers.  All members take their samples at the same time.
 
     Parameters
@@ -62,12 +64,14 @@ class Ensemble(Shared):
 
     Notes
     -----
-    Members go through the processor's vector unit sixteen at a time where they have a fixed filter, an optimizer that
-    follows the gradient, no instruments, no dead time and fewer zeros than poles; with replay or without, each with
-    settings, scaling and cutoff of its own.  Those sixteen must be of one optimizer, and of one capacity and batch.
-    With equal seeds and as many samples in their buffers they read the same rows, which is faster still.  All other
-    members (instruments, the refined filter, `RecursiveLeastSquares`, `KalmanTracking`, a dead time) are stepped one
-    after the other, as by `Identifier.update_many`; they share the threads, but not the vectors.
+    Members go through the processor's vector unit eight at a time.  Those of the default method do while their samples
+    are ordinary; by itself a member takes what is not (no output, an outlier, an input at rest, a model that is
+    renewed), and its start-up and solutions.  They need a refined filter, `RecursiveLeastSquares`, chunks of 32 samples
+    and no dead time.  Members that follow the gradient need a fixed filter, no instruments, no dead time and fewer
+    zeros than poles; with replay or without, each with settings, scaling and cutoff of its own.  Those eight must be of
+    one optimizer, and of one capacity and batch.  With equal seeds and as many samples in their buffers they read the
+    same rows, which is faster still.  All other members (`KalmanTracking`, a dead time) are stepped one after the
+    other, as by `Identifier.update_many`; they share the threads, but not the vectors.
 
     Time stamps and references are not for ensembles: all members' clocks are regular.
 
@@ -317,7 +321,9 @@ class Ensemble(Shared):
         return results
 
     def _take(self, samples: _Chunk, rooms: Sequence[Room], *results: FloatArray) -> None:
-        """Let all members take the samples, in blocks or by themselves."""
+        """Let all members take the samples, in blocks, in company or by themselves."""
+        from replant.kernels.lanes import LANES
+
         chunk = samples.u, samples.y, *results
         tasks: list[tuple[Take, int]] = [(block.take, 0) for block in self._blocks]
         inside = {number for block in self._blocks for number in block.numbers.tolist()}
@@ -325,8 +331,16 @@ class Ensemble(Shared):
         for block, start in self._form_blocks(reached):
             tasks.append((block.take, start))
             reached = {n: k for n, k in reached.items() if n not in block.numbers}
-        tasks += [(partial(self._take_alone, n), start) for n, start in reached.items()]
+        together = sorted((n for n in reached if may_go_together(self._members[n])), key=self._alike)
+        for first in range(0, len(together), LANES):
+            tasks.append((Company(together[first : first + LANES], self._members, self._take_alone).take, 0))
+        tasks += [(partial(self._take_alone, n), start) for n, start in reached.items() if n not in together]
         _carry_out(tasks, rooms, samples, *results)
+
+    def _alike(self, number: int) -> str:
+        """Return the key by which members are sorted that go together."""
+        member = self._members[number]
+        return "" if member.settings is None else str(kind_of_lane(member._state))
 
     def _lead_in(self, number: int, *chunk: FloatArray) -> int:
         """Take a member's first samples by itself, until it may join a block; return how many."""

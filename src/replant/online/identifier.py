@@ -464,14 +464,19 @@ class Identifier(Estimate):
         taken = self._as_one(Identifier._change_kernels, *chunk) if other else self._run(*chunk)
         if not self._state.attention:
             return taken
+        reached = self._attend_after(taken, parameters)
+        if reached == taken and starting and self._settings is not None and not math.isnan(y[taken - 1]):
+            errors[taken - 1] = self._begun_with
+        return reached
+
+    def _attend_after(self, taken: int, parameters: FloatArray) -> int:
+        """Attend to what the last sample asks for; return how many were taken, of which that may be no part."""
         believed = self._state.held_at == BELIEVED
         self._enter()
         if believed:
             return taken - 1  # the sample that confirms it is taken after it
         if parameters.size:
             parameters[taken - 1] = self.parameters
-        if starting and self._settings is not None and not math.isnan(y[taken - 1]):
-            errors[taken - 1] = self._begun_with
         return taken
 
     def _run(

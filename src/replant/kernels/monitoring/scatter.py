@@ -47,6 +47,13 @@ def record(colour, error, alpha, forgetting, zeta):
 
     ``zeta`` is overwritten by its filtered value.
     """
+    newest = (int(colour.position) + 1) % LAGS
+    add(colour, newest, error, alpha, forgetting, zeta)
+    colour.position = newest
+
+
+def add(colour, newest, error, alpha, forgetting, zeta):
+    """Do so at a place of the ring; the numbers may be vectors."""
     T = zeta.size
     colour.count = forgetting * colour.count + 1.0
     colour.power = forgetting * colour.power + error * error * forgetting / alpha
@@ -56,7 +63,6 @@ def record(colour, error, alpha, forgetting, zeta):
     for lag in range(LAGS - 1, 0, -1):
         colour.errors[lag] = colour.errors[lag - 1]
     colour.errors[0] = error
-    newest = (int(colour.position) + 1) % LAGS
     filtered = colour.filtered[newest]  # holds what is LAGS samples old, which the newest takes the place of
     for i in range(T):
         zeta[i] -= colour.model[LAGS] * filtered[i]
@@ -71,7 +77,6 @@ def record(colour, error, alpha, forgetting, zeta):
         one, sums = zeta[i], colour.squares[i]
         for j in range(T):
             sums[j] = keep * sums[j] + one * zeta[j]
-    colour.position = newest
 
 
 def begin_last(colour, first, entries):

@@ -11,6 +11,8 @@ fixed_filter  the gradient family, a fixed filter, a regular clock,   tests/kern
               neither instruments nor dead time                       gradient
 ensemble      eight of these at once, one in each SIMD lane           tests/online/test_ensemble.py beside single
                                                                       members
+ensemble_     eight of `covariance` with a refined filter at once;    tests/online/test_company.py beside single
+covariance    what is not ordinary by `covariance` itself             members
 ============  ======================================================  ==================================================
 
 Arguments of all kernels: the state s, as `kernels.schema` describes it; u and y in the units of the record, the time
@@ -29,6 +31,8 @@ the order of the stages     `take` of each variant    variants differ in most st
                                                       update is undone lane by lane
 the loop over samples       `stages.take_many`,       the arrays of the fixed filter are cut once a call, not once a
                             fixed_filter              sample
+an ordinary sample          covariance,               vectors have no branch on data: the stages without those, and
+                            ensemble_ordinary         marks where one would have been taken
 filters and regressor       `filters.chain`,          one bank, one interval and held inputs need neither a search for a
                             fixed_filter              discretisation nor pieces of a dead time
 counting                    `take`, ensemble_members  level members are counted once for all

@@ -1,0 +1,196 @@
+"""Samples of each of `LANES` identifiers at once: `step.covariance`, where these are ordinary in SIMD vectors.
+
+Members keep arrays of their own.  They come in stretches of a few samples.  Before one, members of whom nothing is due
+go into lanes (`ensemble_exchange`), where they stay from stretch to stretch; vectors then take all its samples
+(`ensemble_ordinary`).  A member that has met with something out of the ordinary goes back to where the stretch began,
+and takes its samples once more by `step.covariance.take`; so does one of whom something is due.  What a member does is
+thus always what it would do alone, to the bit.
+"""
+
+import numpy as np
+
+from replant.kernels.lanes import LANES, member, members, vectors
+from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
+from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
+from replant.kernels.schema import LAGS, StateArrays
+from replant.kernels.step import covariance, ensemble_ordinary
+from replant.kernels.step.ensemble_exchange import enter, is_ordinary, leave, note, prepare, width_of
+from replant.kernels.step.ensemble_ordinary import ODD
+from replant.kernels.step.stages import mapped_input
+
+
+def take_alone(s, number, start, end, u, y, errors, parameters):
+    """Take a member's samples as it does alone, up to one that needs attention; return the row behind the last."""
+    for k in range(start, end):
+        now_u, now_y = u[k, number if u.shape[1] > 1 else 0], y[k, number if y.shape[1] > 1 else 0]
+        errors[k, number] = covariance.take(s, now_u, now_y, np.nan, np.nan)
+        for i in range(parameters.shape[2]):
+            parameters[number, k, i] = s.theta[i] * s.unit[i]
+        if s.attention:
+            return k + 1
+    return end
+
+
+def keep(reals, models, kept, kept_models):
+    """Keep what the lanes hold."""
+    one, other = vectors(reals), vectors(kept)
+    for i in range(one.size):
+        other[i] = one[i]
+    for b in range(2):
+        bank, copy = vectors(models)[b], vectors(kept_models)[b]
+        for i in range(bank.size):
+            copy[i] = bank[i]
+
+
+def take_vectors(ints, reals, models, work, how, places, samples, width):
+    """Take a stretch in vectors; return the places in the rings after it."""
+    beside, companion, tile, estimates = work
+    s, banks, own, room = members(ints, reals), vectors(models), vectors(beside), vectors(companion)
+    inputs, outputs, told, written = vectors(tile[0]), vectors(tile[1]), vectors(tile[2]), vectors(estimates)
+    white, coloured = places
+    for k in range(samples):
+        inputs[k] = mapped_input(s, inputs[k])
+        outputs[k] = outputs[k] - s.output_offset
+        white = white + 1 if white < LAGS else 0
+        coloured = coloured + 1 if coloured < LAGS - 1 else 0
+        told[k] = ensemble_ordinary.take(s, banks, own, (white, coloured), room, how, inputs[k], outputs[k])
+        for i in range(width):
+            written[k, i] = s.theta[i] * s.unit[i]
+    return white, coloured
+
+
+def fetch(u, y, numbers, start, samples, tile):
+    """Copy the members' samples of a stretch."""
+    for k in range(samples):
+        for lane in range(LANES):
+            tile[0, k, lane] = u[start + k, numbers[lane] if u.shape[1] > 1 else 0]
+            tile[1, k, lane] = y[start + k, numbers[lane] if y.shape[1] > 1 else 0]
+
+
+def deliver(numbers, lane, start, samples, tile, estimates, errors, parameters):
+    """Copy a member's errors and estimates to where they are wanted."""
+    number = numbers[lane]
+    for k in range(samples):
+        errors[start + k, number] = tile[2, k, lane]
+        for i in range(parameters.shape[2]):
+            parameters[number, start + k, i] = estimates[k, i, lane]
+
+
+@inlined
+def each_lane(states, ints, reals, models, live, places, samples):
+    """Let members of whom nothing is due go into their lanes, and the others leave; return whether any is inside."""
+    some = False
+    for lane in range(live.size):
+        own = states[lane]
+        if live[lane] == 1:
+            if not is_ordinary(member(ints, reals, lane), own, samples):
+                leave(own, ints, reals, models, lane, places)
+                live[lane] = 0
+        elif is_ordinary(own, own, samples):
+            enter(own, ints, reals, models, lane, places)
+            live[lane] = 1
+        some |= live[lane] == 1
+    return some
+
+
+def fits(s, first):
+    """Return whether a member can be stepped beside the first: what is no test of a sample is the same for both."""
+    same = s.reals.size == first.reals.size and s.ints.size == first.ints.size
+    same &= s.entries == first.entries and s.order == first.order and s.input_entries == first.input_entries
+    same &= s.memory_size == first.memory_size and s.settings_size == first.settings_size
+    same &= s.square_input == first.square_input and s.straight_input == first.straight_input
+    same &= s.has_noise_model == first.has_noise_model and s.coloured == first.coloured
+    same &= s.rests_with_input == first.rests_with_input and (s.rest_after > 0) == (first.rest_after > 0)
+    same &= s.has_constant == first.has_constant and s.ring_size == first.ring_size
+    same &= (s.settings[0] < 1.0) == (first.settings[0] < 1.0)
+    known = s.examines_output and s.refined and s.instruments and s.algorithm == RECURSIVE_LEAST_SQUARES
+    known &= not (s.has_reference or s.collects) and s.delay == 0.0 and s.capacity == 1 and s.batch_size == 1
+    return same and known
+
+
+def are_within(numbers, u, y, errors):
+    """Return whether these are members of the ensemble."""
+    for lane in range(LANES):
+        if not 0 <= numbers[lane] < errors.shape[1]:
+            return False
+    return (u.shape[1] == 1 or u.shape[1] == errors.shape[1]) and (y.shape[1] == 1 or y.shape[1] == errors.shape[1])
+
+
+def has_room(s, models):
+    """Return whether two banks of each member have room."""
+    return models.shape[0] == 2 and models.shape[1] >= width_of(s) and models.shape[2] == LANES
+
+
+@kernel(
+    "is_sound(one) and is_sound(two) and is_sound(three) and is_sound(four)",
+    "is_sound(five) and is_sound(six) and is_sound(seven) and is_sound(eight)",
+    "fits(one, one) and fits(two, one) and fits(three, one) and fits(four, one)",
+    "fits(five, one) and fits(six, one) and fits(seven, one) and fits(eight, one)",
+    "1 <= live.size <= LANES and taken.size == live.size and numbers.size == LANES",
+    "ints.shape[0] == LANES and ints.shape[1] == one.ints.size and reals.shape[1] == LANES",
+    "reals.shape[0] == one.reals.size and kept.shape[0] == reals.shape[0] and kept.shape[1] == LANES",
+    "has_room(one, models) and has_room(one, kept_models) and kept_models.shape[1] == models.shape[1]",
+    "beside.shape[0] == ensemble_ordinary.BESIDE and beside.shape[1] == LANES",
+    "companion.shape[0] > one.entries and companion.shape[1] == LANES",
+    "tile.shape[0] == 3 and tile.shape[1] >= 1 and tile.shape[2] == LANES",
+    "estimates.shape[0] >= tile.shape[1] and estimates.shape[1] == parameters.shape[2] and estimates.shape[2] == LANES",
+    "parameters.shape[2] <= one.entries and 0 <= start and y.shape[0] == u.shape[0] <= errors.shape[0]",
+    "are_within(numbers, u, y, errors) and errors.shape[1] <= parameters.shape[0]",
+    "parameters.shape[1] >= u.shape[0]",
+)
+def steps(
+    one: StateArrays, two: StateArrays, three: StateArrays, four: StateArrays, five: StateArrays, six: StateArrays,
+    seven: StateArrays, eight: StateArrays, numbers: Ints, live: Ints, taken: Ints, ints: IntMatrix, reals: Matrix,
+    kept: Matrix, models: Cube, kept_models: Cube, beside: Matrix, companion: Matrix, tile: Cube, estimates: Cube,
+    start: int, u: Matrix, y: Matrix, errors: Matrix, parameters: Cube,
+):  # fmt: skip
+    """Take the samples from row ``start`` on, up to the stretch in which a member needs attention.
+
+    Returns the row behind that stretch; ``taken`` says up to which row each member has come: all up to that one, but
+    for those that need attention.
+
+    ``numbers`` (LANES,) says which of the ensemble's M members the states ``one`` to ``eight`` are; those beyond the
+    size of ``live`` and ``taken`` are not stepped.  ``u`` and ``y`` (K, M) have a column for each of the ensemble's
+    members or (K, 1) one for all; ``errors`` is (K, M), ``parameters`` (M, K, size).
+
+    Work, with the lanes last: ``ints`` (LANES, I), ``reals`` and ``kept`` (N, LANES), ``models`` and ``kept_models``
+    (2, B, LANES), ``beside`` (BESIDE, LANES), ``companion`` (T + 1, LANES), ``tile`` (3, R, LANES) and ``estimates``
+    (R, size, LANES) for stretches of R samples.
+    """
+    states = (one, two, three, four, five, six, seven, eight)
+    white, coloured, row, goes_on, forgets = 0, 0, start, True, one.settings[0] < 1.0
+    for lane in range(LANES):
+        enter(states[lane], ints, reals, models, lane, (white, coloured))
+        if lane < live.size:
+            live[lane] = 0
+            taken[lane] = start
+    while goes_on and row < u.shape[0]:
+        samples = min(tile.shape[1], u.shape[0] - row)
+        before, filters = (white, coloured), False
+        if each_lane(states, ints, reals, models, live, before, samples):
+            keep(reals, models, kept, kept_models)
+            fetch(u, y, numbers, row, samples, tile)
+            for lane in range(LANES):
+                filters |= prepare(member(ints, reals, lane), beside, lane)
+            work = (beside, companion, tile, estimates)
+            white, coloured = take_vectors(
+                ints, reals, models, work, (filters, forgets), before, samples, parameters.shape[2]
+            )
+        for lane in range(live.size):
+            own, number = states[lane], numbers[lane]
+            if live[lane] == 1 and beside[ODD, lane] == 0.0:
+                s = member(ints, reals, lane)
+                note(own, s, beside, companion, lane, samples, tile[0], tile[1])
+                deliver(numbers, lane, row, samples, tile, estimates, errors, parameters)
+                taken[lane] = row + samples
+            else:
+                if live[lane] == 1:
+                    leave(own, ints, kept, kept_models, lane, before)
+                    live[lane] = 0
+                taken[lane] = take_alone(own, number, row, row + samples, u, y, errors, parameters)
+                goes_on &= not own.attention
+        row += samples
+    for lane in range(live.size):
+        if live[lane] == 1:
+            leave(states[lane], ints, reals, models, lane, (white, coloured))
+    return row

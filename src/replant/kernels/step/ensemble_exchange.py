@@ -1,0 +1,184 @@
+"""Between the states of single identifiers and the lanes that step them side by side: into a lane, and out of it.
+
+A lane has the numbers of one identifier that ordinary samples read or change: all of ``ints``, the scalars and some
+blocks of ``reals``, and the two banks of its auxiliary model, the serving one first.  Rings are turned so that the
+newest row lies at the same place in every lane.  What an identifier has of its last samples (past inputs, raw samples,
+the row of the buffer) stays with it, and is written once the samples of a stretch are known to be ordinary.
+"""
+
+import math
+
+import numpy as np
+
+from replant.kernels import schema as at
+from replant.kernels.filters import bank as bk
+from replant.kernels.lanes import member
+from replant.kernels.monitoring import interruptions, outliers
+from replant.kernels.native import inlined
+from replant.kernels.schema import LAGS, Alarm, Doubt, StateSlots
+from replant.kernels.step.ensemble_ordinary import ANEW, BEGAN, COUNT, MODEL, ODD, REST_AFTER, STILL, TIES, WEIGHT
+from replant.kernels.step.fixed_filter import place_of
+
+CHANGED = ("phi", "zeta", "theta", "memory", "colour", "noise")
+READ = ("unit", "settings")
+#: Blocks that go into a lane, and those that come out of it: the place in ``ints`` of where each begins, and its name.
+INTO = tuple((block.index, block.name) for block in StateSlots.blocks if block.name in CHANGED + READ)
+OUT = tuple((block.index, block.name) for block in StateSlots.blocks if block.name in CHANGED)
+
+
+def turned(row, size, newest, place):
+    """Return the row of a ring, whose newest row is ``newest``, that belongs where another's has ``place``."""
+    return (row - place + newest + size) % size
+
+
+def width_of(s):
+    """Return how many numbers of a bank go into a lane."""
+    n = s.order
+    return bk.at_kept(n, s.entries) + 1 + n * n + 2 * n
+
+
+def enter(own, ints, reals, models, lane, places):
+    """Put an identifier into a lane."""
+    for i in range(own.ints.size):
+        ints[lane, i] = own.ints[i]
+    for i in range(at.SCALARS):
+        reals[i, lane] = own.reals[i]
+    for place, name in INTO:
+        begin = own.ints[place]
+        for i in range(getattr(own, name).size):
+            reals[begin + i, lane] = own.reals[begin + i]
+    s, T = member(ints, reals, lane), own.entries
+    rows, filtered = s.noise.rows, s.colour.filtered
+    for row in range(LAGS + 1):
+        other = turned(row, LAGS + 1, int(own.noise.position), places[0])
+        for i in range(2 * T + 1):
+            rows[row, i] = own.noise.rows[other, i]
+    for row in range(LAGS):
+        other = turned(row, LAGS, int(own.colour.position), places[1])
+        for i in range(T):
+            filtered[row, i] = own.colour.filtered[other, i]
+    for b in range(2):
+        enter_bank(own, own.banks[own.serving_bank if b == 0 else 3 - own.serving_bank], models[b], lane)
+
+
+def enter_bank(own, bank, model, lane):
+    """Put a bank into a lane, with its discretisation of the sampling time."""
+    n, T = own.order, own.entries
+    end, begin = bk.at_kept(n, T), place_of(bank, n, T, own.interval)
+    for i in range(end):
+        model[i, lane] = bank[i]
+    for i in range(1 + n * n + 2 * n):
+        model[end + i, lane] = bank[begin + i]
+
+
+def leave(own, ints, reals, models, lane, places):
+    """Give an identifier back what its lane holds."""
+    for i in range(own.ints.size):
+        own.ints[i] = ints[lane, i]
+    for i in range(at.SCALARS):
+        own.reals[i] = reals[i, lane]
+    for place, name in OUT:
+        begin = own.ints[place]
+        for i in range(getattr(own, name).size):
+            own.reals[begin + i] = reals[begin + i, lane]
+    s, T = member(ints, reals, lane), own.entries
+    rows, filtered = s.noise.rows, s.colour.filtered
+    for row in range(LAGS + 1):
+        other = turned(row, LAGS + 1, int(own.noise.position), places[0])
+        for i in range(2 * T + 1):
+            own.noise.rows[other, i] = rows[row, i]
+    for row in range(LAGS):
+        other = turned(row, LAGS, int(own.colour.position), places[1])
+        for i in range(T):
+            own.colour.filtered[other, i] = filtered[row, i]
+    n = own.order
+    for b in range(2):
+        bank = own.banks[own.serving_bank if b == 0 else 3 - own.serving_bank]
+        for i in range(bk.at_states(n, T), bk.at_kept(n, T)):
+            bank[i] = models[b, i, lane]
+        bank[bk.MODEL_OUTPUT], bank[bk.INSTRUMENT] = models[b, bk.MODEL_OUTPUT, lane], models[b, bk.INSTRUMENT, lane]
+
+
+def is_ready(own, bank):
+    """Say whether a bank is of a stable model, and has the discretisation of the sampling time."""
+    begin, interval = place_of(bank, own.order, own.entries, own.interval), own.interval
+    return bank[bk.REFLECTED] == 0.0 and abs(bank[begin] - interval) <= bk.SAME_INTERVAL * interval
+
+
+@inlined
+def is_ordinary(s, own, samples):
+    """Say whether nothing is known to be due, or out of the ordinary, within so many samples of a member.
+
+    ``s`` has its newest fields, in its lane or its own; ``own`` those that never go into a lane.
+    """
+    end = s.samples + samples
+    if s.attention or not (s.started and s.adapt and s.warming) or s.alarm != Alarm.NONE or s.stuck_outputs > 0:
+        return False
+    if end >= s.past_due or s.samples < s.attention_at <= end or s.buffer_filled < 1 or s.unknown_input > 0.0:
+        return False
+    if s.residuals_seen < outliers.ENOUGH or s.elapsed < s.learn_from:
+        return False
+    if not s.elapsed + (samples - 1) * s.interval < s.ready_at:
+        return False
+    if s.rests_with_input and s.input_power < interruptions.AT_REST * s.largest_power:
+        return False
+    if s.has_noise_model and s.noise.known <= LAGS:
+        return False
+    if s.coloured and s.colour.count + samples >= own.path.due:
+        return False
+    return is_ready(own, own.banks[1]) and is_ready(own, own.banks[2])
+
+
+def prepare(s, beside, lane):
+    """Fill what stands beside a member's fields; return whether its noise model filters."""
+    noise = s.noise
+    beside[ODD, lane] = 0.0
+    beside[TIES, lane], beside[STILL, lane] = float(s.ties), float(s.input_still)
+    beside[BEGAN, lane], beside[COUNT, lane] = float(s.change_began), float(s.samples)
+    beside[REST_AFTER, lane] = float(s.rest_after)
+    beside[ANEW, lane] = outliers.UNKNOWN * s.settings[0] if s.gap_at > 0 else np.inf
+    order = int(noise.order)
+    filters = order > 0 and noise.filters != 0.0
+    weight = math.sqrt(noise.gain * noise.variances[0] / noise.variances[order]) if filters else 0.0
+    beside[WEIGHT, lane] = weight
+    for i in range(LAGS):
+        beside[MODEL + i, lane] = noise.models[order, 1 + i]
+    return filters
+
+
+def note(own, s, beside, companion, lane, samples, inputs, outputs):
+    """Give an identifier what it keeps of samples that were ordinary, and count them.
+
+    ``inputs`` and ``outputs`` (samples, LANES), less the working points; ``s`` are the fields of its lane, whose newest
+    output and input are not those before them any more.
+    """
+    last = own.inputs[s.ring_head]
+    interval, recent = s.interval, own.recent
+    for k in range(samples):
+        u, y = inputs[k, lane], outputs[k, lane]
+        newest = s.ring_head + 1 if s.ring_head + 1 < s.ring_size else 0
+        s.ring_head = newest
+        own.inputs[newest], own.held[newest], own.intervals[newest] = u, last + 0.0 * (u - last), interval
+        last = u
+        if s.recent_size > 0:
+            head = s.recent_head
+            recent[head, at.INPUT], recent[head, at.OUTPUT], recent[head, at.STEP] = u, y, interval
+            recent[head, at.BRIDGED], recent[head, at.DOUBTED] = y, float(Doubt.NONE)
+            s.recent_head = head + 1 if head + 1 < s.recent_size else 0
+    T = s.entries
+    row, squares = own.buffer[s.buffer_head], 0.0
+    for i in range(T):
+        row[i] = s.phi[i]
+        row[T + 2 + i] = companion[i, lane]
+        squares += companion[i, lane] * companion[i, lane]
+    row[T] = companion[T, lane]
+    row[T + 1] = 1.0 / (1.0 + squares) if s.normalize else 1.0
+    s.samples += samples
+    s.learned = s.samples
+    s.doubt = Doubt.NONE
+    s.ties, s.input_still = int(beside[TIES, lane]), int(beside[STILL, lane])
+    s.change_began = int(beside[BEGAN, lane])
+    if s.has_noise_model:
+        s.noise.position = float((int(s.noise.position) + samples) % (LAGS + 1))
+    if s.coloured:
+        s.colour.position = float((int(s.colour.position) + samples) % LAGS)

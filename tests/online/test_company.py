@@ -1,0 +1,169 @@
+"""Members of the default method side by side: each is, to the bit, the single identifier that it would be by itself."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.engine import state_lanes
+from replant.kernels import schema as at
+from replant.online import company
+from support.builders import G2
+from support.cases import every
+
+DT, SAMPLES, MEMBERS, BEGUN = 0.02, 1200, 9, 400
+STRUCTURE = rp.Structure(poles=2, zeros=1)
+Members = list[rp.Identifier]
+
+
+def records(seed: int = 0, samples: int = SAMPLES, members: int = MEMBERS) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs and outputs (samples, members), of one plant."""
+    generator = np.random.default_rng(seed)
+    u = np.where(np.cumsum(generator.random((samples, members)) < 0.05, axis=0) % 2 == 0, 1.0, -1.0)
+    y = np.stack([G2.simulate(column, DT) for column in u.T], axis=1)
+    return u, y + 0.05 * generator.standard_normal(y.shape)
+
+
+def disturbed(u: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The records with all that is out of the ordinary, each of some members alone."""
+    u, y = u.copy(), y.copy()
+    u[200, 0], y[310:313, 0] = np.nan, np.inf
+    y[450:490, 1] = np.nan  # no output
+    y[280, 2] += 50.0
+    y[281:285, 2] -= 30.0  # outliers
+    y[520:640, 3] = y[520, 3]  # a sensor that is stuck
+    y[700:, 4] *= 3.0  # the plant changes
+    u[600:900, 5] = 0.0  # the input rests
+    y[:, 6] = np.round(y[:, 6], 1)  # a coarse scale
+    u[220, 7] = 1e6  # misread
+    u[1100:, 7] += 1e5  # moved
+    return u, y
+
+
+@functools.cache
+def begun(structure: rp.Structure = STRUCTURE, **settings: Any) -> rp.Identifier:
+    """One that has begun, so that its start-up need not be waited for again."""
+    one, (u, y) = rp.Identifier(structure, DT, startup=300, **settings), records(99, BEGUN, 1)
+    one.update_many(u[:, 0], y[:, 0])
+    assert one.status == "running"
+    return one
+
+
+def defaults(structure: rp.Structure = STRUCTURE, **settings: Any) -> Members:
+    """Members of other ages."""
+    members, (u, y) = [begun(structure, **settings).clone() for _ in range(MEMBERS)], records(98, 80)
+    for number, member in enumerate(members):
+        member.update_many(u[: 9 * number, number], y[: 9 * number, number])
+    return members
+
+
+def arrays_of(member: rp.Identifier) -> list[bytes]:
+    """All arrays to the bit, but work space and what is written anew before it is read."""
+    state = member.clone()._state
+    state.backup[:] = 0.0
+    state.work[:] = 0.0
+    state.ints[at.ROWS :] = 0
+    return [array.tobytes() for array in state.arrays]
+
+
+def check_twins(make: Callable[[], Members], u: np.ndarray, y: np.ndarray, cuts: tuple[int, ...] = ()) -> None:
+    """Compare an ensemble with its members by themselves, to the bit: the ensemble takes the record in chunks."""
+    alone, ensemble = make(), rp.Ensemble(make())
+    edges = [0, *cuts, len(u)]
+    traces = [ensemble.trace(u[a:b], y[a:b]) for a, b in itertools.pairwise(edges)]
+    for number, single in enumerate(alone):
+        expected = single.update_many(u[:, number], y[:, number])
+        errors = np.concatenate([trace[number].errors for trace in traces])
+        np.testing.assert_array_equal(errors, expected.errors, str(number))
+        parameters = np.concatenate([trace[number].parameters for trace in traces])
+        np.testing.assert_array_equal(parameters, expected.parameters, str(number))
+        assert arrays_of(ensemble.member(number)) == arrays_of(single), number
+        assert ensemble.member(number).rejected == single.rejected
+
+
+def test_members_start_when_their_own_samples_suffice() -> None:
+    u, y = records(samples=700, members=4)
+    y *= np.geomspace(0.1, 10.0, 4)
+    check_twins(lambda: [rp.Identifier(STRUCTURE, DT, startup=200 + 50 * number) for number in range(4)], u, y)
+
+
+@every(
+    "structure",
+    [rp.Structure(1), rp.Structure(2), rp.Structure(1, 1, feedthrough=True)],
+    ids=["1", "2", "1, at once"],
+)
+def test_members_of_every_structure_get_the_same_bits(structure: rp.Structure) -> None:
+    check_twins(lambda: defaults(structure), *records(1, 300))
+
+
+def test_what_is_out_of_the_ordinary_is_each_member_s_own() -> None:
+    check_twins(defaults, *disturbed(*records()))
+
+
+@every("cuts", [(1, 2, 300, 301, 333, 550), tuple(range(100, 600, 47))], ids=["odd", "short"], quick=1)
+def test_the_size_of_the_chunks_changes_nothing(cuts: tuple[int, ...]) -> None:
+    u, y = disturbed(*records(1))
+    check_twins(defaults, u[:650], y[:650], cuts)
+
+
+@pytest.mark.parametrize("stretch", [1, 64])
+def test_how_many_samples_members_take_at_once_changes_nothing(stretch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(state_lanes, "STRETCH", stretch)
+    monkeypatch.setattr(company, "PIECE", 100 * stretch)
+    u, y = disturbed(*records(2))
+    check_twins(defaults, u[:400], y[:400])
+
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    "forgetting": {"optimizer": rp.RecursiveLeastSquares(0.999)},
+    "straight": {"filter": rp.RefinedFilter(input_hold="foh")},
+    "working point": {"preprocess": rp.Preprocess("identity", 0.3, -0.2)},
+    "not normalized": {"normalize": False},
+    "kalman": {"optimizer": rp.KalmanTracking(1e-4)},
+    "fixed filter": {"filter": rp.StateVariableFilter(cutoff=5.0), "optimizer": rp.RecursiveLeastSquares()},
+}
+
+
+@every("which", SETTINGS, quick=2)
+def test_every_setting_gets_the_same_bits(which: str) -> None:
+    u, y = records(3, 450)
+    y[300:310, 2], y[350:, 3] = np.nan, 0.0
+    check_twins(lambda: defaults(**SETTINGS[which]), u + 0.1 * np.cos(np.arange(len(u)))[:, None], y)
+
+
+def test_members_of_several_kinds() -> None:
+    def make() -> Members:
+        members = defaults()
+        members[2] = begun(optimizer=rp.RecursiveLeastSquares(0.999)).clone()
+        members[3] = begun(rp.Structure(2, 1, delay=0.05)).clone()
+        members[4] = rp.Identifier(STRUCTURE, DT, preprocess=rp.Preprocess(input_map=np.tanh), startup=5000)
+        members[5] = begun(optimizer="amsgrad", instruments=False).clone()
+        members[6].freeze()
+        return members
+
+    check_twins(make, *records(5, 400))
+
+
+def test_threads_change_nothing() -> None:
+    u, y = records(6, 300)
+    one, two = rp.Ensemble(defaults()), rp.Ensemble(defaults(), n_jobs=2)
+    np.testing.assert_array_equal(one.update_many(u, y), two.update_many(u, y))
+    for number in range(MEMBERS):
+        assert arrays_of(one.member(number)) == arrays_of(two.member(number))
+
+
+def test_most_ordinary_samples_are_taken_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole: list[int] = []
+    take = company.Company._take_together
+    monkeypatch.setattr(
+        company.Company, "_take_together", lambda *given: (whole.append(len(given[1])), take(*given))[1]
+    )
+    ensemble = rp.Ensemble(defaults())
+    ensemble.update_many(*records(7, 100))
+    assert whole == [8]  # and the ninth by itself
