@@ -23,6 +23,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+import default_ensembles
 import replant as rp
 from kernels import ROUNDS
 
@@ -99,8 +100,10 @@ def measure(members: Sequence[int] = MEMBERS, repetitions: int = 15) -> dict[str
     shared = [rate_of_threads(*case, np.concatenate(times)) for case, times in threads.items()]
     vectors = [rate for rate in rates if rate.members == PROMISED_MEMBERS and rate.buffer != "own seeds"]
     holds = all(rate.ratio >= PROMISED for rate in vectors) and all(rate.ratio >= PROMISED_THREADS for rate in shared)
+    default = default_ensembles.measure()
     return {
-        "holds": holds,
+        "holds": holds and default["holds"],
+        "default": default,
         "promised": {"members": PROMISED_MEMBERS, "ratio": PROMISED},
         "one_thread": [asdict(rate) for rate in rates],
         "threads": [asdict(rate) for rate in shared],

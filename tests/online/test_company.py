@@ -162,7 +162,7 @@ def test_most_ordinary_samples_are_taken_side_by_side(monkeypatch: pytest.Monkey
     whole: list[int] = []
     take = company.Company._take_together
     monkeypatch.setattr(
-        company.Company, "_take_together", lambda *given: (whole.append(len(given[1])), take(*given))[1]
+        company.Company, "_take_together", lambda *given: (whole.append(len(given[2])), take(*given))[1]
     )
     ensemble = rp.Ensemble(defaults())
     ensemble.update_many(*records(7, 100))

@@ -11,7 +11,6 @@ from replant.arguments import FloatArray, IntArray
 from replant.engine.aligned import aligned
 from replant.engine.state import State
 from replant.engine.state_lanes import Lanes
-from replant.engine.state_lanes import kind as kind_of_lane
 from replant.kernels.schema import LAYOUT, StateSlots
 
 TILE = 256  # samples that a block takes at once: they, and what comes of them, stay in the processor's cache [samples]
@@ -139,9 +138,9 @@ class Room:
             self._arrays = aligned((3, rows, LANES)), aligned((rows, size, LANES))
         return self._arrays
 
-    def lanes(self, state: State, size: int) -> Lanes:
-        """Return room for states like this one, and for the first ``size`` parameters."""
-        if self._lanes is None or (self._lanes.kind, self._lanes.size) != (kind_of_lane(state), size):
+    def lanes(self, kind: tuple[int, ...], state: State, size: int) -> Lanes:
+        """Return room for states of a kind, as this one is, and for the first ``size`` parameters."""
+        if self._lanes is None or (self._lanes.kind, self._lanes.size) != (kind, size):
             self._lanes = Lanes(state, size)
         return self._lanes
 

@@ -6,7 +6,6 @@ What is due is done member by member, as a single identifier does it: the start-
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import groupby
 
 from replant.arguments import FloatArray
 from replant.engine.state_lanes import fits, kind
@@ -16,7 +15,7 @@ from replant.online.identifier import Identifier
 LEAST = 3  # members that lanes pay for: they take about the time of three [count]
 FEWEST = 32
 """Rows of a chunk that lanes pay for: to go into them and to leave takes as long as some ten samples [samples]."""
-PIECE = 512
+PIECE = 2048
 """Rows after which it is looked at again who may go together: whose start-up has ended, say [samples]."""
 
 Alone = Callable[..., None]  # takes a member's samples: (number, room, row, u, y, errors, parameters)
@@ -45,27 +44,31 @@ class Company:
 
     def _take_piece(self, room: Room, start: int, *chunk: FloatArray) -> None:
         """Take the samples up to the end of the chunk, each member in the company of those that are ready and alike."""
-        ready = [] if len(chunk[0]) - start < FEWEST else [n for n in self.numbers if self._is_ready(n)]
-        ready.sort(key=self._kind)
-        for _, group in groupby(ready, key=self._kind):
-            together = list(group)
-            if len(together) >= LEAST:
-                self._take_together(together, room, start, *chunk)
-            else:
-                ready = [n for n in ready if n not in together]
+        alike: dict[tuple[int, ...], list[int]] = {}
+        if len(chunk[0]) - start >= FEWEST:
+            for number in self.numbers:
+                if self._is_ready(number):
+                    alike.setdefault(kind(self._members[number]._state), []).append(number)
+        together = {one: numbers for one, numbers in alike.items() if len(numbers) >= LEAST}
+        for one, numbers in together.items():
+            self._take_together(one, numbers, room, start, *chunk)
+        inside = {number for numbers in together.values() for number in numbers}
         for number in self.numbers:
-            if number not in ready:
+            if number not in inside:
                 self._alone(number, room, start, *chunk)
 
-    def _take_together(self, numbers: list[int], room: Room, start: int, *chunk: FloatArray) -> None:
+    def _take_together(
+        self, one: tuple[int, ...], numbers: list[int], room: Room, start: int, *chunk: FloatArray
+    ) -> None:
         row, end = start, len(chunk[0])
         while row < end:
-            states = [self._members[n]._state for n in numbers]
-            if len({kind(state) for state in states}) > 1:  # what was due has changed one
+            states = [self._members[number]._state for number in numbers]
+            if row > start and any(kind(state) != one for state in states):  # what was due has changed it
                 for number in numbers:
                     self._alone(number, room, row, *chunk)
                 return
-            row, taken = room.lanes(states[0], chunk[3].shape[2]).take(states, numbers, row, *chunk)
+            lanes = room.lanes(one, states[0], chunk[3].shape[2])
+            row, taken = lanes.take(states, numbers, row, *chunk)
             for number, reached in zip(numbers, taken.tolist(), strict=True):
                 self._catch_up(number, room, reached, row, *chunk)
 
@@ -82,9 +85,6 @@ class Company:
         if member._state.attention:
             member._enter()
         return member.settings is not None and fits(member._state)
-
-    def _kind(self, number: int) -> tuple[int, ...]:
-        return kind(self._members[number]._state)
 
 
 def _up_to(row: int, *chunk: FloatArray) -> tuple[FloatArray, ...]:
