@@ -17,7 +17,7 @@ from replant.online import identifier as module
 from support.interrupts import interrupt
 
 DT = 0.1
-SAMPLES = 2500
+SAMPLES = 600
 CONFIRMS = SAMPLES // 3 + 1  # the sample that confirms a leap of the input
 FIXED = {"filter": rp.StateVariableFilter(cutoff=1.0), "instruments": False, "startup": 20}
 
@@ -35,12 +35,12 @@ def stream(seed: int, samples: int = SAMPLES) -> tuple[FloatArray, FloatArray]:
 
 def go_on(one: Any, u: FloatArray, y: FloatArray, rng: np.random.Generator) -> Callable[[], None]:
     """Return what takes some of the samples that are left: one by one, or a chunk."""
-    begin, step = one.taken, int(rng.choice([1, 40, 400]))
+    begin, step = one.taken, int(rng.choice([1, 20, 100]))
     if step > 1:
         return lambda: one.update_many(u[begin : begin + step], y[begin : begin + step])
 
     def one_by_one() -> None:
-        for k in range(begin, min(begin + 60, u.size)):
+        for k in range(begin, min(begin + 20, u.size)):
             one.update(u[k], y[k])
 
     return one_by_one
@@ -51,7 +51,7 @@ def interrupted(one: Any, twin: Any, seed: int, most: int, same: Callable[[Any, 
     u, y = stream(seed)
     rng, count = np.random.default_rng(seed), 0
     while one.taken < u.size:
-        work, after = go_on(one, u, y, rng), int(10.0 ** rng.uniform(0.3, 4.5))
+        work, after = go_on(one, u, y, rng), int(10.0 ** rng.uniform(0.3, 4.2))
         if count >= most:
             work()
         elif interrupt(work, after):
@@ -85,7 +85,7 @@ def all_equal(one: rp.Ensemble, twin: rp.Ensemble) -> bool:
 
 
 def identifier(seed: int) -> rp.Identifier:
-    return rp.Identifier(poles=2, dt=DT, startup=(100, 200, 300)[seed % 3])
+    return rp.Identifier(poles=2, dt=DT, startup=(100, 150, 200)[seed % 3])
 
 
 def sweep(n_jobs: int) -> rp.Ensemble:
@@ -100,7 +100,7 @@ def test_an_interrupted_identifier_goes_on_as_if_it_had_not_been() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_an_interrupted_identifier_goes_on_as_if_it_had_not_been_at_many_instants(seed: int) -> None:
-    assert interrupted(identifier(seed), identifier(seed), seed, 30, equal) >= 28
+    assert interrupted(identifier(seed), identifier(seed), seed, 25, equal) == 25
 
 
 def test_an_interrupted_ensemble_goes_on_as_if_it_had_not_been(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,9 +130,10 @@ def test_what_is_interrupted_can_be_done_again_at_many_instants() -> None:
 
 def done_again(what: str, growth: int) -> None:
     """Interrupt a call at instants each so many times as late as the one before; it is whole or was not begun."""
-    u, y = stream(0, 600)
+    u, y = stream(0)
     start = identifier(0)
-    start.update_many(u, y)
+    start.update_many(u[: SAMPLES // 2], y[: SAMPLES // 2])
+    assert start._state.alarm  # to be looked into
     whole = start.clone()
     getattr(whole, what)()
     after = 1
@@ -153,7 +154,7 @@ def test_a_long_chunk_answers_a_signal() -> None:
     u, y = stream(0)
     ident = rp.Identifier(poles=2, dt=DT, startup=200)
     ident.update_many(u, y)
-    u, y = np.tile(u[-1000:], 20_000), np.tile(y[-1000:], 20_000)  # some 20 s
+    u, y = np.tile(u[-SAMPLES // 3 :], 10_000), np.tile(y[-SAMPLES // 3 :], 10_000)  # some 2 s
 
     class StopError(Exception):
         pass
@@ -163,26 +164,26 @@ def test_a_long_chunk_answers_a_signal() -> None:
 
     before = signal.signal(signal.SIGALRM, stop)
     try:
-        signal.setitimer(signal.ITIMER_REAL, 0.5)
+        signal.setitimer(signal.ITIMER_REAL, 0.05)
         with pytest.raises(StopError):
             ident.update_many(u, y)
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, before)
-    assert 2500 <= ident.taken < 2500 + u.size
+    assert SAMPLES <= ident.taken < SAMPLES + u.size
 
 
 def test_every_sample_is_counted_once() -> None:
     u, y = stream(3)
     t = DT * np.arange(u.size)
-    t[1000] = 1e6  # misread
-    t[1500:] += 1e3  # a gap, confirmed
-    t[1700] = t[1699]
+    t[240] = 1e6  # misread
+    t[370:] += 1e3  # a gap, confirmed
+    t[410] = t[409]
     for stamps in (None, t):
         ident = identifier(0)
         for k in range(u.size):
             ident.update(u[k], y[k], None if stamps is None else stamps[k])
-            if k % 50 == 0 or 990 < k < 1010 or k > 2490:
+            if k % 50 == 0 or 230 < k < 250 or k > SAMPLES - 10:
                 assert ident.taken == k + 1
         assert rp.Identifier.from_bytes(ident.to_bytes()).taken == copy.copy(ident).taken == u.size
 
@@ -197,7 +198,7 @@ def test_samples_dropped_in_a_long_start_up_are_counted() -> None:
 
 def test_a_handler_may_read_and_save_and_may_not_change(monkeypatch: pytest.MonkeyPatch) -> None:
     """The record is solved again within a call; a signal may be handled meanwhile."""
-    u, y = stream(1, 1000)
+    u, y = stream(1)
     plain, ident = identifier(0), identifier(0)
     plain.update_many(u, y)
     whole, saved = module.renew, []
