@@ -119,6 +119,7 @@ def test_threads_that_begin_at_once_make_the_library_once(clone: Path) -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.slow
 def test_processes_that_begin_at_once_all_work(clone: Path) -> None:
     shutil.rmtree(clone / "src/replant/kernels/compiled")
     with ThreadPoolExecutor(3) as pool:

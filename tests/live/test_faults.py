@@ -133,7 +133,7 @@ JUMPS = {  # seconds until the estimate has to be right: a1, b1, a2 show at once
 }
 
 
-QUICK = [(4, 0.5)]  # the gain
+QUICK = [(0, 0.5)]
 #: The slow mode makes a thirtieth of the output.  For one look, 0.6 s after the change, the whole gain is taken to have
 #: moved: b0 is 50 % off, and trusted with a standard deviation of 2 %.
 TOO_SOON = pytest.mark.xfail(strict=True, reason="that b0 stays cannot be told within 0.6 s")
@@ -161,10 +161,11 @@ def test_a_parameter_that_jumps_is_noticed_and_learned_again(entry: int, factor:
     assert trusted[-5000 // step :].any()
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(46, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 46])
 def test_a_plant_that_jumps_twice_is_not_trusted_with_what_the_first_look_made_of_it(seed: int) -> None:
     """The second jump comes before the first is looked into: a revision across both is no prior for the next one."""
-    u, y, true = jumping({GOOD: (3, 1.5), GOOD + 60: (0, 2.0)}, GOOD + 8000, seed)
+    u, y, true = jumping({GOOD: (3, 1.5), GOOD + 60: (0, 2.0)}, GOOD + 5000, seed)
     _, *after = told(LIGHT, u, y)
     for estimate in after[3:]:  # of the first ones some saw the plant between
         away = np.abs(np.array(estimate.parameters) / true - 1.0)
@@ -179,7 +180,7 @@ def test_a_plant_that_jumps_twice_is_not_trusted_with_what_the_first_look_made_o
 def test_lost_samples_jitter_and_a_gap(gap: float) -> None:
     """A tenth lost, stamps a fifth of an interval early or late, and the plant on its own for a while."""
     generator = np.random.default_rng(2)
-    dt, samples = 0.05, 8000
+    dt, samples = 0.05, 4000
     t = dt * (np.arange(samples) + generator.uniform(-0.2, 0.2, samples))
     t[samples // 2 :] += gap
     u, changed = np.empty(samples), 0

@@ -30,9 +30,9 @@ def factors(ident: rp.Identifier) -> tuple[np.ndarray, np.ndarray]:
     return memory[: size * size].reshape(size, size).copy(), memory[size * size :].copy()
 
 
-def converged(optimizer: Any, **arguments: Any) -> rp.Identifier:
-    u, y = record(PLANT, seed=1, samples=20_000, dt=DT, hold=8, noise=0.02)
-    ident = rp.Identifier(STRUCTURE, DT, optimizer=optimizer, **arguments)
+def converged(optimizer: Any, samples: int = 20_000) -> rp.Identifier:
+    u, y = record(PLANT, seed=1, samples=samples, dt=DT, hold=8, noise=0.02)
+    ident = rp.Identifier(STRUCTURE, DT, optimizer=optimizer)
     ident.update_many(u, y)
     return ident
 
@@ -64,7 +64,7 @@ def rest(name: str, samples: int) -> None:
     The moving variance of the input takes some 14 memories of it to fall to the millionth at which it rests: up to
     110 000 samples, in which noise is still learned.
     """
-    ident = converged(OPTIMIZERS[name])
+    ident = converged(OPTIMIZERS[name], 20_000 if name == "default" else 5000)
     start = ident.parameters
     np.testing.assert_allclose(start, TRUE, rtol=0.1)
     idle(ident, 200_000, 1.0)
@@ -108,9 +108,9 @@ def test_two_million_idle_samples_change_nothing(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OPTIMIZERS)
-def test_a_hundred_million_idle_samples_change_nothing(name: str) -> None:
-    """A day and a half at 1 kHz: one to two minutes for each optimizer."""
-    rest(name, 100_000_000)
+def test_ten_million_idle_samples_change_nothing(name: str) -> None:
+    """Until the variance of the input, which falls by e in 8,000 samples, is smaller than the smallest number."""
+    rest(name, 10_000_000)
 
 
 def test_when_the_input_moves_again_learning_goes_on() -> None:
@@ -130,7 +130,7 @@ def test_an_input_that_moves_a_little_does_not_rest() -> None:
     for amplitude, rests in ((0.01, False), (1e-4, True)):
         ident = converged(rp.RecursiveLeastSquares())
         before = ident._state.rested
-        u, y = record(PLANT, seed=5, samples=200_000, dt=DT, hold=8)
+        u, y = record(PLANT, seed=5, samples=130_000, dt=DT, hold=8)
         ident.update_many(amplitude * u, amplitude * y)
         assert (ident._state.rested - before > 1000) == rests
 

@@ -31,7 +31,7 @@ def gaps(ident: rp.Identifier) -> int:
 @every("hold", ["zoh", "foh"], quick=1)
 def test_without_noise_jitter_costs_nothing(name: str, hold: str) -> None:
     structure, plant = AWKWARD[name]
-    u, y, t = irregular_record(plant, 1, 4000, DT, jitter=0.4, input_hold=hold)
+    u, y, t = irregular_record(plant, 1, 2500, DT, jitter=0.4, input_hold=hold)
     ident = rp.Identifier(structure, DT, filter=rp.RefinedFilter(input_hold=hold))
     trace = ident.update_many(u, y, t)
     true = true_parameters(plant, structure.zeros)
@@ -53,7 +53,7 @@ def test_stamps_that_are_ignored_would_have_cost_much() -> None:
 def test_dead_time_on_a_clock_that_jitters(delay: float, hold: str) -> None:
     """Whole samples of dead time there are none then: every interval falls into pieces."""
     plant = rp.TransferFunction(PLANT.num, PLANT.den, delay * DT)
-    u, y, t = irregular_record(plant, 2, 4000, DT, jitter=0.4, input_hold=hold)
+    u, y, t = irregular_record(plant, 2, 2000, DT, jitter=0.4, input_hold=hold)
     ident = rp.Identifier(rp.Structure(2, 1, delay=delay * DT), DT, filter=rp.RefinedFilter(input_hold=hold))
     ident.update_many(u, y, t)
     np.testing.assert_allclose(ident.parameters, TRUE, rtol=1e-5)
@@ -88,12 +88,12 @@ def test_a_regular_clock_told_by_stamps_is_the_regular_clock(offset: float) -> N
 
 
 def test_chunks_equal_the_whole_with_stamps_too() -> None:
-    u, y, t = irregular_record(PLANT, 4, 2500, DT, jitter=0.3, dropped=0.1)
+    u, y, t = irregular_record(PLANT, 4, 1400, DT, jitter=0.3, dropped=0.1)
     whole, loop, chunked = (rp.Identifier(STRUCTURE, DT) for _ in range(3))
     expected = whole.update_many(u, y, t)
     errors = [loop.update(float(a), float(b), float(c)) for a, b, c in zip(u, y, t, strict=True)]
     np.testing.assert_array_equal(errors, expected.errors)
-    edges = [0, 3, 499, 500, 501, 1000, 1777, u.size]
+    edges = [0, 3, 499, 500, 501, 800, 1111, u.size]
     pieces = [chunked.update_many(u[a:b], y[a:b], t[a:b]) for a, b in itertools.pairwise(edges)]
     np.testing.assert_array_equal(np.vstack([piece.parameters for piece in pieces]), expected.parameters)
     assert state(whole) == state(loop) == state(chunked)
@@ -119,7 +119,7 @@ def test_with_any_sample_missing_the_estimate_stays_near() -> None:
 
     The default holds within two percent, as is asked for under noise; taken for regular the record gives nonsense.
     """
-    u, y, t = irregular_record(PLANT, 6, 8000, DT, jitter=0.2, dropped=0.1, hold=8)
+    u, y, t = irregular_record(PLANT, 6, 4000, DT, jitter=0.2, dropped=0.1, hold=8)
     ident, ignoring = rp.Identifier(STRUCTURE, DT), rp.Identifier(STRUCTURE, DT)
     ident.update_many(u, y, t)
     ignoring.update_many(u, y)
@@ -211,9 +211,9 @@ BAD_STAMPS = [math.nan, math.inf, -math.inf]
 @every("many", [False, True], ids=["update", "update_many"])
 @every("ready", [False, True], ids=["starting", "running"])
 def test_a_bad_stamp_is_rejected_counted_and_leaves_no_trace(many: bool, ready: bool) -> None:
-    u, y, t = irregular_record(PLANT, 8, 1500, DT)
+    u, y, t = irregular_record(PLANT, 8, 900, DT)
     spoiled, clean = rp.Identifier(STRUCTURE, DT), rp.Identifier(STRUCTURE, DT)
-    count = 900 if ready else 100
+    count = 560 if ready else 100
     for ident in (spoiled, clean):
         ident.update_many(u[:count], y[:count], t[:count])
     assert (spoiled.status == "running") == ready

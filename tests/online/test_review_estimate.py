@@ -10,7 +10,7 @@ from support.builders import DT, binary
 from support.cases import every
 
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
-STEADY, SAMPLES = 30_000, 50_000
+STEADY, SAMPLES = 12_000, 22_000
 NOISE = 0.7
 """Standard deviation of the noise, part of the output's: the residual hardly grows when the gain is a fifth off."""
 
@@ -32,7 +32,7 @@ def record(kind: str, gain: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
 @every("kind", ["white", "coloured"])
 @every("gain", [0.75, 1.3])
 def test_a_change_that_hardly_shows_in_the_residual_is_learned(kind: str, gain: float) -> None:
-    """An estimate that remembers 30,000 samples would need as many again to come half of the way."""
+    """An estimate that remembers 12,000 samples would need as many again to come half of the way."""
     u, y = record(kind, gain, 1)
     ident = rp.Identifier(rp.Structure(2), DT)
     ident.update_many(u, y)
@@ -67,11 +67,11 @@ def test_a_frozen_estimate_is_not_reviewed() -> None:
 def test_single_samples_and_a_checkpoint_come_to_the_same_review() -> None:
     u, y = record("white", 1.3, 1)
     whole = rp.Identifier(rp.Structure(2), DT)
-    whole.update_many(u[:45_000], y[:45_000])
+    whole.update_many(u[:18_000], y[:18_000])
     parts = rp.Identifier(rp.Structure(2), DT)
-    parts.update_many(u[:32_000], y[:32_000])
+    parts.update_many(u[:13_000], y[:13_000])
     parts = rp.Identifier.from_bytes(parts.to_bytes())
-    for k in range(32_000, 45_000):
+    for k in range(13_000, 18_000):
         parts.update(float(u[k]), float(y[k]))
     assert whole._state.changed_at > 0
     assert parts.to_bytes() == whole.to_bytes()

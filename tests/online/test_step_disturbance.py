@@ -30,7 +30,7 @@ def made(name: str, **arguments: object) -> rp.Identifier:
     return rp.Identifier(rp.Structure(plant.den.size - 1, delay=plant.delay), DT, **arguments)  # type: ignore[arg-type]
 
 
-@every("name", PLANTS)
+@every("name", PLANTS, quick=2)
 @every(("where", "size"), [("output", 2.0), ("output", 0.3), ("input", 3.0)])
 @every("forgetting", [1.0, 0.999], quick=1)
 def test_a_step_of_a_disturbance_leaves_the_plant_as_it_is(

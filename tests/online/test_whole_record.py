@@ -93,7 +93,7 @@ def test_outputs_of_a_stuck_sensor_stay_bridged() -> None:
 def test_nonlinear_plants_do_not_end_behind_fit(seed: int) -> None:
     """Of a plant that saturates, alarms leave an estimate of the newest samples; the whole record tells more."""
     random = np.random.default_rng(seed)
-    u = np.repeat(random.uniform(-1.0, 1.0, 40), 50)
+    u = np.repeat(random.uniform(-1.0, 1.0, 40), 30)
     y = PLANT.simulate(np.tanh(3.0 * u), DT) + 0.01 * random.standard_normal(u.size)
     ident = learned(u, y, startup=200)
     ident.finish()

@@ -48,6 +48,7 @@ def test_no_compiler_warns(made: tuple[Path, list[str]], compiler: str, file: st
     look(made, compiler, *WARNINGS, *NOT_MEANT, "-c", file, "-o", f"{compiler}.o")
 
 
+@pytest.mark.slow
 def test_cppcheck_finds_nothing(made: tuple[Path, list[str]]) -> None:
     looked_for = "--enable=warning,performance,portability"
     look(made, "cppcheck", "--quiet", "--std=c99", looked_for, "--error-exitcode=1", "-D__GNUC__=12", *FILES)

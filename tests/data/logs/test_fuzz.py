@@ -10,7 +10,7 @@ from fuzz.files import run_file
 from fuzz.seeds_of_files import FORMATS
 from support.cases import every
 
-TRIES = 10  # four times as many in `make slow`, and as many as one likes in `make fuzz`
+TRIES = 5  # four times as many in `make slow`, and as many as one likes in `make fuzz`
 
 
 @pytest.mark.parametrize("tries", [TRIES, pytest.param(4 * TRIES, marks=pytest.mark.slow)])

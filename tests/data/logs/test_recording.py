@@ -56,7 +56,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.usefixtures("small_blocks")
 @every("most_held", [0, ROWS - 1, ROWS], quick=2)
-@every("timing", [{}, {"dt": 0.5}], ids=["time stamps", "dt"])
+@every("timing", [{}, {"dt": 0.5}], ids=["time stamps", "dt"], quick=1)
 @every("suffix", [".csv", ".txt", ".parquet", ".npz", ".mat"])
 def test_its_batches_are_the_log(tmp_path: Path, suffix: str, timing: dict[str, float], most_held: int) -> None:
     columns = signals()
@@ -79,7 +79,7 @@ def test_its_batches_are_the_log(tmp_path: Path, suffix: str, timing: dict[str, 
 
 @pytest.mark.usefixtures("small_blocks")
 @every("most_held", [0, ROWS], quick=1)
-@every("row", [1, 63, 64, 65, 300, ROWS - 1], quick=3)
+@every("row", [1, 63, 64, 65, 300, ROWS - 1], quick=2)
 @every(
     ("kind", "message"),
     [("missing", "time stamp is nan"), ("repeats", "repeats the one before")],
@@ -98,7 +98,7 @@ def test_a_bad_stamp_is_named_wherever_it_is(tmp_path: Path, most_held: int, row
 
 @pytest.mark.usefixtures("small_blocks")
 @every("most_held", [0, ROWS], quick=1)
-@every("row", [1, 63, 64, 65, 300, ROWS - 1], quick=3)
+@every("row", [1, 63, 64, 65, 300, ROWS - 1], quick=2)
 def test_an_irregular_stamp_is_named_wherever_it_is_and_all_come(tmp_path: Path, most_held: int, row: int) -> None:
     columns = signals()
     regular = save(tmp_path / "regular.csv", columns)
