@@ -251,21 +251,21 @@ def jumped(name: str, entry: int, factor: float, at_sample: int, samples: int, d
     return u, y + noise * np.random.default_rng(5).standard_normal(samples), parameters, dt
 
 
-@every(("name", "entry"), JUMPS)
+@every(("name", "entry"), JUMPS, quick=4)
 @every("factor", [0.5, 1.5], quick=1)
 @every("kind", ["default", "forgetting"])
 def test_a_jump_by_half_is_noticed_and_learned(name: str, entry: int, factor: float, kind: str) -> None:
     """At 25 dB within 300 samples; within four start-ups the estimate is right again.  Never trusted while wrong."""
-    u, y, true, dt = jumped(name, entry, factor, 1500, 4500, 25.0)
+    u, y, true, dt = jumped(name, entry, factor, 4000, 7000, 25.0)
     ident = rp.Identifier(rp.Structure(true.size - 1), dt, **KINDS[kind])
-    ident.update_many(u[:1500], y[:1500])
+    ident.update_many(u[:4000], y[:4000])
     assert ident.assess().status == "trusted"
-    for k in range(1500, 3500, 250):
+    for k in range(4000, 6000, 250):
         ident.update_many(u[k : k + 250], y[k : k + 250])
-        if away(ident, true) > 0.1 and k >= 1750:
+        if away(ident, true) > 0.1 and k >= 4250:
             assert ident.assess().status != "trusted"
     assert away(ident, true) < 0.05
-    ident.update_many(u[3500:], y[3500:])
+    ident.update_many(u[6000:], y[6000:])
     assert away(ident, true) < 0.05
     assert_sound(ident)
 

@@ -46,8 +46,8 @@ def garbled(samples: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
     return u, y, t
 
 
-@every("seed", range(6), quick=1)
-@every("name", OPTIMIZERS, quick=4)
+@every("seed", range(3), quick=1)
+@every("name", OPTIMIZERS)
 def test_chunks_and_checkpoints_at_any_place_change_no_bit(name: str, seed: int) -> None:
     u, y, t = garbled(250, seed)
     whole, loop, parts = (made(name) for _ in range(3))

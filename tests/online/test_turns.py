@@ -91,8 +91,8 @@ def test_no_sample_is_lost_however_many_threads_give_them() -> None:
 
 @pytest.mark.slow
 def test_no_sample_is_lost_in_many_runs() -> None:
-    for seed in range(20):
-        given_by_threads(rp.Identifier(poles=2, dt=DT, startup=100), *record(1000, seed))
+    for seed in range(10):
+        given_by_threads(rp.Identifier(poles=2, dt=DT, startup=100), *record(500, seed))
 
 
 def test_no_sample_of_an_ensemble_is_lost_however_many_threads_give_them() -> None:
