@@ -67,11 +67,11 @@ def test_a_frozen_estimate_is_not_reviewed() -> None:
 def test_single_samples_and_a_checkpoint_come_to_the_same_review() -> None:
     u, y = record("white", 1.3, 1)
     whole = rp.Identifier(rp.Structure(2), DT)
-    whole.update_many(u[:18_000], y[:18_000])
+    whole.update_many(u[:20_000], y[:20_000])
     parts = rp.Identifier(rp.Structure(2), DT)
-    parts.update_many(u[:13_000], y[:13_000])
+    parts.update_many(u[:18_000], y[:18_000])
     parts = rp.Identifier.from_bytes(parts.to_bytes())
-    for k in range(13_000, 18_000):
+    for k in range(18_000, 20_000):
         parts.update(float(u[k]), float(y[k]))
     assert whole._state.changed_at > 0
     assert parts.to_bytes() == whole.to_bytes()
