@@ -165,7 +165,7 @@ def test_a_parameter_that_jumps_is_noticed_and_learned_again(entry: int, factor:
 @pytest.mark.parametrize("seed", [0, 46])
 def test_a_plant_that_jumps_twice_is_not_trusted_with_what_the_first_look_made_of_it(seed: int) -> None:
     """The second jump comes before the first is looked into: a revision across both is no prior for the next one."""
-    u, y, true = jumping({GOOD: (3, 1.5), GOOD + 60: (0, 2.0)}, GOOD + 5000, seed)
+    u, y, true = jumping({GOOD: (3, 1.5), GOOD + 60: (0, 2.0)}, GOOD + 8000, seed)
     _, *after = told(LIGHT, u, y)
     for estimate in after[3:]:  # of the first ones some saw the plant between
         away = np.abs(np.array(estimate.parameters) / true - 1.0)
