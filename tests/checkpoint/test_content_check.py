@@ -55,7 +55,7 @@ def test_shapes_are_known_from_the_settings_alone(kind: str) -> None:
     for samples in LENGTHS:
         ident = rp.Identifier.from_bytes(seed(kind, samples, False))
         if ident.settings is not None:
-            assert sizes_of(ident.settings, ident._request, reference=False).shapes == {
+            assert sizes_of(ident.settings, ident._request, len(ident._state.recent), reference=False).shapes == {
                 name: getattr(engine_state(ident), name).shape for name in at.STATE_ARRAYS
             }
 

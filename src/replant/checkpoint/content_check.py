@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from replant.engine.dimensions import STORED, Dimensions
+from replant.engine.dimensions import STORED, Dimensions, collects_at_most, rooms
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import State
 from replant.errors import DamagedCheckpointError
@@ -66,11 +66,18 @@ def layout_of_state() -> str:
     return hashlib.sha256("\n".join(slots + sizes).encode()).hexdigest()[:16]
 
 
-def sizes_of(settings: Settings | None, request: Request, *, reference: bool) -> Dimensions:
-    """Return the sizes of an identifier's arrays; without settings those of a start-up."""
+def most_kept(settings: Settings | None, request: Request) -> int:
+    """Return how many raw samples are kept at the most; without settings in a start-up."""
+    return collects_at_most(request) if settings is None else STORED
+
+
+def sizes_of(settings: Settings | None, request: Request, rows: int, *, reference: bool) -> Dimensions:
+    """Return the sizes of an identifier's arrays, with so many ``rows`` of raw samples where there may be so many."""
+    most = most_kept(settings, request)
+    recent = rows if rows in rooms(most) else most
     if settings is None:
-        return Dimensions.of_request(request, reference=reference)
-    return Dimensions.of_settings(settings, STORED)
+        return Dimensions.of_request(request, recent, reference=reference)
+    return Dimensions.of_settings(settings, recent)
 
 
 def check_start(request: Request, hold: int, *, reference: bool) -> None:
@@ -88,7 +95,7 @@ def check_collected(state: State, request: Request, resolve_at: int, *, referenc
     """Check the state of a start-up."""
     if type(resolve_at) is not int or resolve_at != 0:
         raise DamagedCheckpointError("it plans to solve its record again, and has none yet")
-    fresh = State.collecting(request, reference=reference)
+    fresh = State.collecting(request, len(state.recent) - 1, reference=reference)
     _check_decided(state, fresh, None)
     _check_positions(state)
     due = state.samples + (not state.attention)  # attention: it was interrupted before it could do what was due
@@ -114,7 +121,7 @@ def check_settings(settings: Settings, request: Request, *, reference: bool) -> 
         "instruments": settings.instruments == request.wants_instruments,
         "normalize": settings.normalize == request.normalize,
         "input_map": settings.preprocess.input_map == request.preprocess.input_map,
-        "startup": settings.startup <= Dimensions.of_request(request, reference=reference).recent,
+        "startup": settings.startup <= collects_at_most(request),
         "reference": settings.reference == reference,
     }
     wrong = next((name for name, right in agrees.items() if not right), None)
@@ -126,7 +133,7 @@ def check_state(state: State, settings: Settings, resolve_at: int) -> None:
     """Check that the kernels can work on a state."""
     _check_decided(state, State.laid_out(settings, len(state.recent)), settings)
     _check_positions(state)
-    _check_due(state, resolve_at)
+    _check_due(state, resolve_at, STORED)
     for what, sound in (
         ("times", _times_are_sound(state)),
         ("numbers", _numbers_are_sound(state)),
@@ -170,7 +177,7 @@ def _check_positions(state: State) -> None:
         raise DamagedCheckpointError("its state points outside of its arrays")
 
 
-def _check_due(state: State, resolve_at: int) -> None:
+def _check_due(state: State, resolve_at: int, most: int) -> None:
     if type(resolve_at) is not int or not 0 <= resolve_at < NEVER:
         raise DamagedCheckpointError("its time of solving the record again is not valid")
     if state.attention:  # it was interrupted before it could do what was due
@@ -178,6 +185,8 @@ def _check_due(state: State, resolve_at: int) -> None:
     dues = [due for due in (resolve_at, state.look_at) if due]
     if any(due <= state.samples for due in dues):
         raise DamagedCheckpointError("it waits for a sample that has passed")
+    if room := state.room_until(most):
+        dues.append(room)
     if state.attention_at != min(dues, default=0) or (dues and not state.examines_output):
         raise DamagedCheckpointError("it does not wait for the sample at which something is due")
 

@@ -222,8 +222,9 @@ def _state(attributes: dict[str, Any], declared: list[Any], body: memoryview) ->
     request, reference, resolve_at = attributes["_request"], attributes["_reference"], attributes["_resolve_at"]
     if settings is not None:
         check_settings(settings, request, reference=reference)
-    state = State(**_arrays(declared, body, sizes_of(settings, request, reference=reference).shapes))
-    *_, (_, _, _, rows), (_, _, _, samples) = declared  # of buffer and raw samples; a row in use is never all zero
+    *_, (_, _, _, rows), (_, _, (room, *_), samples) = declared  # of buffer and raw samples; no row in use is all zero
+    sizes = sizes_of(settings, request, room if type(room) is int else 0, reference=reference)
+    state = State(**_arrays(declared, body, sizes.shapes))
     if not 0 <= state.buffer_filled <= rows:
         raise DamagedCheckpointError("its buffer holds fewer samples than its state says")
     if settings is not None:

@@ -67,7 +67,7 @@ class Dimensions:
 
     @classmethod
     def of_settings(cls, settings: Settings, recent: int) -> Dimensions:
-        """Return those of an identifier with these settings that keeps so many raw samples."""
+        """Return those of an identifier with these settings that has room for so many raw samples."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
         refined = settings.filter.follows_estimate
         entries = entries_of(structure, refined=refined)
@@ -86,9 +86,9 @@ class Dimensions:
         )
 
     @classmethod
-    def of_request(cls, request: Request, *, reference: bool) -> Dimensions:
+    def of_request(cls, request: Request, recent: int, *, reference: bool) -> Dimensions:
         """Return those of a start-up, whose samples are collected before there are filters and an estimate."""
-        ring, recent = ring_of(request.structure, request.dt), max(STORED, request.first_hold)
+        ring = ring_of(request.structure, request.dt)
         return cls(1, 1, ring, 0, 0, recent=recent, guarded=request.keeps_covariance, reference=reference)
 
     @property
@@ -133,6 +133,32 @@ def ring_of(structure: Structure, dt: float) -> int:
     return math.ceil(DENSEST * (structure.delay / dt)) + 8
 
 
+def room_for(samples: int, most: int) -> int:
+    """Return the rows for raw samples after so many, of ``most`` at the end: doubled when all are in use.
+
+    >>> [room_for(samples, 30_000) for samples in (0, 1023, 1024, 20_000, 10**6)]
+    [1024, 1024, 2048, 30000, 30000]
+    """
+    rows = min(FIRST_ROOM, most)
+    while rows < most and rows <= samples:
+        rows = min(2 * rows, most)
+    return rows
+
+
+def rooms(most: int) -> set[int]:
+    """Return all rows that there may be of ``most``."""
+    return {room_for(samples, most) for samples in (0, *(FIRST_ROOM << power for power in range(most.bit_length())))}
+
+
+def collects_at_most(request: Request) -> int:
+    """Return how many samples a start-up collects at the most."""
+    return max(STORED, request.first_hold)
+
+
+FIRST_ROOM = 1024
+"""Raw samples that there is room for at first; the room doubles when all of it is in use [samples].
+Derivation: two start-ups; in all, the copies then cost less than two of the last one.
+"""
 RECENT = 10_000
 """Newest raw samples looked at: for solving the start-up again as it grows, and for assessment [samples]."""
 STORED = 30_000

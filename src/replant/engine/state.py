@@ -16,7 +16,7 @@ from contextlib import contextmanager
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
-from replant.engine.dimensions import Dimensions, entries_of, ring_of
+from replant.engine.dimensions import Dimensions, collects_at_most, entries_of, ring_of, room_for
 from replant.errors import SystemRefusedError
 from replant.kernels.schema import StateArrays
 from replant.kernels.slot_tables import Slot
@@ -64,6 +64,19 @@ class State(StateArrays):
         """Return a state with arrays of its own; without the ``buffer``, which may be large, it shares that."""
         kept = self.buffer.copy() if buffer else self.buffer
         return State(self.ints.copy(), self.reals.copy(), self.banks.copy(), kept, self.recent.copy())
+
+    def make_room(self, most: int) -> None:
+        """Lengthen the ring of raw samples where all rows are in use, and there may be ``most``."""
+        rows = len(self.recent)
+        if self.samples != rows or rows >= most:
+            return
+        longer = np.zeros((room_for(rows, most), self.recent.shape[1]))
+        longer[:rows] = self.recent
+        self.recent, self.recent_size, self.recent_head = longer, len(longer), rows
+
+    def room_until(self, most: int) -> int:
+        """Return at how many samples all rows for raw ones are in use, where there may be ``most``; else 0."""
+        return len(self.recent) if self.samples <= len(self.recent) < most else 0
 
     def take_over(self, old: State, *slots: Slot) -> None:
         """Take these slots' values from another state."""
@@ -173,9 +186,10 @@ class State(StateArrays):
         return state
 
     @classmethod
-    def collecting(cls, request: Request, *, reference: bool) -> State:
-        """Return the arrays that collect the samples of a start-up, raw but for the input map."""
-        state = cls.empty(Dimensions.of_request(request, reference=reference))
+    def collecting(cls, request: Request, samples: int = 0, *, reference: bool) -> State:
+        """Return the arrays that collect the samples of a start-up, raw but for the input map, with room for some."""
+        room = room_for(samples, collects_at_most(request))
+        state = cls.empty(Dimensions.of_request(request, room, reference=reference))
         state.collects, state.adapt, state.serving_bank = True, True, 1
         state.square_input = request.preprocess.input_map == "square"
         state.delay, state.interval, state.longest_gap = request.structure.delay, request.dt, GAP * request.dt

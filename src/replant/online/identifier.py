@@ -16,6 +16,7 @@ from replant.arguments import (
     vector,
 )
 from replant.assessment.assess_online import assess_running
+from replant.engine.dimensions import STORED, collects_at_most
 from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REGULAR, State
 from replant.errors import ArgumentTypeError, InvalidArgumentError
@@ -500,7 +501,8 @@ class Identifier(Estimate):
         return self._run(*chunk)
 
     def _attend(self) -> None:
-        """Do what is due: take a sample that was held back, end the start-up, look into an alarm, solve again."""
+        """Do what is due: make room, take a sample held back, end the start-up, look into an alarm, solve again."""
+        self._state.make_room(self._most)
         if self._state.held_at == BELIEVED:
             take_held(self._state, self._steps)
         elif self._settings is None:
@@ -547,7 +549,13 @@ class Identifier(Estimate):
             return
         dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
         self._resolve_at, state.look_at = dues
+        dues.append(state.room_until(self._most))
         state.attention_at = min((due for due in dues if due), default=0)
+
+    @property
+    def _most(self) -> int:
+        """Raw samples kept at the most."""
+        return collects_at_most(self._request) if self._settings is None else STORED
 
     @changes
     def finish(self) -> None:
@@ -666,7 +674,7 @@ class Identifier(Estimate):
     def _end_startup(self, *, at_any_rate: bool = False) -> None:
         """Begin where enough outputs are collected; else plan when to look again."""
         state, given = self._state, self.taken
-        is_full = state.samples >= state.recent_size
+        is_full = state.samples >= self._most
         if at_any_rate:
             self._begin(at_any_rate=True)
         elif measured(state) >= self._hold or is_full:

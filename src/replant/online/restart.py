@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from replant.assessment.evidence import LEAST_POWER, RESTED
-from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import REGULAR, State
@@ -37,7 +36,7 @@ def is_at_rest(state: State) -> bool:
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
     """Return a state that begins at a refined estimate and goes on at the newest sample of ``old``."""
-    new = State.of_settings(settings, STORED)
+    new = State.of_settings(settings, len(old.recent))
     initialize(new, settings, refined, record)
     stamps = REGULAR
     if record.intervals.size > 1:

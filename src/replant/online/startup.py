@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
-from replant.engine.dimensions import STORED
+from replant.engine.dimensions import STORED, room_for
 from replant.engine.dispatch import step_kernels
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import NOTHING, REGULAR, State
@@ -74,7 +74,7 @@ def drop_misread(state: State, request: Request, *, stamped: bool) -> bool:
 
 def _believed(request: Request, u: FloatArray) -> IntArray:
     """Return which inputs (K,), behind their map, a start-up believes when they come in this order."""
-    state = State.collecting(replace(request, startup=max(u.size, 1)), reference=False)
+    state = State.collecting(replace(request, startup=max(u.size, 1)), u.size, reference=False)
     _, steps = step_kernels(state, regular=True)
     index, errors, taken = np.arange(u.size, dtype=np.float64), np.empty(u.size), 0
     with state.without_preprocessing():
@@ -141,7 +141,8 @@ def settled(request: Request, kept: RecentSamples) -> Settings:
 
 def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solution | None) -> tuple[State, float]:
     """Return the state that has learned the samples of a start-up, and the error of the last one."""
-    state, error = State.of_settings(settings, STORED), math.nan
+    room = room_for(len(kept), STORED) if settings.optimizer.keeps_covariance else STORED
+    state, error = State.of_settings(settings, room), math.nan
     if len(kept) > 0:
         if solution is not None:
             initialize(state, settings, solution.found, solution.record)
