@@ -31,11 +31,10 @@ from rich.progress import track
 from rich.table import Table
 
 import replant as rp
-from replant.engine.dimensions import STORED
 from replant.engine.record_regressors import regressors
 from replant.engine.state import State
 from replant.optimizers import Optimizer
-from replant.settings import Settings
+from replant.settings import STORED, Settings
 
 ARTICLE = {
     "Gradient": rp.Gradient(gain=2.0),

@@ -97,7 +97,7 @@ EXAMPLES: dict[type, dict[str, Any]] = {
     rp.KalmanTracking: {"process_noise": (1.0, 2.0), "noise_time_constant": 20.0, "initial_covariance": 100.0},
     rp.TransferFunction: {"num": [2.0], "den": [1.0, 3.0], "delay": 2.0},
     rp.Uncertainty: {"structure": rp.Structure(1), "parameters": [1.0, 2.0], "covariance": [[1.0, 0.0], [0.0, 1.0]]},
-    rp.Identifier: {"structure": STRUCTURE, "dt": 2.0, "startup": 100},
+    rp.Identifier: {"structure": STRUCTURE, "dt": 2.0, "startup": 100, "history": 100},
     rp.Ensemble: {"identifiers": identifier(), "members": 2, "n_jobs": 1},
     rp.Log: {
         "input": [1.0, 2.0], "output": [3.0, 4.0], "dt": 2.0, "time": [0.0, 2.0], "input_name": "u",
@@ -106,7 +106,7 @@ EXAMPLES: dict[type, dict[str, Any]] = {
     rp.Model: MODEL,
     ModelFields: MODEL,
     Provenance: {"method": "given", "samples": 3, "date": "2026-01-01"},
-    Request: {"structure": STRUCTURE, "dt": 2.0, "startup": 100},
+    Request: {"structure": STRUCTURE, "dt": 2.0, "startup": 100, "history": 100},
     Settings: {
         "structure": rp.Structure(1), "dt": 2.0, "filter": CUTOFF, "scaling": rp.Scaling(1.0, (1.0, 1.0)),
         "optimizer": rp.Gradient(1.0), "replay": None, "instruments": False, "normalize": True,

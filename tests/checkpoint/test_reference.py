@@ -79,8 +79,8 @@ def test_a_settings_that_cannot_use_one_is_refused() -> None:
     assert "cannot use" in refusal(ident, lambda attributes: attributes.update(_reference=True))
 
 
-def test_a_file_of_the_format_before_is_refused_by_its_number() -> None:
+def test_a_file_of_an_older_format_is_refused_by_its_number() -> None:
     data = taken(20).to_bytes()
-    before = START.pack(MAGIC, VERSION - 1, 8) + data[START.size : -DIGEST]
-    with pytest.raises(DamagedCheckpointError, match=f"its format is version {VERSION - 1}"):
+    before = START.pack(MAGIC, VERSION - 2, 8) + data[START.size : -DIGEST]
+    with pytest.raises(DamagedCheckpointError, match=f"its format is version {VERSION - 2}"):
         decode(before + data[-DIGEST:])

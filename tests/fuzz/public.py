@@ -119,7 +119,7 @@ CLASSES: dict[Callable[..., Any], dict[str, Any]] = {
     rp.Uncertainty: {"structure": rp.Structure(1), "parameters": [0.5, 2.0], "covariance": PAIR},
     rp.Identifier: {
         **STRUCTURE, "dt": DT, "filter": "auto", "scaling": "auto", "optimizer": "auto", "replay": "auto",
-        "instruments": "auto", "normalize": True, "preprocess": rp.Preprocess(), "startup": 100,
+        "instruments": "auto", "normalize": True, "preprocess": rp.Preprocess(), "startup": 100, "history": 1000,
     },
     functools.partial(rp.Identifier): {"structure": rp.Structure(1), "dt": DT, "optimizer": "amsgrad", "startup": 50},
     identifier: {"structure": rp.Structure(1), "dt": DT, "optimizer": rp.Gradient(1.0)},

@@ -10,7 +10,7 @@ import pytest
 
 import replant as rp
 from replant.arguments import BoolArray, FloatArray
-from replant.engine.dimensions import STORED
+from replant.settings import STORED
 from support.builders import state
 from support.cases import every
 

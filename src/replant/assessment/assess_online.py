@@ -9,15 +9,16 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.assessment import sensor_faults
+from replant.assessment.assess_sums import assess_sums
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import RESTING, judge
 from replant.assessment.verdict import Assessment, Finding, conclude
 from replant.engine.covariance import covariance, slowness
-from replant.engine.dimensions import RECENT, STORED
+from replant.engine.dimensions import FEWEST_JUDGED, RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import GAP, SHORTEST_STEP, State
 from replant.kernels.schema import PAST, Doubt
-from replant.settings import Request, Settings
+from replant.settings import STORED, Request, Settings
 from replant.statistics.linear_algebra import quiet
 
 MOST_IRREGULAR = 5000
@@ -25,10 +26,12 @@ MOST_IRREGULAR = 5000
 NO_SAMPLE = Assessment("converging", ("no sample yet",))
 
 
-def assess_running(state: State, settings: Settings) -> Assessment:
-    """Return the verdict on an estimate in use."""
+def assess_running(state: State, settings: Settings, history: int) -> Assessment:
+    """Return the verdict on an estimate in use that keeps at most so many raw samples."""
     if state.samples == 0:
         return NO_SAMPLE
+    if history < FEWEST_JUDGED:
+        return assess_sums(state, settings, history)
     return judge(evidence_of(state, settings))
 
 

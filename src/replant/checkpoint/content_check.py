@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from replant.engine.dimensions import STORED, Dimensions, collects_at_most, rooms
+from replant.engine.dimensions import Dimensions, collects_at_most, rooms
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import State
 from replant.errors import DamagedCheckpointError
@@ -22,12 +22,12 @@ from replant.kernels.schema import (
     LARGEST,
     LAYOUT,
     PAST,
-    ROOM,
     ROWS,
     ColourSlots,
     Doubt,
     PathSlots,
     StateSlots,
+    SumsSlots,
 )
 from replant.kernels.slot_tables import NEVER
 from replant.optimizers import OPTIMIZERS, Optimizer
@@ -37,6 +37,7 @@ from replant.settings import (
     AUTO,
     DEFAULT_OPTIMIZER,
     LONGEST_STARTUP,
+    STORED,
     Request,
     Settings,
 )
@@ -58,7 +59,7 @@ def layout_of_state() -> str:
 
     slots = [
         f"{table.__name__}.{slot.name}={slot.index} {getattr(slot, 'shape', '')}"
-        for table in (StateSlots, ColourSlots, PathSlots)
+        for table in (StateSlots, ColourSlots, PathSlots, SumsSlots)
         for slot in (*table.integers, *table.scalars, *table.blocks)
     ]
     sizes = [f"{name}={size}" for name, size in FIXED.items()]
@@ -68,7 +69,7 @@ def layout_of_state() -> str:
 
 def most_kept(settings: Settings | None, request: Request) -> int:
     """Return how many raw samples are kept at the most; without settings in a start-up."""
-    return collects_at_most(request) if settings is None else STORED
+    return collects_at_most(request) if settings is None else request.history
 
 
 def sizes_of(settings: Settings | None, request: Request, rows: int, *, reference: bool) -> Dimensions:
@@ -129,11 +130,11 @@ def check_settings(settings: Settings, request: Request, *, reference: bool) -> 
         raise DamagedCheckpointError(f"its settings and its request differ in {wrong}")
 
 
-def check_state(state: State, settings: Settings, resolve_at: int) -> None:
+def check_state(state: State, settings: Settings, resolve_at: int, most: int = STORED) -> None:
     """Check that the kernels can work on a state."""
     _check_decided(state, State.laid_out(settings, len(state.recent)), settings)
     _check_positions(state)
-    _check_due(state, resolve_at, STORED)
+    _check_due(state, resolve_at, most)
     for what, sound in (
         ("times", _times_are_sound(state)),
         ("numbers", _numbers_are_sound(state)),
@@ -166,7 +167,7 @@ def _check_positions(state: State) -> None:
     from replant.kernels.filters import bank
 
     rows, size = state.ints[ROWS:], len(state.recent)
-    places = [(state.path.kept, ROOM), (state.colour.position, LAGS - 1)]
+    places = [(state.path.kept, state.path_size), (state.colour.position, LAGS - 1)]
     places += [(float(place), bank.KEPT - 1) for place in state.banks[:, bank.NEXT]]
     if not (
         all(slot.is_sound(state) for slot in StateSlots.integers)

@@ -3,7 +3,7 @@
     magic (8), version (uint32), length of the header (uint32),
     header: JSON in ASCII, padded by blanks to a multiple of 8: every value that is not an array, and for each array its
         name, type, shape and number of stored rows,
-    the arrays, one after the other: rows at the end whose bits are all zero are not stored,
+    the arrays, one after the other: rows at the end whose bits are all zero are not stored, nor are work arrays,
     SHA-256 of all bytes above (32).
 
 All numbers are little-endian.  The checksum detects damage, not forgery: it is no signature.
@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from replant.checkpoint.before import BEFORE, from_before, with_work, without_work, work_of
 from replant.checkpoint.content_check import (
     check_collected,
     check_settings,
@@ -32,14 +33,14 @@ from replant.checkpoint.content_check import (
 from replant.checkpoint.settings_json import from_plain, to_plain
 from replant.engine.state import State
 from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError, shown
-from replant.kernels.schema import STATE_ARRAYS
+from replant.kernels.schema import STATE_ARRAYS, StateSlots
 from replant.settings import Request, Settings
 
 Progress = Mapping[str, int | float | str]
 
 MAGIC = b"\x89replant"
 
-VERSION = 5
+VERSION = 6
 """Format of a checkpoint, to be raised when the meaning of anything stored changes; the layout of the state watches
 over itself [number].
 """
@@ -88,6 +89,7 @@ class Contents:
 def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> bytes:
     """Return the bytes of an identifier with these attributes; equal identifiers give equal bytes."""
     arrays = {name: getattr(attributes[STATE], name) for name in STATE_ARRAYS}
+    arrays["reals"] = without_work(arrays["reals"], *work_of(arrays["ints"]))
     written = {name: len(array) for name, array in arrays.items()}
     written["buffer"] = attributes[STATE].buffer_filled  # searching a large buffer for its used rows would be slow
     kept = {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
@@ -165,8 +167,11 @@ def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
     if len(data) < START.size + DIGEST:
         raise DamagedCheckpointError("it is cut off")
     _, version, length = START.unpack_from(data)
-    if version != VERSION:
-        raise DamagedCheckpointError(f"its format is version {version}; this replant reads version {VERSION}")
+    if version not in (BEFORE, VERSION):
+        known = (
+            f"this replant reads versions {BEFORE} and {VERSION}: go on with the replant that wrote it, or begin anew"
+        )
+        raise DamagedCheckpointError(f"its format is version {version}; {known}")
     view = memoryview(data)
     if hashlib.sha256(view[:-DIGEST]).digest() != data[-DIGEST:]:
         raise DamagedCheckpointError("it is damaged or cut off: its checksum does not match")
@@ -180,7 +185,13 @@ def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
         raise DamagedCheckpointError("its header is not JSON") from error
     if not isinstance(header, dict):
         raise DamagedCheckpointError("its header is not an object")
-    return header, view[body:-DIGEST]
+    arrays = view[body:-DIGEST]
+    if version == VERSION:
+        return header, arrays
+    try:
+        return from_before(header, arrays)
+    except Exception as error:  # a forged header fails with almost any exception
+        raise DamagedCheckpointError(f"it is not as version {BEFORE} writes one") from error
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -224,11 +235,14 @@ def _state(attributes: dict[str, Any], declared: list[Any], body: memoryview) ->
         check_settings(settings, request, reference=reference)
     *_, (_, _, _, rows), (_, _, (room, *_), samples) = declared  # of buffer and raw samples; no row in use is all zero
     sizes = sizes_of(settings, request, room if type(room) is int else 0, reference=reference)
-    state = State(**_arrays(declared, body, sizes.shapes))
+    arrays = _arrays(declared, body, sizes.shapes)
+    begins = sizes.begins
+    arrays["reals"] = with_work(arrays["reals"], begins[StateSlots.backup], begins[StateSlots.past])
+    state = State(**arrays)
     if not 0 <= state.buffer_filled <= rows:
         raise DamagedCheckpointError("its buffer holds fewer samples than its state says")
     if settings is not None:
-        check_state(state, settings, resolve_at)
+        check_state(state, settings, resolve_at, request.history)
         return state
     if not 0 <= min(state.samples, len(state.recent)) <= samples:
         raise DamagedCheckpointError("it has collected fewer samples than its state says")

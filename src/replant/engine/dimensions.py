@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import keep, truth, whole
-from replant.kernels.schema import ROWS, SCALARS, StateSlots, dimensions
+from replant.kernels.schema import ROOM, ROWS, SCALARS, StateSlots, dimensions
 from replant.kernels.slot_tables import Block
 from replant.model.structure import Structure
-from replant.settings import Request, Settings
+from replant.settings import STORED, Request, Settings
 
 DENSEST = 4.0  # rate at which samples may come where there is a dead time: so many past inputs are kept [nominal rates]
 
@@ -42,6 +42,8 @@ class Dimensions:
         Whether outputs are examined before they are learned.
     reference : bool
         Whether there is a reference, which is kept beside the raw samples.
+    path : int
+        Rows of the estimate's path.
     """
 
     order: int
@@ -55,11 +57,12 @@ class Dimensions:
     companions: bool = False
     guarded: bool = False
     reference: bool = False
+    path: int = ROOM
 
     def __post_init__(self) -> None:
         for name in ("order", "entries", "ring", "batch", "capacity"):
             keep(self, name, whole, 1)
-        for name in ("memory", "settings", "recent"):
+        for name in ("memory", "settings", "recent", "path"):
             keep(self, name, whole, 0)
         keep(self, "companions", truth)
         keep(self, "guarded", truth)
@@ -83,6 +86,7 @@ class Dimensions:
             companions=settings.instruments or refined,
             guarded=optimizer.keeps_covariance,
             reference=settings.reference,
+            path=ROOM if recent >= FEWEST_JUDGED else 0,
         )
 
     @classmethod
@@ -96,7 +100,7 @@ class Dimensions:
         """The dimensions by the names that the schema gives them."""
         return dimensions(
             order=self.order, entries=self.entries, memory_size=self.memory, settings_size=self.settings,
-            ring_size=self.ring, has_reference=self.reference,
+            ring_size=self.ring, path_size=self.path, has_reference=self.reference,
         )  # fmt: skip
 
     @property
@@ -155,15 +159,13 @@ def collects_at_most(request: Request) -> int:
     return max(STORED, request.first_hold)
 
 
+FEWEST_JUDGED = 200
+"""Raw samples kept, below which a verdict is made from running sums [samples].
+Derivation: a verdict holds out half of the samples, and takes a hundred of these (`assessment.evidence.FEWEST`).
+"""
 FIRST_ROOM = 1024
 """Raw samples that there is room for at first; the room doubles when all of it is in use [samples].
 Derivation: two start-ups; in all, the copies then cost less than two of the last one.
 """
 RECENT = 10_000
 """Newest raw samples looked at: for solving the start-up again as it grows, and for assessment [samples]."""
-STORED = 30_000
-"""Raw samples stored: a record no longer than this is solved as a whole at its end [samples].
-Origin: 1.2 MB.  With 10,000, the estimates at the end of 15 of 496 random records of 3,000 to 30,000 samples were more
-than 5 points of fit below those of `fit`, all of longer records than that.
-Sensitivity: not measured.
-"""

@@ -103,6 +103,7 @@ class State(StateArrays):
         state.memory_size, state.settings_size = sizes.memory, sizes.settings
         state.capacity, state.batch_size, state.recent_size = sizes.capacity, sizes.batch, sizes.recent
         state.examines_output, state.has_reference = sizes.guarded, sizes.reference
+        state.path_size = sizes.path
         return state
 
     @classmethod

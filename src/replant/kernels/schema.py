@@ -16,7 +16,7 @@ To add a number, add a line.  Dimensions of blocks:
     RING            past inputs kept for the dead time
     PAST            past estimates kept
     LAGS            order of the autoregression
-    ROOM            rows of the estimate's path
+    PATH            rows of the estimate's path: ROOM, or 0 where few raw samples are kept
     Q               past inputs kept where there is a reference; else 0
     L               Laguerre functions of the reference and one more; 0 without a reference
 """
@@ -96,7 +96,7 @@ Origin: not recorded; kept, see sensitivity.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-FIXED: Final = {"PAST": PAST, "LAGS": LAGS, "ROOM": ROOM}
+FIXED: Final = {"PAST": PAST, "LAGS": LAGS}
 #: The other dimensions, by slots of the state.
 DIMENSIONS: Final = {
     "n": "order",
@@ -105,6 +105,7 @@ DIMENSIONS: Final = {
     "M": "memory_size",
     "S": "settings_size",
     "RING": "ring_size",
+    "PATH": "path_size",
     "Q": "ring_size * has_reference",
     "L": f"{LAGUERRE + 1} * has_reference",
 }
@@ -202,8 +203,18 @@ class PathSlots(Part):
     due = Real("learned samples at which the next row is due", OPTIMIZER, finite=False)
     kept = Real("rows in use", OPTIMIZER, least=0.0, most=float(ROOM))
     rows = Block(
-        "ROOM, 2, T", "the estimate and the diagonal of P, at some of the learned samples", OPTIMIZER, finite=False
+        "PATH, 2, T", "the estimate and the diagonal of P, at some of the learned samples", OPTIMIZER, finite=False
     )
+
+
+class SumsSlots(Part):
+    """What a verdict without raw samples is made from; see `replant.kernels.monitoring.scatter`."""
+
+    count = Real("outputs that were measured and plausible", MONITORING, least=0.0)
+    output_mean = Real("their moving mean", MONITORING, "of y")
+    output_power = Real("their moving variance", MONITORING, "of y^2", least=0.0)
+    error_power = Real("moving mean square of the a-priori error", MONITORING, "of y^2", least=0.0)
+    missing = Real("newest samples in a row that came without an output", MONITORING, least=0.0)
 
 
 class StateSlots(Table):
@@ -236,6 +247,9 @@ class StateSlots(Table):
     settings_size = Integer("S, numbers of the optimizer's settings", LAYOUT)
     ring_size = Integer("past inputs kept for the dead time", LAYOUT)
     recent_size = Integer("raw samples kept", LAYOUT)
+    path_size = Integer(
+        "rows of the estimate's path; 0 where few raw samples are kept: sums are followed instead", LAYOUT
+    )
     past_step = Integer("most samples between two past estimates kept", LAYOUT)
     rests_with_input = Flag("updates rest while the input rests", IDENTIFIER)
     rest_after = Integer(
@@ -419,13 +433,14 @@ class StateSlots(Table):
     path = Nested(PathSlots, "the estimate at some of the samples")
     noise = Nested(NoiseSlots, "the noise model")
     reference = Nested(ReferenceSlots, "what the reference explains")
+    sums = Nested(SumsSlots, "of outputs and errors")
 
     @property
     def dimensions(self) -> Mapping[str, int]:
         """What the shapes of the blocks are made of."""
         return dimensions(
             order=self.order, entries=self.entries, memory_size=self.memory_size, settings_size=self.settings_size,
-            ring_size=self.ring_size, has_reference=self.has_reference,
+            ring_size=self.ring_size, path_size=self.path_size, has_reference=self.has_reference,
         )  # fmt: skip
 
     def begin_of(self, block: Block) -> int:

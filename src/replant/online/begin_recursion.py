@@ -53,7 +53,8 @@ def initialize(state: State, settings: Settings, refined: Refined, record: Recor
         _write_covariance(state, settings, refined, rate)
     if state.coloured:
         _write_colour(state, settings, refined, rate)
-        _write_path(state, settings, refined, rate)
+        if state.path_size:
+            _write_path(state, settings, refined, rate)
     if state.has_noise_model:
         _write_noise(state, refined, settings.scaling.output)
     if state.has_reference and refined.reference is not None:

@@ -20,7 +20,6 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.covariance import covariance
-from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
@@ -30,8 +29,8 @@ from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known
 from replant.offline.solve import solve
 from replant.offline.srivc_steps import SOONEST, least_since
-from replant.online.restart import AGAIN, clear_doubt, is_at_rest, remembers_all, restart, restart_at
-from replant.settings import Settings
+from replant.online.restart import AGAIN, clear_doubt, is_at_rest, remembers_all, restart, restart_at, tells_of_changes
+from replant.settings import STORED, Settings
 from replant.statistics.linear_algebra import inverse_of, quiet
 
 BEGINS = -0.25, 0.0, 0.25
@@ -44,7 +43,13 @@ Sensitivity: not measured.
 
 @quiet
 def first_look(state: State, settings: Settings) -> int:
-    """Return the number of accepted samples at which an alarm is first looked into; until then nothing is learned."""
+    """Return the number of accepted samples at which an alarm is first looked into; until then nothing is learned.
+
+    0: never, as too few samples are kept; nothing is learned until the residual is as usual again.
+    """
+    if not tells_of_changes(state, settings):
+        state.alarm = Alarm.RESTS
+        return 0
     state.alarm = Alarm.RESTS
     return max(_began(state) + least_since(settings.structure), state.samples + 1)
 
@@ -55,7 +60,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
 
     Returns the state to go on with, and the number of accepted samples at which to look again; 0: no further look.
     """
-    if old.alarm == Alarm.NONE:  # the residual is as usual again
+    if old.alarm == Alarm.NONE or not tells_of_changes(old, settings):  # the residual is as usual again
         return old, 0
     length = old.samples - _began(old)
     later = old.samples + max(math.ceil((AGAIN - 1.0) * length), SOONEST)

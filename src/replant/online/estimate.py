@@ -8,7 +8,6 @@ from replant.arguments import BoolArray, FloatArray
 from replant.assessment import Assessment, assess_running, assess_starting
 from replant.assessment.assess_online import judged
 from replant.engine.covariance import covariance
-from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import REASONS, State
 from replant.model.noise import NoiseModel
@@ -19,7 +18,7 @@ from replant.offline.refined import Refined
 from replant.online.provisional_model import Solved, provisional
 from replant.online.startup import collected
 from replant.online.turns import Shared, reads
-from replant.settings import Request, Settings
+from replant.settings import STORED, Request, Settings
 
 
 class Estimate(Shared):
@@ -212,4 +211,4 @@ class Estimate(Shared):
             found = self._provisional
             solved, uncertainty = (0, np.nan) if found is None else (found[0], found[1].uncertainty)
             return assess_starting(self._request, collected(self._state), self._hold, solved, uncertainty)
-        return assess_running(self._state, self._settings)
+        return assess_running(self._state, self._settings, self._request.history)

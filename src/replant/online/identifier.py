@@ -16,7 +16,7 @@ from replant.arguments import (
     vector,
 )
 from replant.assessment.assess_online import assess_running
-from replant.engine.dimensions import STORED, collects_at_most
+from replant.engine.dimensions import collects_at_most
 from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REGULAR, State
 from replant.errors import ArgumentTypeError, InvalidArgumentError
@@ -50,7 +50,7 @@ from replant.optimizers.replay import Replay
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
-from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, Request, Settings
+from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, STORED, Request, Settings
 
 NAN, INFINITE = math.nan, math.inf  # naN and infinity, looked up at every sample [number]
 # attributes that others lead to
@@ -109,6 +109,10 @@ class Identifier(Estimate):
     startup : int
         Measured outputs from which settings and the first model are made.  Doubled, up to 20000, until they suffice
         for a first model that can make instruments.
+    history : int
+        Raw samples kept after the start-up, from 0 to 30000.  Solving again and verdict are by these; `finish` solves a
+        record that is no longer.  Below 200 the verdict is made from running sums, and says what is not checked; with
+        too few for a model of what came since a change, nothing is solved again, and after one nothing is learned.
 
     Raises
     ------
@@ -167,12 +171,13 @@ class Identifier(Estimate):
         normalize: bool = True,
         preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
         startup: int = 500,
+        history: int = STORED,
     ) -> None:
         structure = Structure.wanted(structure, poles, zeros, delay)
         if dt is None:
             raise ArgumentTypeError("give the sampling time in s, dt: Identifier(poles=2, dt=0.01)")
         self._request = Request(
-            structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess, startup
+            structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess, startup, history
         )
         self._turn = Turn()
         self._begin_again()
@@ -521,17 +526,17 @@ class Identifier(Estimate):
         if samples == self._resolve_at:
             found = reconsider(state, settings) if state.changed_at else None
             state = self._go_on_with(found or renew(state, settings) or state)
-            self._resolve_at = next_renewal(state, settings)
+            self._resolve_at = next_renewal(state, settings, self._most)
             self._note_verdict(state, settings)
         if samples == state.look_at:
             found, look_at = look(state, settings)
             if found is not state:
-                self._resolve_at = next_renewal(self._go_on_with(found), settings)
+                self._resolve_at = next_renewal(self._go_on_with(found), settings, self._most)
             found.look_at = look_at
 
     def _note_verdict(self, state: State, settings: Settings) -> None:
         """Note whether the model is trusted while the input rests, before the samples that show it are gone."""
-        trusted = is_at_rest(state) and assess_running(state, settings).status == "trusted"
+        trusted = is_at_rest(state) and assess_running(state, settings, self._most).status == "trusted"
         state.trusted_at = state.samples if trusted else 0
 
     def _go_on_with(self, state: State) -> State:
@@ -555,7 +560,7 @@ class Identifier(Estimate):
     @property
     def _most(self) -> int:
         """Raw samples kept at the most."""
-        return collects_at_most(self._request) if self._settings is None else STORED
+        return collects_at_most(self._request) if self._settings is None else self._request.history
 
     @changes
     def finish(self) -> None:
@@ -575,7 +580,7 @@ class Identifier(Estimate):
         if self._state.alarm:
             self._go_on_with(look(self._state, self._settings)[0])
         if (found := solve_whole(self._state, self._settings)) is not None:
-            self._resolve_at = next_renewal(self._go_on_with(found), self._settings)
+            self._resolve_at = next_renewal(self._go_on_with(found), self._settings, self._most)
             self._plan()
 
     @changes
@@ -699,13 +704,13 @@ class Identifier(Estimate):
                 self._solved[measured(old)] = None if solution is None else solution.found
                 self._wait_longer(is_full=is_full)
                 return
-        state, self._begun_with = begin(old, settings, kept, solution)
+        state, self._begun_with = begin(old, settings, kept, solution, request.history)
         if at_any_rate:
             state.finished_at, state.gap_at = state.samples, 0
         self._settings, self._solved = settings, {}
         self._work_on(state, regular=self._regular)
         if solution is not None:
-            self._resolve_at = next_renewal(state, settings)
+            self._resolve_at = next_renewal(state, settings, self._most)
 
     def _work_on(self, state: State, *, regular: bool) -> None:
         """Go on with a state: choose its step kernels; those for a regular clock serve until the first time stamp."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.assessment.verdict import Verdict
+from replant.assessment.verdict import Assessment, Verdict
 from replant.identified.fields import has_rest
 from replant.identified.model import Model
 from replant.identified.provenance import Provenance
@@ -29,6 +29,9 @@ def model_of(
     preprocess = estimate.request.preprocess if settings is None else settings.preprocess
     entered, given = _number(preprocess.input_offset), simulation.offset  # not known yet during start-up: 0
     u, y, intervals = estimate.recent.T
+    fit = simulation.fit
+    if settings is not None and isinstance(verdict, Assessment) and not y.size:  # no sample is kept
+        given, fit = _number(preprocess.output_offset), verdict.fit
     if y.size and (simulation.is_prediction or not has_rest(estimate.transfer_function, float(intervals.sum()))):
         entered, given = float(u.mean()), float(y.mean())
     return Model(
@@ -41,7 +44,7 @@ def model_of(
         input_map=preprocess.input_map,
         input_level=entered,
         output_level=given,
-        simulated_fit=simulation.fit,
+        simulated_fit=fit,
         one_step_fit=one_step_fit,
         rejected=tuple(estimate.rejected.items()),
         verdict=Verdict(verdict.status, verdict.reasons, verdict.excited),

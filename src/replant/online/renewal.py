@@ -11,15 +11,15 @@ import math
 
 from replant.arguments import FloatArray
 from replant.assessment.score_test import ALPHA
-from replant.engine.dimensions import RECENT, STORED
+from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import State
 from replant.offline.change_search import begin_of_change, change_at
 from replant.offline.contest import is_sure
 from replant.offline.solve import Solution, solve
 from replant.online.change_response import believed
-from replant.online.restart import AGAIN, is_at_rest, remembers_all, restart_at
-from replant.settings import Settings
+from replant.online.restart import AGAIN, is_at_rest, remembers_all, restart_at, tells_of_changes
+from replant.settings import STORED, Settings
 from replant.simulation.model_run import prediction_error
 from replant.statistics.autoregression import likelihood_ratio
 from replant.statistics.linear_algebra import quiet
@@ -44,16 +44,20 @@ doubled, no verdict changes, and no error by a quarter.
 """
 
 
-def next_renewal(state: State, settings: Settings) -> int:
-    """Return the number of accepted samples at which the estimate is next looked into; 0: never.
+def next_renewal(state: State, settings: Settings, most: int) -> int:
+    """Return the number of accepted samples at which the estimate is next looked into, of ``most`` kept; 0: never.
 
     The record is solved again at growing lengths (`AGAIN`), and before where the plant has changed.
     """
+    if not tells_of_changes(state, settings):
+        return 0
     origin, samples = state.changed_at or state.record_began, state.samples
+    known = min(RECENT, most)
     due = origin + math.ceil((AGAIN if state.changed_at else GROWTH) * (samples - origin))
-    if remembers_all(state, settings) and due - origin <= RECENT:
+    if remembers_all(state, settings) and due - origin <= known:
         return due
-    return samples + EVERY if settings.optimizer.keeps_covariance else 0
+    every = min(EVERY, max(known // 2, settings.startup))
+    return samples + every if settings.optimizer.keeps_covariance else 0
 
 
 @quiet

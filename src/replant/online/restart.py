@@ -11,6 +11,7 @@ from replant.engine.state import REGULAR, State
 from replant.kernels.schema import Doubt
 from replant.offline.refined import Refined
 from replant.offline.solve import Solution
+from replant.offline.srivc_steps import least_since
 from replant.online.begin_recursion import initialize
 from replant.online.startup import carry_over, note_doubts, warm_up
 from replant.settings import Settings
@@ -28,10 +29,16 @@ def remembers_all(state: State, settings: Settings) -> bool:
     return bool(keeps and settings.filter.follows_estimate)
 
 
+def tells_of_changes(state: State, settings: Settings) -> bool:
+    """Return whether as many raw samples are kept as a model of what came since a change takes."""
+    return len(state.recent) >= least_since(settings.structure)
+
+
 def is_at_rest(state: State) -> bool:
-    """Return whether the input has rested since half of the time between two reviews."""
-    newest = RecentSamples.of(state, RESTED).input
-    return len(newest) == RESTED and float(np.var(newest)) < LEAST_POWER * state.largest_power
+    """Return whether the input has rested since half of the time between two reviews, or in a quarter of those kept."""
+    rested = min(RESTED, len(state.recent) // 4) if state.samples > len(state.recent) else RESTED
+    newest = RecentSamples.of(state, rested).input
+    return 0 < len(newest) == rested and float(np.var(newest)) < LEAST_POWER * state.largest_power
 
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
-from replant.engine.dimensions import STORED, room_for
+from replant.engine.dimensions import room_for
 from replant.engine.dispatch import step_kernels
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import NOTHING, REGULAR, State
@@ -139,9 +139,14 @@ def settled(request: Request, kept: RecentSamples) -> Settings:
     return replace(settings, preprocess=replace(settings.preprocess, input_map=request.preprocess.input_map))
 
 
-def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solution | None) -> tuple[State, float]:
-    """Return the state that has learned the samples of a start-up, and the error of the last one."""
-    room = room_for(len(kept), STORED) if settings.optimizer.keeps_covariance else STORED
+def begin(
+    old: State, settings: Settings, kept: RecentSamples, solution: Solution | None, most: int
+) -> tuple[State, float]:
+    """Return the state that has learned the samples of a start-up, and the error of the last one.
+
+    It keeps ``most`` raw samples; kernels that do not ask for room have all of it at once.
+    """
+    room = room_for(len(kept), most) if settings.optimizer.keeps_covariance else most
     state, error = State.of_settings(settings, room), math.nan
     if len(kept) > 0:
         if solution is not None:
@@ -168,7 +173,7 @@ def begin(old: State, settings: Settings, kept: RecentSamples, solution: Solutio
 
 def note_doubts(state: State, solution: Solution, output: FloatArray | None = None) -> None:
     """Note with the newest raw samples which of them a solution has left out, and their ``output`` (K,) if given."""
-    if not state.examines_output:
+    if not (state.examines_output and len(state.recent)):
         return
     count = solution.doubt.size
     rows, recent = (state.samples - count + np.arange(count)) % len(state.recent), RecentSamples(state.recent)

@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.engine.dimensions import STORED
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
 from replant.engine.state import State
@@ -16,7 +15,7 @@ from replant.offline.contest import weighed
 from replant.offline.solve import Solution, solve
 from replant.online.change_response import since_change
 from replant.online.restart import remembers_all, restart_at
-from replant.settings import Settings
+from replant.settings import STORED, Settings
 from replant.simulation.model_run import prediction_error, runs_away
 from replant.statistics.linear_algebra import quiet
 

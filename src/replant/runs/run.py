@@ -10,7 +10,6 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.assessment import Simulation
-from replant.engine.dimensions import STORED
 from replant.online.defaults import settle
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
@@ -21,7 +20,7 @@ from replant.runs.batches import Arrays, Batch, Source, batched
 from replant.runs.overview import Recorder
 from replant.runs.record_clock import KNOTS, ClockRecorder
 from replant.runs.result import History, Result
-from replant.settings import LONGEST_STARTUP, Request
+from replant.settings import LONGEST_STARTUP, STORED, Request
 from replant.simulation.score import FITTED, Score
 from replant.simulation.stretches import (
     NONE,

@@ -110,7 +110,7 @@ def path_of_record(
     """Return the path on which a recursion would have come to ``theta``, as `kernels.monitoring.scatter`."""
     samples, size = zeta.shape
     step = -(-samples // ROOM)
-    path = PathSlots.zeros(FIXED | {"T": size})
+    path = PathSlots.zeros(FIXED | {"T": size, "PATH": ROOM})
     blocks = samples // step
     each, residuals = zeta[: blocks * step].reshape(blocks, step, size), error[: blocks * step].reshape(blocks, step, 1)
     transposed = each.swapaxes(1, 2)

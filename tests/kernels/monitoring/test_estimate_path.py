@@ -16,7 +16,7 @@ def walk(samples: int, entries: int = 3) -> tuple[PathSlots, np.ndarray, np.ndar
     theta = generator.standard_normal((samples + 1, entries))
     upper = np.triu(generator.standard_normal((samples + 1, entries, entries)), 1) + np.eye(entries)
     diagonal = generator.uniform(0.1, 1.0, (samples + 1, entries))
-    kept = PathSlots.zeros(FIXED | {"T": entries})
+    kept = PathSlots.zeros(FIXED | {"T": entries, "PATH": ROOM})
     for k in range(1, samples + 1):
         if k >= kept.due:
             scatter.keep(kept.fields, theta[k], upper[k], diagonal[k], float(k))

@@ -12,8 +12,9 @@ and the next ones come half as often.
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
 
+from replant.kernels.monitoring.outliers import LONG
 from replant.kernels.native import Reals, kernel
-from replant.kernels.schema import LAGS, ROOM
+from replant.kernels.schema import LAGS, Doubt
 
 
 @kernel("covariances.size > LAGS and model.size > LAGS and previous.size > LAGS")
@@ -94,7 +95,7 @@ def keep(path, theta, U, D, samples):
     """Keep the estimate after so many learned ``samples`` and the diagonal of P = U D U', or make room for it."""
     T, kept = theta.size, int(path.kept)
     path.step = max(path.step, 1.0)
-    if kept == ROOM:
+    if kept == path.rows.shape[0]:
         kept //= 2
         for b in range(kept):
             for i in range(T):
@@ -112,3 +113,22 @@ def keep(path, theta, U, D, samples):
         path.rows[kept, 1, i] = variance
     path.kept = kept + 1
     path.due = samples + path.step
+
+
+def follow(sums, y, error, doubt, at_rest):
+    """Take the newest output and its a-priori error, both in the output's unit, into the sums.
+
+    With its mean m and variance v, and the share a of the newest: m += a (y - m), v = (1 - a)(v + a (y - m)^2).
+    """
+    if doubt == Doubt.MISSING:
+        sums.missing += 1.0
+        return
+    sums.missing = 0.0
+    if doubt != Doubt.NONE or at_rest:  # at rest the output has no variance to compare the error with
+        return
+    sums.count += 1.0
+    share = max(1.0 / sums.count, LONG)
+    away = y - sums.output_mean
+    sums.output_mean += share * away
+    sums.output_power = (1.0 - share) * (sums.output_power + share * away * away)
+    sums.error_power += share * (error * error - sums.error_power)

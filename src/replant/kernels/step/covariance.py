@@ -48,7 +48,7 @@ def record_residual(s, error):
         for i in range(s.entries):
             s.zeta[i] = s.phi[i]
     scatter.record(s.colour, error, loops.alpha_of(s), s.settings[0], s.zeta)
-    if s.colour.count >= s.path.due:
+    if s.path_size > 0 and s.colour.count >= s.path.due:
         U, D = loops.factors_of(s)
         scatter.keep(s.path, s.theta, U, D, s.colour.count)
 
@@ -96,6 +96,8 @@ def take(s, u, y, t, r):
         if s.has_reference:
             reference.learn(s, u, y)
     outliers.watch(s, tells, error)
+    if s.path_size == 0:
+        scatter.follow(s.sums, y, s.error * s.output_scale, s.doubt, at_rest)
     if s.samples >= s.past_due:
         keep_estimate(s)
     if s.samples == s.attention_at or s.alarm == Alarm.RAISED:

@@ -9,7 +9,7 @@ from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.native import kernel
 from replant.kernels.optimizers import covariance, gradient
-from replant.kernels.schema import LAGS, ROOM, StateArrays, StateSlots
+from replant.kernels.schema import LAGS, StateArrays, StateSlots
 from replant.kernels.slot_tables import Flag
 
 MOST: Final = 1 << 24
@@ -38,7 +38,7 @@ def are_within(s):
     noise = s.noise
     if not (0 <= noise.order <= LAGS and 0 <= noise.known <= LAGS + 1 and 0 <= noise.position <= LAGS):
         return False  # nor is one that is no number
-    if not (0 <= s.colour.position < LAGS and 0 <= s.path.kept <= ROOM):
+    if not (0 <= s.colour.position < LAGS and 0 <= s.path.kept <= s.path_size):
         return False
     for row in range(3):
         if not 0 <= s.banks[row, bk.NEXT] < bk.KEPT:
@@ -62,6 +62,10 @@ def is_laid_out(s, reals, banks, columns):
         return False
     n, T, M, S, ring = s.order, s.entries, s.memory_size, s.settings_size, s.ring_size
     if not (1 <= n <= T <= MOST and 0 <= M <= MOST and 0 <= S <= MOST and 1 <= ring <= MOST and n <= 1000):
+        return False
+    if not 0 <= s.path_size <= MOST:
+        return False
+    if not 0 <= s.path_size <= MOST:
         return False
     for name in FLAGS:
         if not 0 <= getattr(s, name) <= 1:
