@@ -110,8 +110,11 @@ def engine_state(ident: rp.Identifier) -> State:
 
 
 def state(ident: rp.Identifier) -> dict[str, bytes]:
-    """The whole running state, to the bit."""
-    arrays = engine_state(ident)
+    """The whole running state, to the bit, but for work space: it is written anew before it is read."""
+    arrays = engine_state(ident.clone())
+    if len(arrays.reals):
+        arrays.backup[:] = 0.0
+        arrays.work[:] = 0.0
     return {name: getattr(arrays, name).tobytes() for name in STATE_ARRAYS}
 
 
