@@ -44,6 +44,7 @@ OPTIMIZERS = {
 CASES: dict[str, dict[str, Any]] = {
     "default": {"structure": TWO},
     "default, stamps": {"structure": TWO},
+    "no history": {"structure": TWO, "history": 0},
     "default, reference": {"structure": TWO},
     "dead time, stamps": {"structure": rp.Structure(poles=2, zeros=1, delay=0.05)},
     "dead time, reference": {"structure": rp.Structure(poles=2, zeros=1, delay=0.05)},

@@ -125,6 +125,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "straight": {"filter": rp.RefinedFilter(input_hold="foh")},
     "working point": {"preprocess": rp.Preprocess("identity", 0.3, -0.2)},
     "not normalized": {"normalize": False},
+    "no history": {"history": 0},
     "kalman": {"optimizer": rp.KalmanTracking(1e-4)},
     "fixed filter": {"filter": rp.StateVariableFilter(cutoff=5.0), "optimizer": rp.RecursiveLeastSquares()},
 }

@@ -30,11 +30,20 @@ ALIKE = [
 
 
 def fits(state: State) -> bool:
-    """Return whether a state may be stepped in a lane, on a regular clock: a refined filter and no dead time."""
+    """Return whether a state may be stepped in a lane, on a regular clock: a refined filter and no dead time.
+
+    Nor does it follow sums in the place of samples that are not kept.
+    """
     from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 
     known = state.examines_output and state.refined and state.algorithm == RECURSIVE_LEAST_SQUARES
-    return known and not (state.collects or state.has_reference) and state.delay == 0.0 and len(state.buffer) == 1
+    return (
+        known
+        and not (state.collects or state.has_reference)
+        and state.delay == 0.0
+        and len(state.buffer) == 1
+        and state.path_size > 0
+    )
 
 
 def kind(state: State) -> tuple[int, ...]:

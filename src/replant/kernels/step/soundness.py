@@ -65,8 +65,6 @@ def is_laid_out(s, reals, banks, columns):
         return False
     if not 0 <= s.path_size <= MOST:
         return False
-    if not 0 <= s.path_size <= MOST:
-        return False
     for name in FLAGS:
         if not 0 <= getattr(s, name) <= 1:
             return False
