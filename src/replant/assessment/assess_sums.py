@@ -7,6 +7,7 @@
 | does the model follow the output | the moving mean square of the a-priori error, beside the variance of the output |
 | is the estimate certain | its covariance, by power and colour of the residual |
 | does it stand still | the past estimates that are kept |
+| does the structure hold | the verdict on the start-up, whose samples were there |
 | have residual or sensor changed | the CUSUM test, ties, missing outputs |
 
 What only samples tell is not checked, and that is said.
@@ -165,6 +166,11 @@ def _of_guard(state: State, settings: Settings) -> list[Finding]:
         if not state.look_at:
             reason += "; nothing is learned until it is as before: reset begins anew"
         findings.append(Finding("inconsistent", reason))
+    if state.sums.refuted:
+        reason = (
+            "the samples of the start-up spoke against the model that they gave: a plant of more poles, or not linear"
+        )
+        findings.append(Finding("inconsistent", f"{reason}; fit says more of them"))
     if state.undecided:
         reason = "the residual had grown, and the samples since do not tell yet whether a load or the plant has changed"
         findings.append(Finding("converging", f"{reason}: move the input"))

@@ -232,7 +232,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"the plant seems to have changed", _part),
     (r"to the bit|stuck|extreme of the output|no output has arrived|output is constant|left out", _sensor),
     (r"noise biases an estimate|left the range of float64", _default),
-    (r"the input could explain|filtered by its noise model|leave float64", _search),
+    (r"the input could explain|filtered by its noise model|leave float64|spoke against the model", _search),
     (r"residual (began to|had) grow|power of the residual|largest power|alone would put|residual is as usual", _part),
     (UNSURE, _fewer),
     (r"abs G is known to|varies slowly|rely on G", _fewer),

@@ -215,6 +215,7 @@ class SumsSlots(Part):
     output_power = Real("their moving variance", MONITORING, "of y^2", least=0.0)
     error_power = Real("moving mean square of the a-priori error", MONITORING, "of y^2", least=0.0)
     missing = Real("newest samples in a row that came without an output", MONITORING, least=0.0)
+    refuted = Real("1: the samples of the start-up spoke against its model; else 0", IDENTIFIER, least=0.0, most=1.0)
 
 
 class StateSlots(Table):

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
+from replant.assessment.assess_offline import assess_record
 from replant.engine.dimensions import room_for
 from replant.engine.dispatch import step_kernels
 from replant.engine.recent_samples import RecentSamples
@@ -162,6 +163,8 @@ def begin(
             error = warm_up(state, u, y, t, raw.reference if settings.reference else None, learn=learn)
         if solution is not None:
             note_doubts(state, solution, raw.output)
+            if not state.path_size:  # later no samples can tell
+                state.sums.refuted = float(_is_refuted(settings, solution))
         state.ready_at, state.solved_at = state.elapsed, state.samples
     state.take_over(
         old,
@@ -169,6 +172,16 @@ def begin(
         *(State.input_leaps, State.no_output, State.no_reference, State.last_time),
     )
     return state, error
+
+
+def _is_refuted(settings: Settings, solution: Solution) -> bool:
+    """Return whether the samples of a start-up speak against the model that they give."""
+    size, found = settings.structure.size, solution.found
+    verdict = assess_record(
+        settings.structure, found.theta[:size], solution.record, settings.dt, found.covariance[:size, :size],
+        disagreement=found.disagreement,
+    )  # fmt: skip
+    return verdict.status == "inconsistent"
 
 
 def note_doubts(state: State, solution: Solution, output: FloatArray | None = None) -> None:
