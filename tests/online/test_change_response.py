@@ -28,9 +28,9 @@ def afloat(kind: str, scale: float, samples: int) -> np.ndarray:
     return scale * (noise if kind == "noise" else 0.05 * np.cumsum(noise))
 
 
-@every("optimizer", OPTIMIZERS, quick=2)
+@every("optimizer", OPTIMIZERS, quick=1)
 @every("plant", [PLANT, LIGHT], ids=["usual", "light"], quick=1)
-@every(("kind", "size"), [("noise", 1.0), ("noise", 0.3), ("walk", 1.0)], quick=2)
+@every(("kind", "size"), [("noise", 1.0), ("noise", 0.3), ("walk", 1.0)], quick=1)
 def test_a_cable_that_floats_teaches_nothing(
     optimizer: str, plant: rp.TransferFunction, kind: str, size: float
 ) -> None:
@@ -67,7 +67,7 @@ def test_an_alarm_that_goes_as_it_came_costs_little() -> None:
 
 
 @every("factor", [0.5, 1.5])
-@every("entry", [0, 1, 2])
+@every("entry", [0, 1, 2], quick=1)
 def test_tracking_is_not_trusted_while_it_is_wrong(factor: float, entry: int) -> None:
     """A light mode, a slow walk: after a jump by half no verdict trusts an estimate that is 10 % off."""
     before = true_parameters(LIGHT, 0)
@@ -86,7 +86,7 @@ def test_tracking_is_not_trusted_while_it_is_wrong(factor: float, entry: int) ->
     assert np.abs(ident.parameters / true - 1.0).max() < 0.1
 
 
-@pytest.mark.parametrize("factor", [0.5, 1.5])
+@pytest.mark.parametrize("factor", [pytest.param(0.5, marks=pytest.mark.slow), 1.5])
 def test_a_gain_that_jumps_while_the_input_rests_is_no_disturbance(factor: float) -> None:
     """Until the input has moved another gain looks like another constant; nothing is trusted meanwhile."""
     dt, plant, after = 1e-3, rp.TransferFunction([2.0], [1.0, 2.0]), rp.TransferFunction([2.0 * factor], [1.0, 2.0])
@@ -123,7 +123,8 @@ CHANGES: dict[str, tuple[list[float], list[float], float, int]] = {
 
 
 @every("change", CHANGES, quick=1)
-def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: str) -> None:
+@every("seed", range(3), quick=1)
+def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: str, seed: int) -> None:
     """Three records each, noise of 7 %, looks from 640 samples on at which the estimate is nearly another one.
 
     Abs G of a trusted model is known to a thirtieth at each frequency that the input excites.  Over n + 1 = 3
@@ -134,20 +135,19 @@ def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: s
     dt, long = 1.0 / 64.0, 5000
     old = rp.TransferFunction([before[-1]], before)
     plant = rp.TransferFunction([factor * after[-1]], after)
-    for seed in range(3):
-        rng = np.random.default_rng(seed)
-        u = np.repeat(rng.uniform(-1.0, 1.0, (long + 6400) // hold + 1), hold)[: long + 6400]
-        joined = [old.simulate(u, dt)[:long], plant.simulate(u, dt)[long:]]
-        y = np.concatenate(joined) + 0.07 * joined[0].std() * rng.standard_normal(u.size)
-        ident = rp.Identifier(rp.Structure(len(before) - 1), dt)
-        begin = 0
-        for look in (0, 640, 800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400):
-            ident.update_many(u[begin : long + look], y[begin : long + look])
-            begin = long + look
-            if look == 0:
-                assert ident.assess().status == "trusted"
-            elif _largest_error(ident.transfer_function, plant, hold, dt) > 0.1:
-                assert ident.assess().status != "trusted"
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-1.0, 1.0, (long + 6400) // hold + 1), hold)[: long + 6400]
+    joined = [old.simulate(u, dt)[:long], plant.simulate(u, dt)[long:]]
+    y = np.concatenate(joined) + 0.07 * joined[0].std() * rng.standard_normal(u.size)
+    ident = rp.Identifier(rp.Structure(len(before) - 1), dt)
+    begin = 0
+    for look in (0, 640, 800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400):
+        ident.update_many(u[begin : long + look], y[begin : long + look])
+        begin = long + look
+        if look == 0:
+            assert ident.assess().status == "trusted"
+        elif _largest_error(ident.transfer_function, plant, hold, dt) > 0.1:
+            assert ident.assess().status != "trusted"
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -166,7 +166,7 @@ def test_a_gain_that_the_noise_hides_from_the_alarm_is_found(seed: int) -> None:
     assert ident.assess().status == "trusted"
 
 
-@every("seed", range(4))
+@every("seed", range(4), quick=1)
 def test_a_gain_that_toggles_is_followed_each_time(seed: int) -> None:
     """One model for both is no explanation: neither the samples before the first change, nor those since, are its."""
     plant, rng = rp.TransferFunction([2.0], [1.0, 2.0]), np.random.default_rng(seed)
@@ -196,7 +196,7 @@ def test_the_verdict_can_be_asked_for_at_any_sample_of_an_alarm_and_after() -> N
         assert not (1600 < k < 1700 and status == "trusted")
 
 
-@pytest.mark.parametrize("what", ["renew", "look"])
+@pytest.mark.parametrize("what", ["renew", pytest.param("look", marks=pytest.mark.slow)])
 def test_what_the_user_interrupts_is_made_up_for_before_the_next_sample(
     what: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -29,7 +29,16 @@ from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known
 from replant.offline.solve import solve
 from replant.offline.srivc_steps import SOONEST, least_since
-from replant.online.restart import AGAIN, clear_doubt, is_at_rest, remembers_all, restart, restart_at, tells_of_changes
+from replant.online.restart import (
+    AGAIN,
+    clear_doubt,
+    is_at_rest,
+    remembers_all,
+    remembers_since_change,
+    restart,
+    restart_at,
+    tells_of_changes,
+)
 from replant.settings import STORED, Settings
 from replant.statistics.linear_algebra import inverse_of, quiet
 
@@ -84,7 +93,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         begins = sorted({min(present.onset(record, earliest), begins[-1]), *begins})
         contests = {at: Contest(settings.structure, record, at, present) for at in begins}
         claims = [claim for contest in contests.values() for claim in contest.claims()]
-        if claims and remembers_all(old, settings):
+        if claims and remembers_since_change(old, settings):
             claims += _one_model(old, settings, contests[max(begin, 1)])
         found = decided(claims) if claims else None
     if found is None:
@@ -120,7 +129,12 @@ def reconsider(old: State, settings: Settings) -> State | None:
 
     What has changed is asked again of more samples, and whether one model holds for those before as well.
     """
-    if old.alarm or old.gap_at > old.changed_at or not (old.adapt and remembers_all(old, settings)) or is_at_rest(old):
+    if (
+        old.alarm
+        or old.gap_at > old.changed_at
+        or not (old.adapt and remembers_since_change(old, settings))
+        or is_at_rest(old)
+    ):
         return None
     contest = since_change(old, settings)
     if contest is None:

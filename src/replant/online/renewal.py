@@ -18,7 +18,14 @@ from replant.offline.change_search import begin_of_change, change_at
 from replant.offline.contest import is_sure
 from replant.offline.solve import Solution, solve
 from replant.online.change_response import believed
-from replant.online.restart import AGAIN, is_at_rest, remembers_all, restart_at, tells_of_changes
+from replant.online.restart import (
+    AGAIN,
+    is_at_rest,
+    remembers_all,
+    remembers_since_change,
+    restart_at,
+    tells_of_changes,
+)
 from replant.settings import STORED, Settings
 from replant.simulation.model_run import prediction_error
 from replant.statistics.autoregression import likelihood_ratio
@@ -54,7 +61,7 @@ def next_renewal(state: State, settings: Settings, most: int) -> int:
     origin, samples = state.changed_at or state.record_began, state.samples
     known = min(RECENT, most)
     due = origin + math.ceil((AGAIN if state.changed_at else GROWTH) * (samples - origin))
-    if remembers_all(state, settings) and due - origin <= known:
+    if remembers_since_change(state, settings) and due - origin <= known:
         return due
     every = min(EVERY, max(known // 2, settings.startup))
     return samples + every if settings.optimizer.keeps_covariance else 0

@@ -25,8 +25,18 @@ Derivation: the last solution has then two thirds of the samples, and all soluti
 
 def remembers_all(state: State, settings: Settings) -> bool:
     """Return whether the estimate is made from every sample of its record, none forgotten, and solved again."""
-    keeps = settings.optimizer.keeps_colour and float(state.settings[0]) == 1.0
-    return bool(keeps and settings.filter.follows_estimate)
+    return float(state.settings[0]) == 1.0 and is_solved_again(settings)
+
+
+def is_solved_again(settings: Settings) -> bool:
+    """Return whether the estimate is one that a solution of the raw samples can stand in for."""
+    return bool(settings.optimizer.keeps_colour and settings.filter.follows_estimate)
+
+
+def remembers_since_change(state: State, settings: Settings) -> bool:
+    """Return whether no sample since the last change, or of the record, weighs less than 1/e of the newest one."""
+    since = state.samples - (state.changed_at or state.record_began)
+    return is_solved_again(settings) and (1.0 - float(state.settings[0])) * since <= 1.0
 
 
 def tells_of_changes(state: State, settings: Settings) -> bool:
