@@ -36,7 +36,7 @@ def verdict(u: np.ndarray, moved: np.ndarray, seed: int, plant: rp.TransferFunct
 
 
 @every("gain", [1.0, -3.0], quick=1)
-@every("fault", ACTUATORS)
+@every("fault", ACTUATORS, quick=2)
 def test_it_is_named(fault: str, gain: float) -> None:
     """Also behind a plant whose gain is negative: a saturation stays one."""
     u = steps(seed=1)

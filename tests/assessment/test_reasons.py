@@ -95,7 +95,7 @@ FILLED = "the end of the record is filled up"
 
 
 @every("seed", range(4), quick=1)
-@every("coarse", [False, True])
+@every("coarse", [False, True], quick=1)
 @every("both", [False, True])
 def test_an_end_filled_up_with_zeros_is_named(seed: int, *, coarse: bool, both: bool) -> None:
     u, y = switched(seed) if coarse else noisy(seed)
@@ -125,8 +125,8 @@ STUCK = "a stuck or saturated sensor"
 
 
 @every("seed", range(3), quick=1)
-@every("judged", [whole, running])
-@every("levels", [6, 26, 40])
+@every("judged", [whole, running], quick=1)
+@every("levels", [6, 26, 40], quick=1)
 def test_the_plateaus_of_a_coarse_sensor_are_not_stuck(
     seed: int, judged: Callable[..., Assessment], levels: int
 ) -> None:
@@ -135,6 +135,19 @@ def test_the_plateaus_of_a_coarse_sensor_are_not_stuck(
         verdict = judged(u, measured)
         assert not said(verdict, STUCK), (seed, verdict.reasons)
         assert not said(verdict, "left out")
+
+
+def test_a_sensor_that_was_stuck_where_the_output_seldom_comes_is_well_after_as_long() -> None:
+    """What was measured beyond it before says that it is no end of the scale."""
+    u, y = noisy(0)
+    before, since = y[:1500].max(), y[1800:].max()
+    assert before > since
+    y[1500:1800] = 0.5 * (before + since)
+    assert said(running(u[:2050], y[:2050]), STUCK)
+    verdict = running(u, y)
+    assert verdict.status == "trusted", verdict.reasons
+    assert not said(verdict, STUCK)
+    assert said(verdict, "300 outputs were left out")
 
 
 def test_a_coarse_sensor_that_stands_still_while_the_model_moves_many_steps_is() -> None:

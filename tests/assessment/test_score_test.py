@@ -156,3 +156,17 @@ def test_few_samples_take_few_columns() -> None:
 def test_nothing_left_is_nothing_to_explain() -> None:
     u = binary(1, SAMPLES, 5)
     assert part_of(np.zeros(SAMPLES), np.zeros(SAMPLES) + u, scale=0.0).statistic == 0.0
+
+
+def test_what_is_explained_to_the_last_bit_is_no_chance_and_has_no_scatter() -> None:
+    """Of a residual so small that the square of what is left is zero, nothing is divided by that."""
+    column = np.random.default_rng(0).choice([-1.0, 1.0], 400)
+    for scale in (1.0, 1e-158):
+        residual = Residual.of(
+            scale * column, np.zeros((400, 0)), np.minimum(np.arange(400), 50), np.ones(400, dtype=bool)
+        )
+        found = residual.explained(column[:, None])
+        assert found.weights == pytest.approx([scale])
+        assert found.power == pytest.approx(scale**2 * column.var(), rel=1e-3)
+        assert found.std < 1e-9 * scale
+        assert found.statistic > 1e9

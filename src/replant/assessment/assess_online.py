@@ -136,17 +136,17 @@ def _is_after_alarm(state: State, in_use: RecentSamples, kept: RecentSamples, dt
 def _is_well(kept: RecentSamples) -> bool:
     """Return whether a sensor that was stuck has shown since that it is well.
 
-    It has given other outputs for as long, on both sides of those at which it was stuck: an end of its scale may be
-    there, where it is stuck again as soon as the output comes near.
+    It has given other outputs for as long, and before or since some on both sides of those at which it was stuck:
+    else an end of its scale may be there, where it is stuck again as soon as the output comes near.
     """
     from replant.kernels.monitoring import outliers
 
     stuck = np.flatnonzero(kept.is_stuck)
     if not stuck.size:
         return True
-    held, since = kept.output[stuck], kept.output[stuck[-1] + 1 :]
-    lasted = max(outliers.CALM, stuck[-1] - stuck[0])
-    return bool(since.size >= lasted and (since < held.min()).any() and (since > held.max()).any())
+    held, given = kept.output[stuck], kept.output[~kept.is_stuck]
+    has_lasted = len(kept) - 1 - stuck[-1] >= max(outliers.CALM, stuck[-1] - stuck[0])
+    return bool(has_lasted and (given < held.min()).any() and (given > held.max()).any())
 
 
 def _missing(kept: RecentSamples) -> int:
