@@ -1,4 +1,4 @@
-"""Loops of a benchmark, compiled as the package's kernels are, beside all of those in one library."""
+"""Loops of a benchmark, compiled as the package's kernels are, into a library of their own."""
 
 from __future__ import annotations
 
@@ -35,5 +35,5 @@ def _library(module: str) -> Library:
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
     path = Path(tempfile.gettempdir()) / f"replant-benchmark-{os.getuid()}-{digest}.so"
     if not path.exists():
-        build(path, more=own)
+        build(path, instead=own)
     return Library(path)

@@ -62,8 +62,11 @@ def compiler(target: str | None = None) -> list[str]:
     return [sys.executable, "-m", "ziglang", "cc", *(["-target", target] if target else [])]
 
 
-def generate(more: Sequence[Any] = ()) -> tuple[dict[str, str], list[str]]:
-    """Return the C files by name, and what the compiler is told: how many lanes, the hash of the sources."""
+def generate(instead: Sequence[Any] = ()) -> tuple[dict[str, str], list[str]]:
+    """Return the C files by name, and what the compiler is told: how many lanes, the hash of the sources.
+
+    Kernels that take the place of the package's are accompanied by one step, as its types are part of the border.
+    """
     sys.path.insert(0, str(ROOT / "src"))
     sys.path.insert(0, str(ROOT / "tools"))
     import replant.kernels
@@ -73,12 +76,14 @@ def generate(more: Sequence[Any] = ()) -> tuple[dict[str, str], list[str]]:
     for module in pkgutil.walk_packages(replant.kernels.__path__, "replant.kernels."):
         importlib.import_module(module.name)
     own = [kernel for kernel in native.KERNELS if kernel.python.__module__.startswith(replant.kernels.__name__)]
-    kernels = sorted([*own, *more], key=lambda kernel: kernel.name)
+    if instead:
+        own = [*instead, *(kernel for kernel in own if kernel.name == "step.fixed_filter.step")]
+    kernels = sorted(own, key=lambda kernel: kernel.name)
     source = native.source_hash(native.FOLDER, Path(__file__).parent)
     return sources("replant.kernels", ROOT, kernels), [f'-DREPLANT_SOURCE="{source}"', f"-DLANES={lanes.LANES}"]
 
 
-def build(path: Path, *, target: str | None = None, keep: Path | None = None, more: Sequence[Any] = ()) -> None:
+def build(path: Path, *, target: str | None = None, keep: Path | None = None, instead: Sequence[Any] = ()) -> None:
     """Make the library.
 
     Parameters
@@ -89,8 +94,8 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None, mo
         Another system, as zig names it.
     keep : Path, optional
         Folder for the C files.
-    more : sequence of Kernel
-        What the library is to have beside the package's kernels.
+    instead : sequence of Kernel
+        What the library is to have in place of the package's kernels.
 
     Raises
     ------
@@ -98,7 +103,7 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None, mo
         There is no compiler, or it fails.
     """
     command = compiler(target)
-    files, defined = generate(more)
+    files, defined = generate(instead)
     x86 = (target or platform.machine()).partition("-")[0] in X86
     with tempfile.TemporaryDirectory() as made:
         folder = keep or Path(made)

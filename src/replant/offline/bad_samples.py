@@ -130,7 +130,8 @@ def _runs(y: FloatArray) -> list[slice]:
     if not share < 1.0:
         return []
     fewest = math.log(TIED_BY_CHANCE / y.size) / math.log(share)
-    return [slice(int(begin), int(end)) for begin, end in still_runs(y) if end - begin - 1 > fewest]
+    runs = still_runs(y)
+    return [slice(begin, end) for begin, end in runs[np.diff(runs)[:, 0] - 1 > fewest].tolist()]
 
 
 def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:

@@ -158,6 +158,7 @@ def steps(
     (R, size, LANES) for stretches of R samples.
     """
     states = (one, two, three, four, five, six, seven, eight)
+    work = (beside, companion, tile, estimates)
     white, coloured, row, goes_on, forgets = 0, 0, start, True, one.settings[0] < 1.0
     for lane in range(LANES):
         enter(states[lane], ints, reals, models, lane, (white, coloured))
@@ -172,7 +173,6 @@ def steps(
             fetch(u, y, numbers, row, samples, tile)
             for lane in range(LANES):
                 filters |= prepare(member(ints, reals, lane), beside, lane)
-            work = (beside, companion, tile, estimates)
             white, coloured = take_vectors(
                 ints, reals, models, work, (filters, forgets), before, samples, parameters.shape[2]
             )
