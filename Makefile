@@ -42,7 +42,8 @@ demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/de
 # with them what they share
 # hundreds of tests start a program: without compiled modules each start compiles all of them
 test slow: export PYTHONDONTWRITEBYTECODE =
-test: lint types $(READY)   ## lint, types, doctests, tests; some minutes
+test: $(READY)   ## lint, types, doctests, tests; some minutes
+	+$(MAKE) -j 2 lint types
 	$(BIN)/pytest -n 3 --dist worksteal
 
 docs: $(READY)   ## the site, every block of it executed; in out/docs/html
@@ -52,7 +53,7 @@ docs-serve: docs ## the same on http://127.0.0.1:8000
 	$(BIN)/python -m http.server 8000 --bind 127.0.0.1 --directory out/docs/html
 
 slow: $(READY)   ## the tests that take longer: all cases of which `make test` runs some, Dask, kills, the built site
-	$(BIN)/pytest -n 3 --dist worksteal -m slow
+	$(BIN)/pytest -n 3 --dist worksteal -m "slow or hypothesis"
 
 lint: $(READY)   ## style, format, spelling, imports, docstrings, pages; seconds
 	$(BIN)/ruff check .

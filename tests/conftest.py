@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -13,8 +14,13 @@ ROOT = Path(__file__).resolve().parents[1]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # the same examples every time, and no opinion on how long one takes: no test depends on the machine's speed
-settings.register_profile("replant", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
-settings.load_profile("replant")
+settings.register_profile("whole", deadline=None, derandomize=True, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("part", settings.get_profile("whole"), max_examples=25)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Try all examples of a property in `make slow`, a quarter of them in `make test`: see `support.cases.examples`."""
+    settings.load_profile("whole" if "hypothesis" in config.option.markexpr else "part")
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -32,3 +38,17 @@ def datasets() -> Path:
     if not folder.is_dir():
         pytest.skip(f"no recorded logs at {folder}: set REPLANT_DATA to their folder")
     return folder
+
+
+@pytest.fixture
+def unrendered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the rendering of pictures out, most of what a report costs: for tests that read its words and data."""
+    from matplotlib.figure import Figure
+
+    def savefig(_: Figure, file: Any, **options: Any) -> None:
+        if options.get("format") == "svg":
+            file.write('<svg width="9pt" height="9pt" viewBox="0 0 9 9"></svg>')
+        else:
+            Path(file).write_bytes(b"\x89PNG\r\n\x1a\n")
+
+    monkeypatch.setattr(Figure, "savefig", savefig)

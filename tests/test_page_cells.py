@@ -50,7 +50,7 @@ def run(cell: str, names: dict[str, Any]) -> None:
         exec(compile(cell, "cell", "exec"), names)
 
 
-@every("page", CELLS, quick=3)
+@every("page", CELLS, quick=1)
 def test_the_cells_of_a_page_run(page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names: dict[str, Any] = {"__name__": "__main__"}
     with reader(tmp_path, monkeypatch):

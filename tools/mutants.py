@@ -44,8 +44,9 @@ AREAS = {
     "live": (["live"], ["live"], []),
     "fleet": (["fleet"], ["fleet", "cli/test_fleet.py"], []),
 }
-#: Processor time of a process in s, and time of a run in s: a mutant may make a loop without end, which is noticed too.
-MOST_WORK, LONGEST = 300, 7200
+#: Processor time of a process, time of a test and of a run, in s: a mutant may make a loop or a wait without end, which
+#: is noticed too.
+MOST_WORK, LONGEST_TEST, LONGEST = 300, 300, 7200
 SWAPPED: dict[type, type] = {
     ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
     ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In, ast.Add: ast.Sub, ast.Sub: ast.Add,
@@ -167,7 +168,8 @@ def passes(folder: Path, tests: list[str]) -> bool:
     """Whether tests pass in a copy; whatever they have started ends with them."""
     environment = os.environ | {"PYTHONPATH": str(folder / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
     limited = ["sh", "-c", f'ulimit -t {MOST_WORK}; exec "$@"', "sh"]
-    command = [*limited, sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    pytest_ends = ["-x", "-q", "-p", "no:cacheprovider", "-o", f"faulthandler_timeout={LONGEST_TEST}"]
+    command = [*limited, sys.executable, "-m", "pytest", *pytest_ends, *tests]
     with (folder / "last.log").open("wb") as log:
         run = subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log, start_new_session=True)
         try:

@@ -212,7 +212,7 @@ def test_scenario_e(key: str) -> None:
     assert all(promise.is_met for promise in summary.promises)
 
 
-@every("key", [key for key in EXPERIMENTS if key.startswith("I")], quick=2)
+@every("key", [key for key in EXPERIMENTS if key.startswith("I")], quick=1)
 def test_scenario_i(key: str, datasets: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("REPLANT_DATA", str(datasets))
     experiment = EXPERIMENTS[key]

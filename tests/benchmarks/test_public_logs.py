@@ -41,7 +41,7 @@ def record(name: str, noise: float) -> tuple[OutputError, np.ndarray]:
     return OutputError(u, y, DT, len(denominator) - 1, len(numerator) - 1, delay), np.array(denominator[1:])
 
 
-@every("name", PLANTS)
+@every("name", PLANTS, quick=3)
 def test_the_anchor_recovers_a_plant_without_noise(name: str) -> None:
     problem, true = record(name, 0.0)
     found = problem.best()

@@ -20,7 +20,7 @@ from replant.checkpoint.encoding import (
 from replant.online.identifier import DERIVED
 from replant.optimizers import OPTIMIZERS
 from support.builders import random_plant, record
-from support.cases import every
+from support.cases import every, examples
 
 DT, STARTUP, SAMPLES = 0.1, 30, 150
 REPLAY = rp.Replay(capacity=40, batch_size=4, warmup=5, seed=7)
@@ -120,7 +120,7 @@ def test_saved_and_loaded_after_every_single_sample(kind: str, stamped: bool) ->
     assert repr(again(whole).assess()) == repr(whole.assess())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=examples(40), deadline=None)
 @given(
     kind=st.sampled_from(list(KINDS)),
     seed=st.integers(0, 10_000),

@@ -2,6 +2,7 @@
 
 import hashlib
 import html
+import itertools
 import json
 import re
 import subprocess
@@ -96,7 +97,7 @@ def test_settings_printed_by_run_repeat_it(capsys, log: Path) -> None:
     assert identifier.parameters == pytest.approx(printed, rel=1e-3)
 
 
-@pytest.mark.parametrize("command", ["run", "fit"])
+@pytest.mark.parametrize("command", ["run", pytest.param("fit", marks=pytest.mark.slow)])
 def test_out_writes_plots(capsys, log: Path, tmp_path: Path, command: str) -> None:
     code, out, _ = call(capsys, command, log, *COLUMNS, "--out", tmp_path / "plots")
     assert code == 0
@@ -256,8 +257,7 @@ LIMITS = {
 }
 
 
-@every("command", ["run", "fit"])
-@every("name", LIMITS)
+@every(("name", "command"), list(itertools.product(LIMITS, ["fit", "run"])), quick=3)
 def test_defaults_identify_real_rigs(capsys, datasets: Path, name: str, command: str) -> None:
     gain, time_constant, fit = LIMITS[name]
     code, out, err = call(capsys, command, datasets / name, *COLUMNS, "--json")
@@ -268,6 +268,7 @@ def test_defaults_identify_real_rigs(capsys, datasets: Path, name: str, command:
     assert answer["fit"]["simulated"] >= fit
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_demo_finds_the_actuator(capsys, tmp_path: Path) -> None:
     code, out, err = call(capsys, "demo", "--out", tmp_path)
     assert (code, err) == (0, "")

@@ -297,8 +297,9 @@ def test_the_best_is_the_one_that_simulates_best(contenders: list[Contender]) ->
     assert best([Contender("srivc", None, problem="none")]) is None
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_range_is_written_as_it_is_read(capsys: Any, tmp_path: Path) -> None:
-    u = prbs(300, hold=10)
+    u = prbs(60, hold=10)
     log = write(tmp_path / "log.csv", u, PLANT.simulate(u, dt=0.05))
     call(capsys, "fit", log, *COLUMNS[:4], "--poles", "1:2", "--delay", "0:0.2:0.1", "--out", tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")

@@ -15,6 +15,8 @@ from replant.optimizers import OPTIMIZERS
 from replant.signals import prbs
 from support.cases import every
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 PLANT = rp.TransferFunction([4.0], [1.0, 2.0])
 DT = 0.01
 OPTIONS = ("-i", "u", "-o", "y", "-p", "1", "--json")

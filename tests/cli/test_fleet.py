@@ -12,6 +12,8 @@ from replant.cli import main
 from support.cases import every
 from support.fleets import as_csv, recorded, small_fleet
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 COLUMNS = ("-i", "u", "-o", "y", "-p", "2", "--method", "fit", "--on", "threads:1")
 
 

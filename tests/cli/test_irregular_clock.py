@@ -15,6 +15,8 @@ from replant.cli import main
 from support.builders import DT, irregular_record, two_modes
 from support.cases import every
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 PLANT = rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
 OPTIONS = ["--input", "u", "--output", "y", "--poles", "2", "--zeros", "1"]
 GAP = 60.0, 100.0  # no samples between these times, in s

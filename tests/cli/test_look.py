@@ -15,6 +15,8 @@ from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs
 from support.cases import every
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:
@@ -184,8 +186,8 @@ def test_a_log_that_cannot_be_read_is_named_beside_what_is_missing(capsys, tmp_p
     assert f"{tmp_path / 'no.csv'}: no such file" in err
 
 
-@every("command", ["run", "fit"])
-@every("name", ["timestamp", "time [ms]"])
+@every("command", ["run", "fit"], quick=1)
+@every("name", ["timestamp", "time [ms]"], quick=1)
 def test_stamps_beyond_the_calendar_are_refused(capsys, tmp_path: Path, command: str, name: str) -> None:
     """Milliseconds since 1970 that are taken as seconds, or microseconds that the name calls milliseconds."""
     u = prbs(500, hold=10)
@@ -251,7 +253,7 @@ def test_the_program_in_the_report_reads_the_same_part(capsys, log: Path, tmp_pa
     assert "--from 10.0 --to 60.5" in page
 
 
-@pytest.mark.parametrize("command", ["run", "fit", "compare"])
+@pytest.mark.parametrize("command", ["run", "fit", pytest.param("compare", marks=pytest.mark.slow)])
 def test_quiet_leaves_out_the_notes_and_keeps_result_and_errors(capsys, log: Path, command: str) -> None:
     columns = ("-i", "voltage [V]", "-o", "speed", "-p", 1, "--dt", 5, "--json")
     _, loud, note = call(capsys, command, log, *columns)

@@ -68,7 +68,7 @@ def walked(monkeypatch: pytest.MonkeyPatch) -> Watched:
     "typed",
     [
         ("fit", "-i", "u", "-o", "y", "-p", 2, "--reference", "r"),
-        ("run", "-i", "u", "-o", "y", "-p", 1, "--optimizer", "amsgrad"),
+        pytest.param(("run", "-i", "u", "-o", "y", "-p", 1, "--optimizer", "amsgrad"), marks=pytest.mark.slow),
         ("fit", "-i", "u", "-o", "y", "-p", "1:2"),
     ],
 )

@@ -44,7 +44,7 @@ def test_the_plant_comes_out_or_one_line_says_why_not(
     np.testing.assert_allclose([found["a0"], found["b0"] / scale], [2.0, 4.0], rtol=0.01)
 
 
-@odd
+@every("file", ODD_FILES, ids=lambda file: file.name, quick=30)
 def test_look_shows_it_or_says_why_not(capsys: pytest.CaptureFixture[str], tmp_path: Path, file: OddFile) -> None:
     for package in file.packages:
         pytest.importorskip(package)

@@ -11,6 +11,8 @@ import replant as rp
 from cli.test_commands import call
 from support.builders import binary
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 SAID = "column pump explains"
 
 

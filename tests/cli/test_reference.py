@@ -19,6 +19,8 @@ from replant.runs import comparison
 from replant.runs import run as online_run
 from support.cases import every
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 DT, SAMPLES = 0.05, 2000
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
 NAMED = ("--input", "u", "--output", "y", "--poles", "1")
@@ -66,7 +68,7 @@ def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
     return said
 
 
-@every("held", [True, False])
+@every("held", [True, False], quick=1)
 @every("column", ["w [rad/s]", "3"])
 def test_run(
     log: Path, signals: tuple[np.ndarray, ...], given: list[np.ndarray | None], column: str, held: bool,

@@ -14,6 +14,8 @@ import replant as rp
 from replant.cli import main
 from support.cases import every
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 SCHEMA = json.loads(files("replant.identified").joinpath("schema/model-1.json").read_text())
 COLUMNS = ("--input", "voltage [V]", "--output", "speed")
 

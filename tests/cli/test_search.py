@@ -10,6 +10,8 @@ from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs, white_noise
 from support.cases import every
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 
 @pytest.fixture
 def log(tmp_path: Path) -> Path:

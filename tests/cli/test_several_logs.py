@@ -9,6 +9,8 @@ import pytest
 import replant as rp
 from cli.test_commands import call
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 PLANT = rp.TransferFunction([2 / 12], [1.0, 1 / 12], delay=3.0)
 
 

@@ -10,6 +10,8 @@ import replant as rp
 from cli.test_commands import call
 from support.builders import binary
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 COLUMNS = ("-i", "u", "-o", "y", "-p", 1)
 
 

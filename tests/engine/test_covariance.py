@@ -46,21 +46,22 @@ def estimate(seed: int, noise: float = 0.1, colour: float = 0.0, **arguments: An
 
 @every("method", METHODS, quick=1)
 @every("colour", [0.9, 0.0], quick=1)
-def test_estimates_scatter_as_the_covariance_says(method: str, colour: float) -> None:
-    """24 runs: the mean of chi-square over its P degrees of freedom is 1, within 5 / sqrt(12 P) of it below and above.
+@every("runs", [6, 24], quick=1)
+def test_estimates_scatter_as_the_covariance_says(method: str, colour: float, runs: int) -> None:
+    """The mean of chi-square over its P degrees of freedom is 1, within 5 / sqrt(P runs / 2) of it below and above.
 
     Optimizers of the first order also wander about their solution and add that to what they say: below alone.
     """
     total, size = 0.0, 0
-    for seed in range(24):
+    for seed in range(runs):
         ident = estimate(seed, 0.05 if colour else 0.1, colour, **METHODS[method])
         away, covariance = (
             (ident.parameters - np.resize(np.append(TRUE, 0.0), ident.parameters.size))[:4],
             ident.covariance,
         )
         size = away.size
-        total += float(away @ np.linalg.solve(covariance[:4, :4], away)) / (24 * size)
-    bound = 5 / math.sqrt(12 * size)
+        total += float(away @ np.linalg.solve(covariance[:4, :4], away)) / (runs * size)
+    bound = 5 / math.sqrt(runs * size / 2)
     assert total < 1 + bound
     if method != "buffered AMSGrad":
         assert total > 1 - bound

@@ -63,7 +63,7 @@ def fleet(seed: int, rigs: int = 150, spread: float = 0.03) -> list[Row]:
 SURE = np.array([0.01, 0.01, 0.02])
 
 
-@pytest.mark.parametrize("spread", [0.03, 1e-5])
+@pytest.mark.parametrize("spread", [0.03, pytest.param(1e-5, marks=pytest.mark.slow)])
 def test_a_fleet_without_odd_rigs_names_none_beyond_chance(spread: float) -> None:
     """In one of a hundred fleets one is named: in twenty of them two are already hardly possible."""
     named = sum(int(oddness_of(table_of(fleet(seed, 120, spread), TWO), TWO).odd.sum()) for seed in range(12))

@@ -20,7 +20,7 @@ import replant as rp
 from replant.assessment.verdict import STATUSES, Verdict
 from replant.identified.model_json import as_object
 from replant.identified.provenance import Provenance
-from support.cases import every
+from support.cases import every, examples
 
 SCHEMA = json.loads(files("replant.identified").joinpath("schema/model-1.json").read_text())
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
@@ -66,7 +66,7 @@ def models(draw: Any) -> rp.Model:
     )
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(models())
 def test_there_and_back_to_the_bit_and_by_the_schema(model: rp.Model) -> None:
     written = model.to_json()

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from types import CodeType
 from typing import Any
 
@@ -134,6 +134,24 @@ def check(work: Callable[[], tuple[Any, ...]]) -> None:
         np.testing.assert_array_equal(one, other)
 
 
+REACHED: set[CodeType] = set()
+
+
+def once(compare: Callable[..., None]) -> Callable[..., None]:
+    """Do a comparison that passes only once, and note the code of every function that it calls."""
+
+    @functools.cache
+    def noted(*given: Any) -> None:
+        sys.setprofile(lambda frame, event, _: REACHED.add(frame.f_code) if event == "call" else None)
+        try:
+            compare(*given)
+        finally:
+            sys.setprofile(None)
+
+    return noted
+
+
+@once
 def check_steps(kind: str) -> None:
     """Check the kernels that take samples."""
     state, samples, regular = identified(kind)
@@ -149,6 +167,7 @@ def check_steps(kind: str) -> None:
     check(alone)
 
 
+@once
 def check_regressors() -> None:
     """Check the chain of filters alone, over a record."""
     state, (u, y, *_), _ = identified("default, reference")
@@ -164,6 +183,7 @@ def check_regressors() -> None:
     check(work)
 
 
+@once
 def check_model() -> None:
     """Check what changes a model, stable or not, and what an interruption leaves."""
     state, _, _ = identified("default")
@@ -188,6 +208,7 @@ def check_model() -> None:
     check(denominator)
 
 
+@once
 def check_series() -> None:
     """Check the kernels on series of numbers."""
     generator = np.random.default_rng(2)
@@ -215,6 +236,7 @@ def check_series() -> None:
     check(filtered)
 
 
+@once
 def check_simulation(delay: float, straight: bool, regular: bool) -> None:
     """Check the simulation of a model."""
     from replant.model.response import Response
@@ -250,17 +272,6 @@ def test_simulations_leave_the_same_bits(delay: float, straight: bool, regular: 
     check_simulation(delay, straight, regular)
 
 
-@contextmanager
-def reached() -> Iterator[set[CodeType]]:
-    """Note the code of every function that is called."""
-    found: set[CodeType] = set()
-    sys.setprofile(lambda frame, event, _: found.add(frame.f_code) if event == "call" else None)
-    try:
-        yield found
-    finally:
-        sys.setprofile(None)
-
-
 def test_every_function_that_is_translated_has_been_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """But those of lanes, which are compared with single members."""
     monkeypatch.syspath_prepend(str(ROOT / "tools"))
@@ -270,13 +281,12 @@ def test_every_function_that_is_translated_has_been_compared(monkeypatch: pytest
     for kernel in KERNELS:
         if kernel.python.__module__.startswith("replant.") and "ensemble" not in kernel.name:
             program.function(kernel.python, entry_kinds(kernel.python))
-    with reached() as found:
-        for kind in CASES:
-            check_steps(kind)
-        check_regressors()
-        check_model()
-        check_series()
-        check_simulation(0.033, False, False)
-        check_simulation(0.033, True, True)
-    missing = {function for function, _ in program.functions if function.__code__ not in found}
+    for kind in CASES:
+        check_steps(kind)
+    check_regressors()
+    check_model()
+    check_series()
+    check_simulation(0.033, False, False)
+    check_simulation(0.033, True, True)
+    missing = {function for function, _ in program.functions if function.__code__ not in REACHED}
     assert {f"{each.__module__}.{each.__name__}" for each in missing} == set()

@@ -32,12 +32,12 @@ from support.live_fakes import DT, FakeObserver, FakeSink, FakeSource, make, rec
 #: How many calls of each kind fail here, by role: each costs about a second.
 TRIES = {
     "session": {
-        "open": 3,
-        "write": 3,
+        "open": 1,
+        "write": 1,
         "send": 1,
         "read": 1,
         "sync": 1,
-        "rename": 2,
+        "rename": 1,
         "socket": 1,
         "fork": 1,
         "alloc": 1,

@@ -133,7 +133,6 @@ JUMPS = {  # seconds until the estimate has to be right: a1, b1, a2 show at once
 }
 
 
-QUICK = [(0, 0.5)]
 #: The slow mode makes a thirtieth of the output.  For one look, 0.6 s after the change, the whole gain is taken to have
 #: moved: b0 is 50 % off, and trusted with a standard deviation of 2 %.
 TOO_SOON = pytest.mark.xfail(strict=True, reason="that b0 stays cannot be told within 0.6 s")
@@ -141,7 +140,7 @@ TOO_SOON = pytest.mark.xfail(strict=True, reason="that b0 stays cannot be told w
 
 def marks(jump: tuple[int, float]) -> list[pytest.MarkDecorator]:
     """Return the marks of a case."""
-    return [] if jump in QUICK else [pytest.mark.slow, *([TOO_SOON] if jump == (3, 1.5) else [])]
+    return [pytest.mark.slow, *([TOO_SOON] if jump == (3, 1.5) else [])]
 
 
 @pytest.mark.parametrize(("entry", "factor"), [pytest.param(*jump, marks=marks(jump)) for jump in JUMPS])

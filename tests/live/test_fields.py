@@ -188,7 +188,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("period", [24, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("period", [72, pytest.param(8, marks=pytest.mark.slow)])
 @every(("form", "columns", "field"), CASES, ids=[f"{form}-{''.join(names)}-{field}" for form, names, field in CASES])
 def test_a_number_that_is_misread_once_ends_nothing(
     form: str, columns: tuple[str, ...], field: str, period: int

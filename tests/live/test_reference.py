@@ -24,6 +24,8 @@ from replant.live.session.checkpointing import resume
 from replant.live.session.progress import Progress
 from support.live_fakes import DT, REQUEST, FakeSource, make, record
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 U, Y = record()
 R = 50.0 + np.arange(U.size)
 

@@ -311,7 +311,7 @@ def fails(error: BaseException) -> Callable[[Paced], Iterator[Batch]]:
     [rp.LogError("the wire is gone"), np.linalg.LinAlgError("singular"), MemoryError(), KeyboardInterrupt(),
      SystemExit(3)],
     ids=lambda error: type(error).__name__,
-)  # fmt: skip
+quick=1)  # fmt: skip
 def test_however_a_session_ends_its_last_word_is_that_it_has_ended(error: BaseException) -> None:
     sinks = [FakeSink(), FakeSink()]
     session, _ = make(Paced(fails(error)), observer=JudgingObserver(), sinks=sinks)

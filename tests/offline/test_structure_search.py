@@ -37,7 +37,7 @@ def step_test(plant: rp.TransferFunction, samples: int, noise: float, seed: int)
     return u, y + white_noise(samples, noise * 2.0 * abs(plant.dc_gain), seed=seed)
 
 
-@pytest.mark.parametrize("samples", [120, 300])
+@pytest.mark.parametrize("samples", [120, pytest.param(300, marks=pytest.mark.slow)])
 def test_a_step_test_tells_order_and_dead_time(samples: int) -> None:
     """The input is constant but for one step, and the dead times of the grid are longer than the rest before it."""
     for num, den in (([0.4], [1.0, 0.2]), ([0.5], [1.0, 0.3, 0.25])):

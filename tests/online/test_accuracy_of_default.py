@@ -68,7 +68,7 @@ def test_without_noise_every_coefficient_is_exact_from_the_first_estimate_on(nam
     assert ident.status == "running"
 
 
-@every_plant
+@every("name", AWKWARD, quick=3)
 def test_the_recursion_alone_gets_there_too(name: str) -> None:
     """From a tenth beside the truth (a half-width of the resonance, where that is sharp), by samples alone.
 
@@ -91,7 +91,7 @@ def test_the_recursion_alone_gets_there_too(name: str) -> None:
 # --- with noise
 
 
-@every_plant
+@every("name", AWKWARD, quick=3)
 def test_with_noise_the_truth_lies_where_the_covariance_says(name: str) -> None:
     """One run a plant at 20 dB: the chi-square of P degrees of freedom stays below its 1 - 1e-4 quantile."""
     u, y = made(name, noise=0.1)
@@ -226,6 +226,7 @@ OFFSET_U, OFFSET_Y = 5.0, 8.0
         rp.Preprocess(input_offset=-100.0, output_offset=77.0),
     ],
     ids=["none", "first", "mean", "known", "wrong"],
+    quick=2,
 )
 def test_any_working_point_is_right_because_a_constant_is_estimated(preprocess: rp.Preprocess) -> None:
     structure, plant = SMOOTH

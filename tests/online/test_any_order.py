@@ -16,6 +16,7 @@ from scipy.linalg import expm
 
 import replant as rp
 from support.builders import state
+from support.cases import examples
 
 DT, STARTUP = 0.1, 40
 STRUCTURE = rp.Structure(2, 1)
@@ -150,7 +151,7 @@ def steps_of(script: list[tuple[str, int]]) -> Iterator[tuple[str, int]]:
     yield from script
 
 
-@settings(deadline=None, derandomize=True, max_examples=64, suppress_health_check=[HealthCheck.too_slow])
+@settings(deadline=None, derandomize=True, max_examples=examples(64), suppress_health_check=[HealthCheck.too_slow])
 @given(
     kind=st.sampled_from(sorted(KINDS)),
     seed=st.integers(0, 50),

@@ -55,12 +55,17 @@ def begun(structure: rp.Structure = STRUCTURE, **settings: Any) -> rp.Identifier
     return one
 
 
-def defaults(structure: rp.Structure = STRUCTURE, **settings: Any) -> Members:
+@functools.cache
+def aged(structure: rp.Structure, **settings: Any) -> Members:
     """Members of other ages."""
     members, (u, y) = [begun(structure, **settings).clone() for _ in range(MEMBERS)], records(98, 80)
     for number, member in enumerate(members):
         member.update_many(u[: 9 * number, number], y[: 9 * number, number])
     return members
+
+
+def defaults(structure: rp.Structure = STRUCTURE, **settings: Any) -> Members:
+    return [member.clone() for member in aged(structure, **settings)]
 
 
 def arrays_of(member: rp.Identifier) -> list[bytes]:
@@ -97,27 +102,29 @@ def test_members_start_when_their_own_samples_suffice() -> None:
     "structure",
     [rp.Structure(1), rp.Structure(2), rp.Structure(1, 1, feedthrough=True)],
     ids=["1", "2", "1, at once"],
+    quick=1,
 )
 def test_members_of_every_structure_get_the_same_bits(structure: rp.Structure) -> None:
     check_twins(lambda: defaults(structure), *records(1, 300))
 
 
-def test_what_is_out_of_the_ordinary_is_each_member_s_own() -> None:
+@pytest.mark.slow
+def test_what_is_out_of_the_ordinary_is_each_member_s_own_over_a_long_record() -> None:
     check_twins(defaults, *disturbed(*records()))
 
 
 @every("cuts", [(1, 2, 300, 301, 333, 550), tuple(range(100, 600, 47))], ids=["odd", "short"], quick=1)
-def test_the_size_of_the_chunks_changes_nothing(cuts: tuple[int, ...]) -> None:
+def test_what_is_out_of_the_ordinary_is_each_member_s_own_in_chunks_of_any_size(cuts: tuple[int, ...]) -> None:
     u, y = disturbed(*records(1))
     check_twins(defaults, u[:650], y[:650], cuts)
 
 
-@pytest.mark.parametrize("stretch", [1, 64])
+@pytest.mark.parametrize("stretch", [pytest.param(1, marks=pytest.mark.slow), 64])
 def test_how_many_samples_members_take_at_once_changes_nothing(stretch: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(state_lanes, "STRETCH", stretch)
     monkeypatch.setattr(company, "PIECE", 100 * stretch)
     u, y = disturbed(*records(2))
-    check_twins(defaults, u[:400], y[:400])
+    check_twins(defaults, u[:240], y[:240])
 
 
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -148,11 +155,11 @@ def test_members_of_several_kinds() -> None:
         members[6].freeze()
         return members
 
-    check_twins(make, *records(5, 400))
+    check_twins(make, *records(5, 120))
 
 
 def test_threads_change_nothing() -> None:
-    u, y = records(6, 300)
+    u, y = records(6, 60)
     one, two = rp.Ensemble(defaults()), rp.Ensemble(defaults(), n_jobs=2)
     np.testing.assert_array_equal(one.update_many(u, y), two.update_many(u, y))
     for number in range(MEMBERS):

@@ -20,7 +20,7 @@ from replant.kernels.lanes import LANES
 from replant.online import ensemble as ensembles
 from replant.optimizers import OPTIMIZERS
 from support.builders import G2, identifier
-from support.cases import every
+from support.cases import every, examples
 
 DT, SAMPLES, STRUCTURE = 0.02, 240, rp.Structure(poles=2, zeros=1)
 MEMBERS = LANES + 3  # a block that is full and one that is not
@@ -172,7 +172,7 @@ def test_a_start_up_of_their_own_then_a_block_together() -> None:
     assert [block.numbers[: block.members].tolist() for block in ensemble._blocks] == [[0, 1, 3, 4]]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(
     cuts=st.lists(st.integers(0, 120), max_size=5),
     bad=st.lists(st.tuples(st.integers(0, 119), st.integers(0, 9)), max_size=12),

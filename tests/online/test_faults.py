@@ -59,7 +59,7 @@ def assert_sound(ident: rp.Identifier) -> None:
 
 
 @every_kind
-@every("spike", [-10.0, 1e4, 1e6, -1e140], quick=2)
+@every("spike", [-10.0, 1e4, 1e6, -1e140], quick=1)
 def test_a_spike_costs_one_sample(kind: str, spike: float) -> None:
     """Without it the estimate has learned one sample more, of N: it moves by a few standard deviations over N.
 
@@ -114,7 +114,7 @@ def test_a_spike_while_frozen_is_forgotten_at_once() -> None:
     assert np.abs(trace.parameters / TRUE - 1.0).max() < 0.03
 
 
-@every("places", [[100], [3, 250, 499], [0], [498]])
+@every("places", [[100], [3, 250, 499], [0], [498]], quick=2)
 def test_a_spike_in_start_up_does_not_spoil_the_first_model(places: list[int]) -> None:
     u, y = measured(3000)
     y[places] = 1e6
@@ -136,7 +136,7 @@ def test_what_is_large_but_right_is_learned() -> None:
     assert away(ident) < 0.01
 
 
-@every_kind
+@every("kind", KINDS, quick=2)
 def test_chunks_do_not_matter_to_any_of_it(kind: str) -> None:
     """Spikes, a stuck sensor, a plant that jumps: one call, chunks and single updates come to the same bits."""
     u, y = measured(1600)
@@ -178,8 +178,8 @@ def failing(y: np.ndarray, fault: str) -> np.ndarray:
     return np.clip(y, -0.8 * y.std(), 0.8 * y.std())
 
 
-@every("kind", ["default", "forgetting", "tracking"], quick=2)
-@every("fault", ["stuck", "off", "at its rail", "saturated"])
+@every("kind", ["default", "forgetting", "tracking"], quick=1)
+@every("fault", ["stuck", "off", "at its rail", "saturated"], quick=3)
 @every(("speed", "dt"), [(20.0, 1e-3), (2.0, 0.02)], ids=["1 kHz", "50 Hz"], quick=1)
 def test_a_dead_sensor_is_said_and_not_learned(kind: str, fault: str, speed: float, dt: float) -> None:
     """Not trusted after two seconds of rig time; the parameters hold for as long as it lasts, and after it."""
@@ -251,9 +251,9 @@ def jumped(name: str, entry: int, factor: float, at_sample: int, samples: int, d
     return u, y + noise * np.random.default_rng(5).standard_normal(samples), parameters, dt
 
 
-@every(("name", "entry"), JUMPS, quick=4)
+@every(("name", "entry"), JUMPS, quick=2)
 @every("factor", [0.5, 1.5], quick=1)
-@every("kind", ["default", "forgetting"])
+@every("kind", ["default", "forgetting"], quick=1)
 def test_a_jump_by_half_is_noticed_and_learned(name: str, entry: int, factor: float, kind: str) -> None:
     """At 25 dB within 300 samples; within four start-ups the estimate is right again.  Never trusted while wrong."""
     u, y, true, dt = jumped(name, entry, factor, 4000, 7000, 25.0)
@@ -270,9 +270,6 @@ def test_a_jump_by_half_is_noticed_and_learned(name: str, entry: int, factor: fl
     assert_sound(ident)
 
 
-@pytest.mark.xfail(
-    strict=True, reason="with forgetting what a first look believes, here a load, is not asked again of more samples"
-)
 def test_a_jump_soon_after_the_start_is_learned_with_forgetting() -> None:
     u, y, true, dt = jumped("two poles", 1, 1.5, 1500, 3500, 25.0)
     ident = rp.Identifier(rp.Structure(true.size - 1), dt, **KINDS["forgetting"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
 
 import numpy as np
@@ -30,11 +31,16 @@ def factors(ident: rp.Identifier) -> tuple[np.ndarray, np.ndarray]:
     return memory[: size * size].reshape(size, size).copy(), memory[size * size :].copy()
 
 
-def converged(optimizer: Any, samples: int = 20_000) -> rp.Identifier:
+@functools.cache
+def learned(optimizer: Any, samples: int) -> rp.Identifier:
     u, y = record(PLANT, seed=1, samples=samples, dt=DT, hold=8, noise=0.02)
     ident = rp.Identifier(STRUCTURE, DT, optimizer=optimizer)
     ident.update_many(u, y)
     return ident
+
+
+def converged(optimizer: Any, samples: int = 20_000) -> rp.Identifier:
+    return learned(optimizer, samples).clone()
 
 
 def idle(ident: rp.Identifier, samples: int, level: float, noise: float = 0.02) -> None:
@@ -101,9 +107,10 @@ def test_without_noise_idle_time_changes_nothing_from_the_first_sample_on() -> N
     assert ident._state.rested > 150_000
 
 
-@every("name", OPTIMIZERS, quick=2)
-def test_two_million_idle_samples_change_nothing(name: str) -> None:
-    rest(name, 2_000_000)
+@every("samples", [200_000, 2_000_000], quick=1)
+@every("name", OPTIMIZERS, quick=1)
+def test_idle_samples_change_nothing(name: str, samples: int) -> None:
+    rest(name, samples)
 
 
 @pytest.mark.slow

@@ -83,7 +83,7 @@ def test_every_optimizer_runs_with_instruments_and_stays_at_the_truth(name: str)
     np.testing.assert_allclose(ident.parameters, TRUE, rtol=0.02)
 
 
-@every("name", OPTIMIZERS)
+@every("name", OPTIMIZERS, quick=2)
 def test_zeta_is_free_of_the_outputs_noise(name: str) -> None:
     """The same input with other noise: phi differs by the noise, zeta by what the estimates differ alone."""
     gains = []

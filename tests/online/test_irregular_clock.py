@@ -27,7 +27,7 @@ def gaps(ident: rp.Identifier) -> int:
 # --- jitter
 
 
-@every("name", ["order 1", "order 4", "non-minimum phase", "integrator", "feedthrough"], quick=3)
+@every("name", ["order 1", "order 4", "non-minimum phase", "integrator", "feedthrough"], quick=2)
 @every("hold", ["zoh", "foh"], quick=1)
 def test_without_noise_jitter_costs_nothing(name: str, hold: str) -> None:
     structure, plant = AWKWARD[name]
@@ -49,7 +49,7 @@ def test_stamps_that_are_ignored_would_have_cost_much() -> None:
     assert np.abs(ident.parameters / TRUE - 1).max() > 1e-3
 
 
-@every(("delay", "hold"), [(0.3, "zoh"), (1.0, "foh"), (2.38, "foh"), (7.5, "zoh")], quick=2)
+@every(("delay", "hold"), [(0.3, "zoh"), (1.0, "foh"), (2.38, "foh"), (7.5, "zoh")], quick=1)
 def test_dead_time_on_a_clock_that_jitters(delay: float, hold: str) -> None:
     """Whole samples of dead time there are none then: every interval falls into pieces."""
     plant = rp.TransferFunction(PLANT.num, PLANT.den, delay * DT)
@@ -208,7 +208,7 @@ def test_without_instruments_a_gap_waits_for_the_fixed_filter(name: str) -> None
 BAD_STAMPS = [math.nan, math.inf, -math.inf]
 
 
-@every("many", [False, True], ids=["update", "update_many"])
+@every("many", [False, True], ids=["update", "update_many"], quick=1)
 @every("ready", [False, True], ids=["starting", "running"])
 def test_a_bad_stamp_is_rejected_counted_and_leaves_no_trace(many: bool, ready: bool) -> None:
     u, y, t = irregular_record(PLANT, 8, 900, DT)

@@ -47,7 +47,7 @@ def garbled(samples: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 @every("seed", range(3), quick=1)
-@every("name", OPTIMIZERS)
+@every("name", OPTIMIZERS, quick=2)
 def test_chunks_and_checkpoints_at_any_place_change_no_bit(name: str, seed: int) -> None:
     u, y, t = garbled(250, seed)
     whole, loop, parts = (made(name) for _ in range(3))
@@ -119,8 +119,8 @@ def test_stamps_that_always_leap_are_followed_one_sample_late() -> None:
     assert ident.samples >= 290
 
 
-@every("where", [0, 1, 50, 99, 100, 101, 250])
-@every("stamp", [1e12, 1e16, 1e300, -1e300])
+@every("where", [0, 1, 50, 99, 100, 101, 250], quick=3)
+@every("stamp", [1e12, 1e16, 1e300, -1e300], quick=2)
 @every("times", [1, 2], quick=1)
 def test_stamps_that_are_misread_end_nothing(where: int, stamp: float, times: int) -> None:
     u, y, t = measured(400)
@@ -134,8 +134,8 @@ def test_stamps_that_are_misread_end_nothing(where: int, stamp: float, times: in
 
 
 @every("regular", [True, False], quick=1)
-@every("where", [0, 50, 99, 100, 101, 250])
-@every("value", [1e4, 2.0**32, -1e16, 1e149])
+@every("where", [0, 50, 99, 100, 101, 250], quick=3)
+@every("value", [1e4, 2.0**32, -1e16, 1e149], quick=2)
 def test_an_input_that_is_misread_is_left_out(where: int, value: float, regular: bool) -> None:
     u, y, t = measured(400)
     u[where] = value

@@ -49,8 +49,10 @@ def measured(name: str, samples: int, noise: float) -> tuple[rp.Identifier, np.n
     return rp.Identifier(rp.Structure(plant.den.size - 1), dt), u, y, true_parameters(plant, 0)
 
 
-@every("scale", SCALES, quick=2)
-@every(("name", "noise"), [("slow", 0.0), ("slow", 0.003), ("settles", 0.0), ("settles", 0.003), ("demo", 1e-3)])
+@every("scale", SCALES, quick=1)
+@every(
+    ("name", "noise"), [("slow", 0.0), ("slow", 0.003), ("settles", 0.0), ("settles", 0.003), ("demo", 1e-3)], quick=3
+)
 def test_what_is_rounded_is_not_stuck(name: str, noise: float, scale: str) -> None:
     """A number that comes twice by chance, and an output that has settled between two steps: none is bridged."""
     ident, u, y, true = measured(name, 20_000, noise)

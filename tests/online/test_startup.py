@@ -38,7 +38,7 @@ def until(outputs: int, lost: BoolArray) -> int:
 # --- outputs that are missing
 
 
-@every("share", [0.05, 0.15])
+@every("share", [0.05, 0.15], quick=1)
 @every("stamped", [False, True])
 def test_with_missing_outputs_the_first_model_is_that_of_fit(share: float, stamped: bool) -> None:
     for seed in range(3):

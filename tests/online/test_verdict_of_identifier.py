@@ -57,14 +57,14 @@ def assert_trusted(verdict: Assessment, *, without_caveat: bool = True) -> None:
 # --- thirty right, thirty wrong
 
 
-@every("number", range(verdicts.CASES), quick=8)
+@every("number", range(verdicts.CASES), quick=3)
 def test_a_right_model_is_trusted(number: int) -> None:
     """Each plant can be told from its record, so all thirty are; the promise is 27."""
     status, reasons = verdicts.right(number).assessed
     assert status == "trusted", reasons
 
 
-@every("number", range(verdicts.CASES), quick=8)
+@every("number", range(verdicts.CASES), quick=3)
 def test_a_wrong_model_is_not(number: int) -> None:
     status, reasons = verdicts.wrong(number).assessed
     assert status in ("not excited", "inconsistent", "converging"), reasons
@@ -83,7 +83,7 @@ def test_without_time_stamps_no_one_can_know_the_sampling_time() -> None:
 # --- other plants, inputs, clocks, optimizers
 
 
-@every("decibels", [30.0, math.inf])
+@every("decibels", [30.0, math.inf], quick=1)
 @every("name", AWKWARD, quick=4)
 def test_awkward_plants_are_trusted(name: str, decibels: float) -> None:
     structure, plant = AWKWARD[name]
@@ -108,7 +108,7 @@ def test_the_colour_of_the_noise_is_its_own_business(colour: float) -> None:
     assert verdict.whiteness > 1.0
 
 
-@every("name", OPTIMIZERS)
+@every("name", OPTIMIZERS, quick=2)
 def test_with_instruments_every_optimizer_is_trusted_without_them_none(name: str) -> None:
     """At 10 dB least squares is an eighth off: the identifier must say so of itself.
 
@@ -214,33 +214,33 @@ def test_after_a_cable_has_floated_a_slow_plant_is_trusted_when_its_gain_shows()
     ident.update_many(u[known : known + lasted], floats[known : known + lasted])
     assert ident.assess().status != "trusted"
     said = []
-    for k in range(known + lasted, y.size, 100):
-        ident.update_many(u[k : k + 100], y[k : k + 100])
+    for k in range(known + lasted, y.size, 250):
+        ident.update_many(u[k : k + 250], y[k : k + 250])
         said.append(ident.assess())
     waits = [verdict for verdict in said if "as usual again" in " ".join(verdict.reasons)]
     assert all(verdict.status != "trusted" for verdict in said[: said.index(waits[-1]) + 1])
-    assert len(waits) > 2
+    assert len(waits) > 1
     assert_trusted(said[-1])
 
 
 @every("decibels", [15.0, math.inf], quick=1)
 @every("failure", ["sticks", "saturates", "falls off", "floats"])
-def test_a_failing_sensor_loses_trust_within_two_seconds(failure: str, decibels: float) -> None:
+@every("seed", range(3), quick=1)
+def test_a_failing_sensor_loses_trust_within_two_seconds(failure: str, decibels: float, seed: int) -> None:
     dt, known = 0.01, 6000
-    for seed in range(3):
-        u, y = noisy(PLANT, known + 200, dt, decibels, seed, hold=40)
-        ident = identified(u[:known], y[:known], dt=dt)
-        assert_trusted(ident.assess())
-        spread, failed = y[:known].std(), y[known:].copy()
-        if failure == "sticks":
-            failed[:] = y[known - 1]
-        elif failure == "saturates":
-            failed = np.clip(failed, -0.5 * spread, 0.5 * spread)
-        else:
-            floating = 0.05 * spread if failure == "floats" else 0.0
-            failed = floating * np.random.default_rng(seed).standard_normal(failed.size)
-        ident.update_many(u[known:], failed)
-        assert ident.assess().status != "trusted"
+    u, y = noisy(PLANT, known + 200, dt, decibels, seed, hold=40)
+    ident = identified(u[:known], y[:known], dt=dt)
+    assert_trusted(ident.assess())
+    spread, failed = y[:known].std(), y[known:].copy()
+    if failure == "sticks":
+        failed[:] = y[known - 1]
+    elif failure == "saturates":
+        failed = np.clip(failed, -0.5 * spread, 0.5 * spread)
+    else:
+        floating = 0.05 * spread if failure == "floats" else 0.0
+        failed = floating * np.random.default_rng(seed).standard_normal(failed.size)
+    ident.update_many(u[known:], failed)
+    assert ident.assess().status != "trusted"
 
 
 # --- it looks and does not touch
@@ -303,7 +303,7 @@ LOGS = {
 }
 
 
-@every(("name", "delay"), LOGS)
+@every(("name", "delay"), LOGS, quick=1)
 def test_one_pole_for_a_real_rig_is_trusted_with_a_caveat_or_not_at_all(
     datasets: Path, name: str, delay: float
 ) -> None:
@@ -316,6 +316,7 @@ def test_one_pole_for_a_real_rig_is_trusted_with_a_caveat_or_not_at_all(
     assert words in " ".join(verdict.reasons)
 
 
+@pytest.mark.slow
 def test_a_whole_log_is_judged_as_fit_judges_it(datasets: Path) -> None:
     """Its input lies round a working point, which `run` takes off and `fit` does not."""
     log = read_log(datasets / "ayala_ballhoop" / "randomStepSequence.mat", input="u", output="y")

@@ -65,7 +65,7 @@ def worst_error(name: str, seed: int, **changes: Any) -> tuple[float, float]:
 
 
 @with_and_without(REPLAY)
-@every("order", range(1, 7))
+@every("order", range(1, 7), quick=3)
 def test_kernel_equals_its_twin(name: str, order: int, replay: rp.Replay | None) -> None:
     parameters, errors = worst_error(name, seed=order, order=order, replay=replay)
     assert parameters < 1e-12

@@ -24,8 +24,8 @@ def trace(rows: int) -> rp.Trace:
     return rp.Trace(("a0", "b0"), np.zeros(2), rng.standard_normal((rows, 2)), rng.standard_normal(rows))
 
 
-@every("group_rows", [1, 70, 1000])
-@every("chunk", [1, 33, 200])
+@every("group_rows", [1, 70, 1000], quick=2)
+@every("chunk", [1, 33, 200], quick=2)
 def test_it_is_the_trace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chunk: int, group_rows: int) -> None:
     monkeypatch.setattr(full_trace, "GROUP_ROWS", group_rows)
     whole, path = trace(200), tmp_path / "new" / "trace.parquet"

@@ -70,7 +70,7 @@ def assert_same(one: Result, other: Result) -> None:
 
 
 @every("optimizer", ["auto", "amsgrad"])
-@every("size", [1, 333, 1000, 6000], quick=3)
+@every("size", [1, 333, 1000, 6000], quick=2)
 @every("fitted", [1000, 1 << 18], quick=1)
 def test_the_size_of_the_batches_does_not_matter(
     monkeypatch: pytest.MonkeyPatch, size: int, fitted: int, optimizer: str
@@ -154,7 +154,7 @@ def test_samples_that_are_missing_take_their_time() -> None:
     assert lost == int(np.isnan(y).sum())
 
 
-@pytest.mark.parametrize("startup", [None, 500])
+@pytest.mark.parametrize("startup", [None, pytest.param(500, marks=pytest.mark.slow)])
 def test_bridged_and_missing_samples_take_no_part_in_the_fits(startup: int | None) -> None:
     u, y = record()
     whole = run_online(Request(STRUCTURE, DT), u, y, startup=startup)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import settings
 
 LONGEST = 60
 ParameterSet = type(pytest.param())
@@ -76,6 +77,11 @@ def every(
         return pytest.mark.parametrize(PART, [SOME, pytest.param("all", marks=pytest.mark.slow)])(run) if own else run
 
     return decorate
+
+
+def examples(count: int) -> int:
+    """Return how many examples of a property are tried: a quarter in `make test`, all in `make slow`."""
+    return count if settings.get_current_profile_name() == "whole" else -(-count // 4)
 
 
 @contextlib.contextmanager

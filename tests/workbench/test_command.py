@@ -37,7 +37,7 @@ def motor(tmp_path: Path) -> Path:
     return path
 
 
-@every("case", list(CASES), quick=3)
+@every("case", list(CASES), quick=1)
 def test_command_and_program_make_the_same_model(case: str, motor: Path, tmp_path: Path) -> None:
     setup, wish = CASES[case]
     words = words_of(motor, setup, wish)

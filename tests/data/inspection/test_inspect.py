@@ -271,7 +271,7 @@ REAL = {
 }
 
 
-@every("name", REAL)
+@every("name", REAL, quick=3)
 def test_real_logs(datasets: Path, name: str) -> None:
     roles = inspect(datasets / name).roles
     if roles.reference is None:  # all of these are open loops

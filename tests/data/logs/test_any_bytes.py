@@ -20,7 +20,7 @@ from fuzz.files import finding
 from replant.data.logs import csv, read_log
 from replant.data.logs.formats import FORMATS
 from replant.errors import LogError
-from support.cases import every
+from support.cases import every, examples
 from support.damage import damaged
 from support.forks import Forks
 
@@ -90,7 +90,7 @@ MAKERS = [
     (csv_file, ".csv"),
     (lambda: csv_file().decode().encode("utf-16"), ".csv"),
 ]
-TRIES = 8  # of each; ten times as many in `make slow`
+TRIES = 3  # of each; 80 in `make slow`
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def forks() -> Iterator[Forks]:
         yield process
 
 
-@pytest.mark.parametrize("tries", [TRIES, pytest.param(10 * TRIES, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tries", [TRIES, pytest.param(80, marks=pytest.mark.slow)])
 @every(("make", "suffix"), MAKERS)
 def test_a_damaged_file(make: Callable[[], bytes], suffix: str, tries: int, tmp_path: Path, forks: Forks) -> None:
     """In forks, as a parser may crash; the fuzz's mutants of every format are tried in `test_fuzz`."""
@@ -112,7 +112,7 @@ def test_a_damaged_file(make: Callable[[], bytes], suffix: str, tries: int, tmp_
         assert not finding(path, outcome), (seed, outcome)
 
 
-@settings(derandomize=True, max_examples=150, deadline=None)
+@settings(derandomize=True, max_examples=examples(150), deadline=None)
 @given(st.lists(CELLS | MARKS, max_size=60).map("".join))
 def test_any_text(text: str) -> None:
     read_or_refuse(text.encode(), ".csv")
@@ -140,7 +140,7 @@ ODD += ["x" * 70_000, '"' + "x" * 140_000 + '"', '"' * 70_001, " " * 70_000, "["
 BLOCKS = st.sampled_from([1, 50, 100_000])
 
 
-@settings(derandomize=True, max_examples=150, deadline=None)
+@settings(derandomize=True, max_examples=examples(150), deadline=None)
 @given(data=st.data(), block=BLOCKS)
 def test_any_table_in_text(data: st.DataObject, block: int) -> None:
     """Rows of cells that are nearly all numbers, under every delimiter, decimal mark, line end and encoding."""
@@ -173,7 +173,12 @@ def test_any_table_in_text(data: st.DataObject, block: int) -> None:
 NEEDED = {".parquet": ["pyarrow"], ".pq": ["pyarrow"], ".tdms": ["nptdms"], ".mf4": ["asammdf"], ".mdf": ["asammdf"]}
 
 
-@settings(derandomize=True, max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    derandomize=True,
+    max_examples=examples(60),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 @given(suffix=st.sampled_from(sorted(FORMATS)), content=st.binary(max_size=300))
 def test_any_bytes(suffix: str, content: bytes, tmp_path: Path, forks: Forks) -> None:
     assume(all(importlib.util.find_spec(package) for package in NEEDED.get(suffix, ())))

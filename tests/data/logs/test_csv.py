@@ -115,7 +115,7 @@ block_sizes = every("size", [1, 7, 64, 1009])
 
 @block_sizes
 @every("end", ["\n", "\r\n", "\r"])
-@every("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+@every("encoding", ["utf-8", "utf-8-sig", "utf-16"], quick=2)
 def test_blocks_join_without_a_seam(
     write: Write, monkeypatch: pytest.MonkeyPatch, size: int, end: str, encoding: str
 ) -> None:
@@ -300,7 +300,7 @@ def test_names_that_may_be_a_damaged_row_say_what_to_do(write: Write) -> None:
         read_columns(write("0,1.5x,2\n0.1,2.5,4\n"))
 
 
-@every("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"])
+@every("header", ["{}", '"{}"', "c{}", None], ids=["numbers", "quoted", "names", "none"], quick=2)
 def test_a_hundred_thousand_columns_are_opened(write: Write, header: str | None) -> None:
     """That it takes time in proportion to the columns is measured by benchmarks/wide_logs.py."""
     names = "" if header is None else "t," + ",".join(header.format(k) for k in range(1, 100_000)) + "\n"
@@ -327,7 +327,7 @@ def test_one_text_cell_in_row_5000(write: Write) -> None:
 
 
 @block_sizes
-@every("end", ["\n", "\r\n", "\r"])
+@every("end", ["\n", "\r\n", "\r"], quick=2)
 def test_an_error_beyond_the_first_block_has_its_line(
     write: Write, monkeypatch: pytest.MonkeyPatch, size: int, end: str
 ) -> None:

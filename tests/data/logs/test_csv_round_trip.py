@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replant.data.logs import read_columns
+from support.cases import examples
 
 NAME = st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,5}( \[[a-zA-Z/]{1,3}\])?", fullmatch=True).filter(
     lambda name: name.lower() not in {"na", "nan", "null", "inf", "infinity"}
@@ -51,7 +52,7 @@ def texts(draw: st.DrawFn) -> Text:
     return Text(names, rows, delimiter, decimal, newline, draw(st.lists(st.integers(0, 11), max_size=3)), trailing)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(texts())
 def test_round_trip_to_the_bit(text: Text) -> None:
     with tempfile.TemporaryDirectory() as folder:

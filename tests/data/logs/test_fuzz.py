@@ -10,10 +10,10 @@ from fuzz.files import run_file
 from fuzz.seeds_of_files import FORMATS
 from support.cases import every
 
-TRIES = 5  # four times as many in `make slow`, and as many as one likes in `make fuzz`
+TRIES = 2  # ten times as many in `make slow`, and as many as one likes in `make fuzz`
 
 
-@pytest.mark.parametrize("tries", [TRIES, pytest.param(4 * TRIES, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tries", [TRIES, pytest.param(10 * TRIES, marks=pytest.mark.slow)])
 @every("name", FORMATS)
 def test_mutants_of_a_format(name: str, tries: int, capsys: pytest.CaptureFixture[str]) -> None:
     for package in FORMATS[name][2]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from hypothesis import strategies as st
 import replant as rp
 from replant.data.logs.merge_rasters import Signal, merge
 from replant.data.logs.rasters import Channel, channel_table, merged, on_one_clock
+from replant.data.logs.read import open_recording
 from replant.data.logs.table import Table
 from replant.errors import LogError
 from support.cases import every
@@ -140,6 +142,14 @@ def test_with_a_time_given_the_rasters_must_be_equal() -> None:
     assert on_one_clock(found, {"input": 1, "output": 0}, is_timed=True)[0] is found
     with pytest.raises(LogError, match="columns 'v', 'y' have different time stamps; leave the time"):
         on_one_clock(found, {"input": 2, "output": 0}, is_timed=True)
+
+
+@every("time", [{"time": "clock"}, {"dt": 1.0}], ids=["column", "sampling time"])
+def test_a_log_that_is_opened_with_its_time_is_not_merged(time: dict[str, Any]) -> None:
+    stamps = [0, 1, 2, 3]
+    found = table(clock=signal(stamps, stamps), y=signal(stamps, [5, 6, 7, 8]), v=signal([0, 1, 3, 4], [1, 2, 3, 4]))
+    with pytest.raises(LogError, match=r"columns 'v', 'y'.* have different time stamps; leave the time"):
+        open_recording(found, input="v", output="y", **time)
 
 
 BAD = {

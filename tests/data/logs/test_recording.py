@@ -57,7 +57,7 @@ def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("small_blocks")
 @every("most_held", [0, ROWS - 1, ROWS], quick=2)
 @every("timing", [{}, {"dt": 0.5}], ids=["time stamps", "dt"], quick=1)
-@every("suffix", [".csv", ".txt", ".parquet", ".npz", ".mat"])
+@every("suffix", [".csv", ".txt", ".parquet", ".npz", ".mat"], quick=3)
 def test_its_batches_are_the_log(tmp_path: Path, suffix: str, timing: dict[str, float], most_held: int) -> None:
     columns = signals()
     path = save(tmp_path / f"log{suffix}", columns)

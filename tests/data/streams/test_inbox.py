@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from replant.data.streams.inbox import LARGEST_BATCH, Inbox
 from replant.data.streams.source import Batch
+from support.cases import examples
 from support.waiting import PATIENCE
 
 
@@ -19,7 +20,7 @@ def batch_of(first: int, count: int, arrived: float = 0.0) -> Batch:
     return Batch(values, -values, values / 8, values.astype(np.int64), arrived)
 
 
-@settings(derandomize=True, max_examples=200, deadline=None)
+@settings(derandomize=True, max_examples=examples(200), deadline=None)
 @given(st.lists(st.integers(0, 12) | st.just(-1), max_size=40), st.integers(1, 10))
 def test_the_newest_stay_in_order_and_the_rest_is_counted(steps: list[int], capacity: int) -> None:
     """-1 takes; anything else puts so many.  Beside a plain list that does the same."""

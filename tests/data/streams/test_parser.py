@@ -19,9 +19,9 @@ from replant.data.streams.parser import FEW, Parser
 from replant.data.streams.payload import MAGIC, Payloads
 from replant.data.streams.rows import json_values
 from replant.data.streams.source import Batch
-from support.cases import every
+from support.cases import every, examples
 
-ANY = settings(derandomize=True, max_examples=150, deadline=None)
+ANY = settings(derandomize=True, max_examples=examples(150), deadline=None)
 COLUMNS = ("n", "t", "u", "y")
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from replant.data.streams.sequence_numbers import MISORDER, Numbering
 from replant.data.streams.source import Batch
-from support.cases import every
+from support.cases import every, examples
 
 
 def batch_of(numbers: list[int]) -> Batch:
@@ -40,7 +40,7 @@ def test_late_and_repeated_samples_are_dropped_and_gaps_counted(replays: bool) -
 
 
 @pytest.mark.parametrize("replays", [True, False])
-@settings(derandomize=True, max_examples=200, deadline=None)
+@settings(derandomize=True, max_examples=examples(200), deadline=None)
 @given(batches=st.lists(st.lists(st.integers(0, 40), max_size=12), max_size=6), last=st.none() | st.integers(0, 40))
 def test_samples_add_up_and_go_on(replays: bool, batches: list[list[int]], last: int | None) -> None:
     counters: Counter[str] = Counter()

@@ -40,7 +40,7 @@ def opened(options: str = "") -> UdpSource:
     return source
 
 
-@every("end", [b"", b"\n", b"\r\n"])
+@every("end", [b"", b"\n", b"\r\n"], quick=1)
 @every("together", [1, 7])
 def test_datagrams_of_lines(read: Callable[..., Reading], end: bytes, together: int) -> None:
     t, u, y = np.random.default_rng(6).normal(size=(3, 210))

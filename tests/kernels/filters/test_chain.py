@@ -43,8 +43,8 @@ def close(computed: np.ndarray, expected: np.ndarray, tolerance: float = 1e-11) 
 
 
 @every("hold", ["zoh", "foh"])
-@every("delay", [0.0, 0.3 * DT, DT, 2.41 * DT, 7.0 * DT])
-@every("spread", [0.0, 0.2, 0.45])
+@every("delay", [0.0, 0.3 * DT, DT, 2.41 * DT, 7.0 * DT], quick=3)
+@every("spread", [0.0, 0.2, 0.45], quick=2)
 @every("feedthrough", [False, True])
 def test_filters_are_exact_on_any_clock(hold: str, delay: float, spread: float, feedthrough: bool) -> None:
     n, poles = 3, np.poly([-3.0, -2.0, -2.0])

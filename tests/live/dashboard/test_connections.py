@@ -91,7 +91,7 @@ def test_a_crowd_that_only_connects_keeps_nobody_out(hub: Hub, said: list[str], 
     assert any("connections" in line for line in said)
 
 
-@every("kind", IDLE)
+@every("kind", IDLE, quick=2)
 def test_who_does_not_go_on_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     monkeypatch.setattr(connections, "ASKING", 0.2)
     monkeypatch.setattr(connections, "ANSWERING", 0.2)

@@ -5,6 +5,8 @@ Screenshots are left in out/dashboard for a look.
 
 from __future__ import annotations
 
+import itertools
+
 import pytest
 
 from replant.live.dashboard import Dashboard
@@ -65,8 +67,7 @@ def test_everything_has_a_name_for_who_does_not_see(opened: Page) -> None:
     assert opened.page.locator("h1").count() == 1
 
 
-@every("scheme", ["light", "dark"])
-@every("width", [1280, 820, 400], quick=2)
+@every(("width", "scheme"), list(itertools.product([1280, 820, 400], ["light", "dark"])), quick=2)
 def test_it_can_be_read_and_fits(browser, dashboard: Dashboard, feed: Feed, width: int, scheme: str) -> None:
     opened = Page(
         browser, dashboard.url, width, 860 if width == 400 else 800, color_scheme=scheme, reduced_motion="reduce"

@@ -17,6 +17,8 @@ from replant.live.observer.make_view import make_view
 from replant.live.observer.view import SessionInfo, View
 from replant.report.html import report
 
+pytestmark = pytest.mark.usefixtures("unrendered")
+
 PLANT, DT = rp.TransferFunction([6.0], [1.0, 3.0]), 0.1
 IRREGULAR = "on an irregular clock, usually at"
 

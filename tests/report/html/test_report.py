@@ -320,7 +320,7 @@ def test_unstable_model_is_named(plain) -> None:
     assert "0.1 ± 1.997i rad/s" in found[0].text
 
 
-@pytest.mark.parametrize("command", ["run", "fit"])
+@pytest.mark.parametrize("command", [pytest.param("run", marks=pytest.mark.slow), "fit"])
 def test_commands_write_it_and_say_how_to_repeat_themselves(plain, tmp_path, capsys, command) -> None:
     path = tmp_path / "my log.csv"
     rows = np.column_stack([plain.log.input[:1500], plain.log.output[:1500]])
