@@ -247,7 +247,8 @@ def _matrix(read: Any, size: int) -> FloatArray | None:
     if len(rows) != size or not all(_is_vector(row, size) for row in rows):
         raise ModelFileError(f"the entry 'covariance' must be {size} lists of {size} numbers, or null")
     matrix = _array(rows)
-    spread = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+    # a variance below the smallest number is written as 0: its row may hold what is left of its covariances
+    spread = np.sqrt(np.maximum(np.diag(matrix), np.finfo(np.float64).tiny))
     bound = spread * spread[:, None]
     uneven = np.abs(matrix - matrix.T) > ROUNDED * bound
     if (np.diag(matrix) < 0.0).any() or uneven.any() or (np.abs(matrix) > (1.0 + ROUNDED) * bound).any():
