@@ -8,6 +8,7 @@ import json
 import math
 from importlib.resources import files
 from pathlib import Path
+from dataclasses import replace
 from typing import Any
 
 import jsonschema
@@ -73,6 +74,13 @@ def test_there_and_back_to_the_bit_and_by_the_schema(model: rp.Model) -> None:
     assert rp.Model.from_json(written) == model
     assert rp.Model.from_json(written).provenance.date == model.provenance.date
     VALIDATOR.validate(json.loads(written))
+
+
+def test_a_covariance_is_read_back_where_a_variance_is_too_small_for_float64() -> None:
+    spread = np.array([1e-170, 0.0, 1.0, 2.0])
+    model = replace(PLAIN, covariance=np.outer(spread, spread))
+    assert model.covariance[0, 0] == 0.0 < model.covariance[0, 2]
+    assert rp.Model.from_json(model.to_json()) == model
 
 
 def test_the_schema_is_one() -> None:
