@@ -6,9 +6,9 @@ import copy
 import dataclasses
 import json
 import math
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
-from dataclasses import replace
 from typing import Any
 
 import jsonschema
