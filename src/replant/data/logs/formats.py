@@ -9,34 +9,34 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from replant.data.logs import mcap, parquet, parser_process
+from replant.data.logs import mcap, parquet, parser_child, parser_process
 from replant.data.logs.packed import STANDARD_INPUT, SUFFIXES, read_packed, read_standard_input
 from replant.data.logs.table import Table, unreadable_error
 from replant.errors import LogError
 
-# For each suffix the module that has the function read(path) -> Table; it is imported when such a file is opened
+# For each suffix the function of a module here, read(path) -> Table; it is imported when such a file is opened
 FORMATS = {
-    ".csv": "csv",
-    ".txt": "csv",
-    ".tsv": "csv",
-    ".dat": "csv",
-    ".parquet": "parquet",
-    ".pq": "parquet",
-    ".mat": "matlab",
-    ".npz": "npz",
-    ".jsonl": "jsonl",
-    ".ndjson": "jsonl",
-    ".feather": "arrow_ipc",
-    ".arrow": "arrow_ipc",
-    ".xlsx": "xlsx",
-    ".xlsm": "xlsx",
-    ".h5": "hdf5",
-    ".hdf5": "hdf5",
-    ".tdms": "tdms",
-    ".mf4": "mdf",
-    ".mdf": "mdf",
-    ".ulg": "ulog",
-    ".mcap": "mcap",
+    ".csv": "csv.read",
+    ".txt": "csv.read",
+    ".tsv": "csv.read",
+    ".dat": "csv.read",
+    ".parquet": "parquet.read",
+    ".pq": "parquet.read",
+    ".mat": "matlab.read",
+    ".npz": "npz.read",
+    ".jsonl": "jsonl.read",
+    ".ndjson": "jsonl.read",
+    ".feather": "arrow_ipc.read",
+    ".arrow": "arrow_ipc.read",
+    ".xlsx": "xlsx.read",
+    ".xlsm": "xlsx.read",
+    ".h5": "hdf5.read",
+    ".hdf5": "hdf5.read",
+    ".tdms": "tdms.read",
+    ".mf4": "mdf.read",
+    ".mdf": "mdf.read",
+    ".ulg": "ulog.read",
+    ".mcap": "mcap.read",
 }
 
 
@@ -88,8 +88,7 @@ def _read_file(path: Path) -> Table:
             _check_file(part)
         if FORMATS[suffix] in parser_process.PARSERS and parser_process.is_possible():
             return parser_process.read(path, FORMATS[suffix])
-        module = importlib.import_module(f"replant.data.logs.{FORMATS[suffix]}")
-        table: Table = module.read(path)
+        table: Table = parser_child.reader(FORMATS[suffix])(path)
     return table
 
 
@@ -112,9 +111,9 @@ def _check_file(path: Path) -> None:
 
 def _check_head(path: Path) -> None:
     """Check that the beginning of a text log holds rows; the other formats have their numbers where they say."""
-    reader = FORMATS.get(path.suffix.lower())
-    if reader in ("csv", "jsonl"):
-        importlib.import_module(f"replant.data.logs.{reader}").check_head(path)
+    module = FORMATS.get(path.suffix.lower(), "").partition(".")[0]
+    if module in ("csv", "jsonl"):
+        importlib.import_module(f"replant.data.logs.{module}").check_head(path)
 
 
 def _suffix_of_folder(path: Path) -> str:
