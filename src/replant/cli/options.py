@@ -26,7 +26,7 @@ from replant.data.logs import (
     open_recording,
     stamped_interval,
 )
-from replant.data.logs.time_unit import COARSE
+from replant.data.logs.sampling_time import COARSE
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS

@@ -9,9 +9,8 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.data.inspection.columns import Column, Contents, Kind
-from replant.data.logs.sampling_time import SamplingTime, time_candidates
+from replant.data.logs.sampling_time import SamplingTime, StampUnit, time_candidates, unit_of_stamps
 from replant.data.logs.table import Table, listed
-from replant.data.logs.time_unit import StampUnit, unit_of_stamps
 from replant.errors import LogError
 
 GAP = 1.5  # interval of a steady clock from which on a sample is lost [usual intervals]

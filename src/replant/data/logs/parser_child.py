@@ -34,14 +34,14 @@ def main() -> None:
     os.dup2(nowhere, 1)  # some libraries print what they cannot read
     sys.path += folders  # at the end, so that no module of the user hides one of Python
     sys.modules.update(dict.fromkeys(filter(None, absent.split(","))))  # type: ignore[arg-type]
-    from replant.data.logs import limits
+    from replant.data.logs import reading
 
     read = reader(function)
     for library in filter(None, libraries.split(",")):
         with contextlib.suppress(ImportError):  # which the reader says
             importlib.import_module(library)
     path = Path(name)
-    limits.begin(path.stat().st_size if path.is_file() else 0)
+    reading.begin(path.stat().st_size if path.is_file() else 0)
     with contextlib.suppress(BrokenPipeError):
         _serve(read, path, out)
     os._exit(0)  # nothing of a damaged file is to be put in order
@@ -89,7 +89,7 @@ def answers(table: Table, request: dict[str, Any]) -> Iterator[Answer]:
     """Yield what answers a request: blocks of rows, stamps of a column, or the words for a row."""
     import numpy as np
 
-    from replant.data.logs import limits
+    from replant.data.logs import reading
 
     if "row" in request:
         yield {"row": table.describe_row(request["row"])}, []
@@ -100,16 +100,16 @@ def answers(table: Table, request: dict[str, Any]) -> Iterator[Answer]:
     else:
         blocks = table.blocks(request["columns"])
     for block in blocks:
-        limits.allow(found=sum(int(np.count_nonzero(np.isfinite(array))) for array in block))
+        reading.allow(found=sum(int(np.count_nonzero(np.isfinite(array))) for array in block))
         yield {"lengths": [array.size for array in block]}, block
     yield {"end": True}, []
 
 
 def _failure(error: Exception) -> dict[str, Any]:
-    from replant.data.logs import limits
+    from replant.data.logs import reading
     from replant.errors import ReplantError
 
-    limits.allow(held=_TO_ANSWER)  # what the error still holds may be all that was allowed
+    reading.allow(held=_TO_ANSWER)  # what the error still holds may be all that was allowed
     if isinstance(error, ReplantError):
         return {"error": type(error).__name__, "text": str(error)}
     if isinstance(error, OSError) and error.errno is not None:

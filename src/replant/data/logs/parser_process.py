@@ -53,14 +53,16 @@ class Parser:
 
 # For each reader that is not run here; those of text and .npz files parse with Python and NumPy alone
 PARSERS = {
-    "matlab.read": Parser("a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"),
-    "hdf5.read": Parser("an HDF5 file", "h5py", ("h5py",)),
-    "parquet.read": Parser("a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute")),
-    "arrow_ipc.read": Parser("an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute")),
+    "hdf5.read_matlab": Parser(
+        "a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"
+    ),
+    "hdf5.read_hdf5": Parser("an HDF5 file", "h5py", ("h5py",)),
+    "arrow.read_parquet": Parser("a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute")),
+    "arrow.read_ipc": Parser("an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute")),
     "xlsx.read": Parser("an Excel workbook", "openpyxl", ("openpyxl",)),
-    "tdms.read": Parser("a TDMS file", "npTDMS", ("nptdms",)),
-    "mdf.read": Parser("a measurement data file", "asammdf", ("asammdf",)),
-    "ulog.read": Parser("a ULog file", "pyulog", ("pyulog",)),
+    "channels.read_tdms": Parser("a TDMS file", "npTDMS", ("nptdms",)),
+    "channels.read_mdf": Parser("a measurement data file", "asammdf", ("asammdf",)),
+    "channels.read_ulog": Parser("a ULog file", "pyulog", ("pyulog",)),
     "mcap.read": Parser("an MCAP file", "mcap", ("mcap.reader", "mcap_ros2.decoder")),
 }
 
