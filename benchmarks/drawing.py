@@ -8,15 +8,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from replant.plotting.palette import (
-    BLUE,
-    GREEN,
-    ORANGE,
-    VERMILION,
-    blank_figure,
-    font,
-    open_frame,
-)
+from replant.plotting.diagrams import BLUE, GREEN, ORANGE, VERMILION, blank_figure, font, open_frame
 
 COLOURS, MARKERS = (BLUE, VERMILION, GREEN, ORANGE), "osD^"
 

@@ -25,8 +25,8 @@ import replant as rp
 from replant.data.logs import open_recording
 from replant.model.response import Response
 from replant.regressor.preprocess import Preprocess
-from replant.runs.batches import Arrays
 from replant.runs.run import CHUNK, run_source
+from replant.runs.thinning import Arrays
 from replant.settings import Request
 from replant.simulation.score import FITTED
 

@@ -16,7 +16,7 @@ from architecture import Package
 
 #: Read and write files, and speak to the person at the terminal: these and nothing else.
 OUTSIDE = {
-    "operating_system.whole_file",
+    "operating_system",
     "checkpoint.files",
     "identified.model_file",
     "data",

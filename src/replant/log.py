@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant import interop
 from replant.arguments import (
     finite,
     keep,
@@ -21,7 +22,6 @@ from replant.arguments import (
     whole,
 )
 from replant.errors import InvalidArgumentError
-from replant.interop import frames
 from replant.limits import duration, file_path
 from replant.time_stamps import is_regular
 
@@ -169,7 +169,7 @@ class Log:
         0.0       0.0  0.0
         0.5       1.0  0.1
         """
-        return frames.log_frame(self._signals, self.time, self.dt, self.path.name)
+        return interop.log_frame(self._signals, self.time, self.dt, self.path.name)
 
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset` of the signals over time in s; their names and units are attributes.
@@ -188,7 +188,7 @@ class Log:
         >>> log.to_xarray()["output"].attrs
         {'long_name': 'speed', 'units': 'rpm'}
         """
-        return frames.log_dataset(self._signals, self.time, self.dt, self.path.name)
+        return interop.log_dataset(self._signals, self.time, self.dt, self.path.name)
 
     @property
     def _signals(self) -> dict[str, tuple[str, NDArray[np.float64]]]:

@@ -41,7 +41,7 @@ from replant.optimizers import (
 )
 from replant.regressor.preprocess import Preprocess as Preprocess
 from replant.model.noise import NoiseModel as NoiseModel
-from replant.optimizers.replay import Replay as Replay
+from replant.optimizers.optimizer import Replay as Replay
 from replant.regressor.scaling import Scaling as Scaling
 from replant.model.structure import Structure as Structure
 from replant.online.trace import Trace as Trace

@@ -17,7 +17,7 @@ from replant.errors import InvalidArgumentError, shown
 from replant.limits import duration
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS, Optimizer
-from replant.optimizers.replay import Replay
+from replant.optimizers.optimizer import Replay
 from replant.regressor.filters import FILTERS, Filter, RefinedFilter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling

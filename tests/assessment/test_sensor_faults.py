@@ -12,7 +12,7 @@ from replant.assessment.sensor_faults import (
     saturation_finding,
     stuck_finding,
 )
-from replant.statistics.still_outputs import usual_step
+from replant.statistics.robust import usual_step
 from support.builders import G1, binary
 from support.cases import every
 

@@ -21,7 +21,7 @@ from scipy.stats import chi2
 import replant as rp
 from replant.engine.record import Record
 from replant.offline.srivc import refine
-from replant.statistics.batch_means import LEAST_BLOCKS
+from replant.statistics.robust import LEAST_BLOCKS
 from support.cases import every
 from support.places import ROOT
 

@@ -19,13 +19,7 @@ from replant.report.figures import draw_outputs, draw_overlay, draw_responses, s
 from replant.report.figures.overlay import limits
 from replant.report.html.comparison import claim, write_comparison
 from replant.report.terminal.comparison import cells_of
-from replant.runs.comparison import (
-    METHODS,
-    USUAL,
-    Contender,
-    best,
-    compare,
-)
+from replant.runs.run_log import METHODS, USUAL, Contender, best, compare
 from replant.settings import Request
 from replant.signals import prbs
 from support.builders import with_model

@@ -15,8 +15,8 @@ from replant.cli import fit as fit_command
 from replant.cli import main, options
 from replant.cli import run as run_command
 from replant.data.logs import open_recording
-from replant.runs import comparison
 from replant.runs import run as online_run
+from replant.runs import run_log
 from support.cases import every
 
 pytestmark = pytest.mark.usefixtures("unrendered")
@@ -132,13 +132,13 @@ def test_compare_gives_it_to_the_methods_that_use_one(
         fits.append((method, reference))
         return rp.fit(*arguments, method=method, **how)
 
-    monkeypatch.setattr(comparison, "fit", fitted)
+    monkeypatch.setattr(run_log, "fit", fitted)
     methods = ("default", "recursive-least-squares", "gradient", "srivc", "least_squares")
     chosen = [word for method in methods for word in ("--optimizer", method)]
     main(["compare", str(log), *NAMED, "--reference", "3", *chosen, "--json"])
     capsys.readouterr()
     parts = [part for part in given if part is not None]
-    trial, run = comparison.TRIAL, SAMPLES  # each of the two takes both
+    trial, run = run_log.TRIAL, SAMPLES  # each of the two takes both
     np.testing.assert_array_equal(
         np.concatenate(parts), np.tile(np.concatenate([signals[2][:trial], signals[2][:run]]), 2)
     )

@@ -19,8 +19,7 @@ import pytest
 
 import replant as rp
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError
-from replant.fleet.coordinate import MOST_LOST, carried_out
-from replant.fleet.executors import InThisThread, Workers, parsed, processes, workers
+from replant.fleet.executors import MOST_LOST, InThisThread, Workers, carried_out, parsed, processes, workers
 from support.cases import every
 from support.dying import die_first
 from support.fleets import small_fleet

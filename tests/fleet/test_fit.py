@@ -19,8 +19,8 @@ from replant.errors import InvalidArgumentError, LogError, SystemRefusedError
 from replant.fleet import work
 from replant.fleet.job import Job
 from replant.fleet.store import Store
-from replant.runs.batches import Arrays
 from replant.runs.run import run_source
+from replant.runs.thinning import Arrays
 from replant.settings import Request
 from support.cases import every
 from support.fleets import DT, as_csv, as_parquet, as_table, recorded, small_fleet
@@ -82,7 +82,7 @@ def test_a_run_without_its_history_is_the_same_run(tmp_path: Path) -> None:
 def test_a_long_record_is_run_without_being_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = as_parquet(tmp_path / "logs" / "a.parquet", recorded(0, 3000), row_group_size=500)
     held = fitted(file, tmp_path / "held", method="run").table()
-    monkeypatch.setattr("replant.fleet.rig_record.MOST_HELD", 1000)
+    monkeypatch.setattr("replant.fleet.records.MOST_HELD", 1000)
     streamed = fitted(file, tmp_path / "streamed", method="run").table()
     for name in ("a1", "a0", "b0", "samples", "begin", "end", "output_held"):
         assert streamed.column(name).to_pylist() == pytest.approx(held.column(name).to_pylist(), rel=1e-9)
@@ -96,7 +96,7 @@ def test_a_part_of_a_record_with_dates_begins_at_its_date(
     stamps = np.datetime64("1970-01-01T01:00:00") + (1000 * record.t).round().astype("timedelta64[ms]")
     (tmp_path / "logs").mkdir()
     pandas.DataFrame({"t": stamps, "u": record.u, "y": record.y}).to_csv(tmp_path / "logs" / "a.csv", index=False)
-    monkeypatch.setattr("replant.fleet.rig_record.MOST_HELD", most_held)
+    monkeypatch.setattr("replant.fleet.records.MOST_HELD", most_held)
     row = fitted(tmp_path / "logs", tmp_path / "out", method="run", begin=2.0, end=12.0).table().to_pylist()[0]
     assert (row["begin"], row["end"]) == pytest.approx((3602.0, 3612.0))
 
@@ -206,16 +206,16 @@ def test_a_file_that_vanishes_after_the_plan_is_a_row(tmp_path: Path, monkeypatc
 def test_an_unexpected_error_of_one_rig_is_not_the_end_of_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from replant.fleet import identify
+    from replant.fleet import work
 
-    original = identify.opened
+    original = work.opened
 
     def failing(rig: object, job: object) -> object:
         if rig.name == "rig0.csv":
             raise ZeroDivisionError("oh")
         return original(rig, job)
 
-    monkeypatch.setattr(identify, "opened", failing)
+    monkeypatch.setattr(work, "opened", failing)
     rows = fitted(small_fleet(tmp_path / "logs", 2), tmp_path / "out").table().to_pylist()
     assert rows[0]["reasons"] == "unexpected ZeroDivisionError: oh"
     assert rows[1]["verdict"] == "trusted"
@@ -283,7 +283,7 @@ def test_lack_of_memory_is_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     def greedy(*args: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("replant.fleet.identify.opened", greedy)
+    monkeypatch.setattr("replant.fleet.work.opened", greedy)
     with pytest.raises(SystemRefusedError, match=r"rig rig0.csv: out of memory.*or use the method run"):
         fitted(small_fleet(tmp_path / "logs", 1), tmp_path / "out")
 

@@ -12,10 +12,9 @@ from pyarrow import parquet
 import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.fleet.catalogue import find_rigs
-from replant.fleet.files import report_path
-from replant.fleet.job import Job
+from replant.fleet.job import Job, report_path
 from replant.fleet.store import Store
-from replant.operating_system.whole_file import ENDING
+from replant.operating_system import ENDING
 from support.cases import every
 from support.fleets import as_csv, as_parquet, as_table, recorded, small_fleet
 

@@ -15,14 +15,12 @@ from pyarrow import parquet
 import replant as rp
 from replant.assessment.verdict import Verdict
 from replant.errors import InvalidArgumentError
-from replant.fleet.drift import drift_between
-from replant.fleet.files import report_path
-from replant.fleet.oddness import limit_of, oddness_of
+from replant.fleet.job import report_path
+from replant.fleet.oddness import drift_between, limit_of, oddness_of
 from replant.fleet.page import write_page
-from replant.fleet.quantities import figures_of
-from replant.fleet.robust import located
+from replant.fleet.quantities import figures_of, located
+from replant.fleet.records import Movement
 from replant.fleet.store import FAILED, Row, table_of
-from replant.fleet.watched_record import Movement
 from support.browsing import chromium, contrast, new_page
 from support.cases import every
 

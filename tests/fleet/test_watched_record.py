@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.fleet.watched_record import UNKNOWN, Watched
+from replant.fleet.records import UNKNOWN, Watched
 from support.cases import every
 
 SAMPLES = 60

@@ -13,7 +13,7 @@ from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 from replant.signals import prbs
-from replant.statistics.udu import compose
+from replant.statistics.linear_algebra import compose
 from support.builders import AWKWARD, DT, binary, irregular_record, random_plant, true_parameters
 from support.cases import every
 

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.statistics.udu import compose
+from replant.statistics.linear_algebra import compose
 from support.builders import binary, is_finite, state
 from support.cases import every
 
@@ -343,7 +343,7 @@ def test_after_a_gap_learning_goes_on_at_once(plant: rp.TransferFunction, kind: 
 
 def test_the_last_entries_begin_anew_and_the_others_keep_their_covariance() -> None:
     from replant.kernels.optimizers.covariance import begin_last
-    from replant.statistics.udu import factor_covariance
+    from replant.statistics.linear_algebra import factor_covariance
 
     root = np.random.default_rng(0).standard_normal((5, 9))
     covariance = root @ root.T

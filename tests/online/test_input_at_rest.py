@@ -10,7 +10,7 @@ import pytest
 
 import replant as rp
 from replant.assessment.judge import BEFORE
-from replant.statistics.udu import compose
+from replant.statistics.linear_algebra import compose
 from support.builders import DT, identifier, is_finite, record, true_parameters, two_modes
 from support.cases import every
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from replant.operating_system.whole_file import replacing
+from replant.operating_system import replacing
 
 
 def test_a_name_as_long_as_names_can_be(tmp_path: Path) -> None:

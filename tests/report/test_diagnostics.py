@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from replant.report.diagnostics import excitation
-from replant.statistics.correlations import BAND_95, correlation_lags, correlations
+from replant.statistics.residuals import BAND_95, correlation_lags, correlations
 from support.cases import every
 
 

@@ -26,7 +26,7 @@ from replant.report.figures import (
     style,
 )
 from replant.report.figures.poles import regions, zero_covariance
-from replant.statistics.correlations import BAND_95, BAND_99, correlations
+from replant.statistics.residuals import BAND_95, BAND_99, correlations
 from support.builders import with_model
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.runs.record_clock import Clock, ClockRecorder
+from replant.runs.result import Clock, ClockRecorder
 from support.cases import every
 
 STAMPS = np.array([5.0, 6.0, 7.2, 8.0, 40.0, 41.0, 42.0])

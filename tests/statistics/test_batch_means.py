@@ -14,14 +14,8 @@ from replant.paper.actuator.experiment import CREEP, NOISE
 from replant.paper.actuator.experiment import STRUCTURE as ACTUATOR
 from replant.rigs import deap_rig, deap_voltage
 from replant.signals import prbs
-from replant.statistics.batch_means import (
-    no_less_than_scattered,
-    path_of_record,
-    path_variances,
-    rows_of,
-    stretch,
-)
-from replant.statistics.udu import larger
+from replant.statistics.linear_algebra import larger
+from replant.statistics.robust import no_less_than_scattered, path_of_record, path_variances, rows_of, stretch
 from support.builders import DT
 from support.cases import every
 from support.inside import path_of, slowness_of, state_of

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from replant.kernels.schema import LAGUERRE
-from replant.statistics.laguerre import POLES, best_pole, laguerre
-from replant.statistics.projections import widening
+from replant.statistics.projections import POLES, best_pole, laguerre, widening
 from support.cases import every
 
 

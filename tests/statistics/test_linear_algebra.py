@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from replant.model.transfer_function import TransferFunction
-from replant.statistics.linear_algebra import (
-    eigenvalues,
-    least_norm,
-    pseudo_inverse,
-    roots,
-    solve,
-)
+from replant.statistics.linear_algebra import eigenvalues, least_norm, pseudo_inverse, roots, solve
 from support.cases import every
 
 NOT_NUMBERS = [np.nan, np.inf, -np.inf]

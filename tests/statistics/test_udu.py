@@ -5,13 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.statistics.udu import (
-    LEAST_PIVOT,
-    compose,
-    factor_covariance,
-    factor_information,
-    larger,
-)
+from replant.statistics.linear_algebra import LEAST_PIVOT, compose, factor_covariance, factor_information, larger
 from support.cases import every
 
 SIZES = [1, 2, 3, 5, 8, 13]

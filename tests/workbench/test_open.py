@@ -8,7 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from replant.workbench import places
+from replant.workbench import session
 from support.http_request import ask
 from support.waiting import PATIENCE
 
@@ -23,7 +23,7 @@ def test_it_serves_until_ctrl_c_and_takes_the_next_port_where_one_is_in_use(moto
             assert second.stderr is not None
             other = int(re.search(r":(\d+)/", second.stderr.readline())[1])
             assert other != port
-            assert ask(other, "GET /", f"Authorization: Bearer {places.token()}")[0] == 200
+            assert ask(other, "GET /", f"Authorization: Bearer {session.token()}")[0] == 200
             second.send_signal(signal.SIGTERM)
             assert second.wait(PATIENCE) == 0
         first.send_signal(signal.SIGINT)

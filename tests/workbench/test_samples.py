@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replant.workbench.doubts import doubts
-from replant.workbench.samples import BUCKET, CancelledError, Clock, Column, Samples, levels_of
+from replant.workbench.samples import BUCKET, CancelledError, Clock, Column, Samples, doubts, levels_of
 from replant.workbench.tasks import thinned
 from support.cases import every
 

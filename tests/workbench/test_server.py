@@ -15,8 +15,7 @@ import pytest
 
 from replant.errors import ReplantError
 from replant.live.dashboard import security
-from replant.workbench import places
-from replant.workbench.session import Session, parsed
+from replant.workbench.session import Session, parsed, token
 from replant.workbench.start import opened
 from support.cases import every
 from support.http_request import ask
@@ -35,7 +34,7 @@ class Client:
     port: int
 
     def send(self, method: str, path: str, body: bytes = b"") -> tuple[int, bytes]:
-        headers = {"Origin": f"http://127.0.0.1:{self.port}", "Authorization": f"Bearer {places.token()}"}
+        headers = {"Origin": f"http://127.0.0.1:{self.port}", "Authorization": f"Bearer {token()}"}
         with closing(HTTPConnection("127.0.0.1", self.port, timeout=PATIENCE)) as wire:
             wire.request(method, path, body, headers)
             answer = wire.getresponse()
@@ -75,7 +74,7 @@ def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_nobody_gets_anything_without_token_host_and_origin(motor: Path) -> None:
     with opened([motor]) as served:
-        good = f"Authorization: Bearer {places.token()}"
+        good = f"Authorization: Bearer {token()}"
         for line in EVERYTHING:
             own = f"Origin: http://127.0.0.1:{served.port}"
             assert ask(served.port, line, own)[0] == 401, line
@@ -89,9 +88,9 @@ def test_nobody_gets_anything_without_token_host_and_origin(motor: Path) -> None
 
 
 def test_the_token_is_the_users_own_and_stays(state: Path) -> None:
-    token = places.token()
-    assert places.token() == token
-    assert len(token) >= 32
+    word = token()
+    assert token() == word
+    assert len(word) >= 32
     assert stat.S_IMODE((state / "token").stat().st_mode) == 0o600
     assert stat.S_IMODE(state.stat().st_mode) == 0o700
 

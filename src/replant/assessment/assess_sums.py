@@ -35,8 +35,7 @@ from replant.engine.state import GAP, State
 from replant.kernels.schema import PAST
 from replant.model.shared_root import cancelled_pole
 from replant.settings import Settings
-from replant.statistics.linear_algebra import eigenvalues, inverse_of, quiet, roots
-from replant.statistics.udu import compose
+from replant.statistics.linear_algebra import compose, eigenvalues, inverse_of, quiet, roots
 
 NOT_CHECKED = (
     "history={}: too few raw samples are kept to solve the record again, and to check what else the input explains, "

@@ -17,8 +17,7 @@ from replant.assessment.score_test import ALPHA, MATTERS
 from replant.assessment.verdict import Finding, figure, percent
 from replant.model.shared_root import cancelled_pole
 from replant.statistics.autoregression import one_step
-from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import inverse_of, roots
+from replant.statistics.linear_algebra import chi2_quantile, inverse_of, roots
 
 MOST_UNCERTAIN = 0.15
 """Standard deviation of a coefficient of the denominator beyond which it is not known yet: the 95 % interval is then
@@ -223,7 +222,7 @@ class Speeds:
 def slow_noise(evidence: Evidence, uncertainty: float) -> str:
     """Return the reason for the estimate's uncertainty where it is slow noise, as words in brackets; else nothing.
 
-    Slow noise is noise that the autoregression of the residual does not describe, see `statistics.batch_means`.
+    Slow noise is noise that the autoregression of the residual does not describe, see `statistics.robust`.
     """
     if evidence.slowness < SLOW or uncertainty < MENTIONED:
         return ""

@@ -29,7 +29,7 @@ from replant.assessment.score_test import ALPHA
 from replant.kernels.schema import LAGS
 from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import WHITENESS_LAGS, Autoregression
-from replant.statistics.chi2 import chi2_quantile
+from replant.statistics.linear_algebra import chi2_quantile
 from replant.statistics.projections import TAKEN_AWAY, lengths_of, orthogonal, products, without
 
 LATEST = 10

@@ -33,7 +33,7 @@ from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.score_test import ALPHA, Explained
 from replant.assessment.verdict import Finding, percent
 from replant.simulation.model_run import ModelRun, run_model
-from replant.statistics.chi2 import chi2_quantile
+from replant.statistics.linear_algebra import chi2_quantile
 from replant.statistics.projections import without
 
 WIDTHS = (0.2, 0.5)

@@ -20,15 +20,8 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
-from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import pseudo_inverse
-from replant.statistics.projections import (
-    lengths_of,
-    orthogonal,
-    products,
-    without,
-)
-from replant.statistics.udu import larger
+from replant.statistics.linear_algebra import chi2_quantile, larger, pseudo_inverse
+from replant.statistics.projections import lengths_of, orthogonal, products, without
 
 RANK_TOLERANCE = 1e-14
 """Eigenvalue of the step's covariance below which a direction counts as not there [part of the largest].

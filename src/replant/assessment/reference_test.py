@@ -31,10 +31,16 @@ from replant.assessment.score_test import ALPHA
 from replant.assessment.verdict import Finding
 from replant.simulation.model_run import ModelRun
 from replant.statistics.autoregression import Autoregression
-from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.generalised import explained_power, weights_of
-from replant.statistics.laguerre import laguerre_states
-from replant.statistics.projections import orthogonal, products, widening, without
+from replant.statistics.linear_algebra import chi2_quantile
+from replant.statistics.projections import (
+    explained_power,
+    laguerre_states,
+    orthogonal,
+    products,
+    weights_of,
+    widening,
+    without,
+)
 from replant.statistics.robust import normal_scores
 
 COPY = 1e-6

@@ -27,7 +27,7 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
-from replant.statistics.chi2 import chi2_quantile
+from replant.statistics.linear_algebra import chi2_quantile
 from replant.statistics.projections import TAKEN_AWAY, lengths_of, orthogonal, products
 
 ALPHA = 1e-4

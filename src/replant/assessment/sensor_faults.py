@@ -10,8 +10,7 @@ from replant.arguments import FloatArray
 from replant.assessment.estimate_tests import MOST_UNCERTAIN, MOVED_SIGMAS
 from replant.assessment.verdict import Finding, duration, percent
 from replant.kernels.monitoring.outliers import MANY, MOVED_RESOLVED, STEPS
-from replant.statistics.robust import robust_std
-from replant.statistics.still_outputs import never_ties, still_runs, usual_step
+from replant.statistics.robust import never_ties, robust_std, still_runs, usual_step
 
 BINARY = 3  # values of a binary input that rests between its moves [count]
 

@@ -31,7 +31,7 @@ from replant.kernels.schema import (
 )
 from replant.kernels.slot_tables import NEVER
 from replant.optimizers import OPTIMIZERS, Optimizer
-from replant.optimizers.replay import Replay
+from replant.optimizers.optimizer import Replay
 from replant.regressor.scaling import Scaling
 from replant.settings import (
     AUTO,

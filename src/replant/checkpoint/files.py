@@ -20,7 +20,7 @@ from pathlib import Path
 from replant.checkpoint.encoding import Contents, decode
 from replant.errors import CheckpointError, DamagedCheckpointError, MissingCheckpointError
 from replant.limits import file_path
-from replant.operating_system.os_errors import reason_of
+from replant.operating_system import reason_of
 
 AnyPath = str | os.PathLike[str]
 

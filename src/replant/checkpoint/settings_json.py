@@ -12,7 +12,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
-from replant.optimizers.replay import Replay
+from replant.optimizers.optimizer import Replay
 from replant.regressor.filters import FILTERS
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling

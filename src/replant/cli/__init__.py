@@ -15,7 +15,7 @@ from replant.cli.encoding import replace_unencodable
 from replant.cli.help_examples import epilog_of
 from replant.cli.nearest_word import did_you_mean
 from replant.errors import ReplantError, brief
-from replant.operating_system.os_errors import refusal
+from replant.operating_system import refusal
 
 # For each command: the module of replant.cli with the click command ``command``, and the command's line of help.
 COMMANDS = {

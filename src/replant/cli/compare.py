@@ -26,13 +26,8 @@ from replant.report.html.comparison import write_comparison
 from replant.report.html.comparison_figures import save_figures
 from replant.report.terminal.comparison import as_json as comparison_as_json
 from replant.report.terminal.comparison import print_comparison
-from replant.runs.comparison import (
-    METHODS,
-    USUAL,
-    Contender,
-    compare,
-)
 from replant.runs.result import Result
+from replant.runs.run_log import METHODS, USUAL, Contender, compare
 from replant.settings import Request
 
 

@@ -15,7 +15,7 @@ from replant.cli.typed_command import command_line
 from replant.data.logs import Log
 from replant.model.structure import Structure
 from replant.optimizers import AMSGrad
-from replant.optimizers.replay import Replay
+from replant.optimizers.optimizer import Replay
 from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES
 from replant.regressor.filters import StateVariableFilter
 from replant.report.figures import save_figures

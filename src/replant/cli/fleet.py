@@ -14,16 +14,11 @@ from replant.cli.notes import note
 from replant.cli.options import fleet_options, structure_of
 from replant.cli.progress import progress_bar
 from replant.errors import LogError
-from replant.fleet.coordinate import Progress
-from replant.fleet.drift import check_comparable
-from replant.fleet.executors import parsed
-from replant.fleet.files import MODELS, TABLE
-from replant.fleet.fit import fit
-from replant.fleet.job import METHODS
-from replant.fleet.oddness import oddness_of
-from replant.fleet.page import write_page
-from replant.fleet.reports import MOST_REPORTS, write_reports
-from replant.fleet.results import Fleet, load
+from replant.fleet.executors import Progress, parsed
+from replant.fleet.fit import Fleet, fit, load
+from replant.fleet.job import METHODS, MODELS, TABLE
+from replant.fleet.oddness import check_comparable, oddness_of
+from replant.fleet.page import MOST_REPORTS, write_page, write_reports
 from replant.fleet.store import FAILED
 
 NAMED = 5  # odd rigs that the terminal names [count]

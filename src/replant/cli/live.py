@@ -18,7 +18,7 @@ from replant.live.observer.view import SignalNames
 from replant.live.run_session import Plan, run
 from replant.live.session.end_conditions import Limits
 from replant.model.structure import Structure
-from replant.operating_system.os_errors import one_line
+from replant.operating_system import one_line
 from replant.regressor.preprocess import Preprocess
 from replant.rigs import Rig, deap_rig, motor_rig
 from replant.settings import Request

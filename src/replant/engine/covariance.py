@@ -8,9 +8,8 @@ from replant.arguments import FloatArray
 from replant.engine.state import State
 from replant.settings import Settings
 from replant.statistics.autoregression import Autoregression
-from replant.statistics.batch_means import no_less_than_scattered, rows_of
-from replant.statistics.linear_algebra import quiet
-from replant.statistics.udu import compose, larger
+from replant.statistics.linear_algebra import compose, larger, quiet
+from replant.statistics.robust import no_less_than_scattered, rows_of
 
 
 @quiet
@@ -56,7 +55,7 @@ def _kept(state: State) -> FloatArray:
 def _of_least_squares(state: State) -> FloatArray:
     """Return the covariance by the residual's colour, and where all is remembered no less than the path's scatter.
 
-    See `replant.statistics.batch_means`.
+    See `replant.statistics.robust`.
     """
     coloured = covariance_by_colour(state)
     if state.settings[0] < 1.0:

@@ -3,9 +3,8 @@
 See docs/fleet.md.
 """
 
-from replant.fleet.fit import fit
+from replant.fleet.fit import Fleet, fit, load
 from replant.fleet.page import write_page
-from replant.fleet.results import Fleet, load
 from replant.fleet.sweep import Trial, sweep
 
 __all__ = ["Fleet", "Trial", "fit", "load", "sweep", "write_page"]

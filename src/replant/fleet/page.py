@@ -1,9 +1,11 @@
-"""The page of a fleet: verdicts, odd rigs, drift, histograms, and a table of all rigs, in one self-contained file."""
+"""The page of a fleet: its table, histograms and odd rigs; and the reports of chosen rigs."""
 
 from __future__ import annotations
 
 import html
 import json
+from concurrent.futures import Executor
+from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -11,15 +13,65 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.fleet.drift import Drift, drift_between
-from replant.fleet.files import replacing, report_path
-from replant.fleet.histogram import histogram
-from replant.fleet.oddness import CHANCE, Oddness, oddness_of
+from replant.errors import InvalidArgumentError, ReplantError
+from replant.fleet.catalogue import find_rigs
+from replant.fleet.executors import carried_out, workers
+from replant.fleet.fit import Fleet
+from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
+from replant.fleet.oddness import CHANCE, Drift, Oddness, drift_between, oddness_of
 from replant.fleet.quantities import Quantity, quantities_of
-from replant.fleet.results import Fleet
+from replant.fleet.records import Watched, opened
 from replant.fleet.store import FAILED, column
+from replant.fleet.work import one_thread, result_of
 from replant.report.html.page import asset, heading, icon, section, style, today, words
+from replant.report.html.report import write_report
 from replant.report.number_format import number
+
+WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and of the part for its axis [px]
+MOST_BARS = 40  # bars at most: few rigs get fewer [count]
+REACH = 6.0  # half of the width drawn, beside the interquartile range; rigs beyond are counted in words [number]
+
+
+def histogram(name: str, values: FloatArray, unit: str = "") -> str:
+    """Return the distribution of a figure over the rigs as a ``figure`` element."""
+    known = np.sort(values[np.isfinite(values)])
+    if not known.size:
+        return ""
+    middle, begin, end = _range(known)
+    beyond = int((known < begin).sum() + (known > end).sum())
+    bars = int(np.clip(np.sqrt(known.size), 8, MOST_BARS))
+    counts, _ = np.histogram(known, bars, (begin, end))
+    top, width = max(int(counts.max()), 1), WIDTH / bars
+    drawn = "".join(
+        f'<rect x="{k * width:.2f}" y="{HEIGHT * (1 - count / top):.2f}" width="{max(width - 1, 1):.2f}" '
+        f'height="{HEIGHT * count / top:.2f}"/>'
+        for k, count in enumerate(counts.tolist())
+        if count
+    )
+    at = WIDTH * (middle - begin) / (end - begin)
+    said = f"{name}: median {number(middle)}{f' {unit}' if unit else ''}"
+    more = f"; {'one rig lies' if beyond == 1 else f'{beyond:,} rigs lie'} beyond the axis" if beyond else ""
+    picture = (
+        f'<svg viewBox="0 0 {WIDTH} {HEIGHT + FOOT}" role="img" aria-label="{html.escape(said + more)}">{drawn}'
+        f'<path class="axis" d="M0 {HEIGHT}h{WIDTH}"/><path class="middle" d="M{at:.1f} 0v{HEIGHT}"/>'
+        f'<text x="0" y="{HEIGHT + 16}">{number(begin, 3)}</text>'
+        f'<text x="{WIDTH}" y="{HEIGHT + 16}" text-anchor="end">{number(end, 3)}</text></svg>'
+    )
+    label = html.escape(name + (f" [{unit}]" if unit else ""))
+    told = html.escape(said.partition(": ")[2] + more)
+    return f"<figure><figcaption>{label}<small>{told}</small></figcaption>{picture}</figure>"
+
+
+def _range(known: FloatArray) -> tuple[float, float, float]:
+    """Return the median, and the ends of the axis: those of the values, but not farther than `REACH`."""
+    low, middle, high = (float(value) for value in np.quantile(known, (0.25, 0.5, 0.75)))
+    reach = REACH * (high - low)
+    begin, end = max(float(known[0]), middle - reach), min(float(known[-1]), middle + reach)
+    if not end > begin:
+        width = 0.5 * abs(middle) or 0.5
+        begin, end = middle - width, middle + width
+    return middle, begin, end
+
 
 PAGE = "report.html"
 MOST_ROWS = 20_000  # rows of the page's table: more make a browser slow; rigs.parquet has all [rows]
@@ -207,3 +259,71 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> str:
 
 def _rounded(values: FloatArray) -> list[float | None]:
     return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
+
+
+MOST_REPORTS = 100  # reports that are made at most: each takes some seconds [count]
+
+
+@dataclass(frozen=True)
+class ReportTask:
+    """The report of one rig, to be made by a worker.
+
+    Attributes
+    ----------
+    job : Job
+    rig : Rig
+    folder : str
+        Of the fleet.
+    """
+
+    job: Job
+    rig: Rig
+    folder: str
+
+
+def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = None) -> int:
+    """Write the reports of the first rigs of a fleet by rank, and return how many were written.
+
+    A rig that cannot be identified has no report.
+    """
+    if fleet.job is None:
+        raise InvalidArgumentError("a fleet that was loaded has no options: call fit again, which does nothing twice")
+    table = fleet.table()
+    names = table.column("rig").to_pylist()
+    first = {names[row] for row in oddness_of(table, fleet.structure).order[: min(count, MOST_REPORTS)].tolist()}
+    rigs = [rig for rig in find_rigs(fleet.logs, fleet.by, leave_out=fleet.folder) if rig.name in first]
+    (fleet.folder / REPORTS).mkdir(exist_ok=True)
+    tasks = [ReportTask(fleet.job, rig, str(fleet.folder.absolute())) for rig in rigs]
+    with workers(executor) as found:
+        return sum(done for _, done in carried_out(found, write_one, tasks))
+
+
+def write_one(task: ReportTask) -> int:
+    """Write the report of a rig; return how many that are: 1, or 0 for a rig that cannot be identified."""
+    rig, job = task.rig, task.job
+    with one_thread():
+        try:
+            watched = Watched(opened(rig, job))
+            result = result_of(watched, job, with_history=True)
+        except MemoryError:
+            raise
+        except ReplantError:
+            return 0
+        shown, log = result.overview, watched.recording.held
+        if shown is not None:
+            log = watched.recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
+        assert log is not None
+        more: dict[str, Any] = {"title": rig.name, "python": _program(task)}
+        if job.method == "fit":
+            more["preprocess"] = job.preprocess.resolve(log.input, log.output)
+        with replacing(Path(task.folder, report_path(rig.name))) as new:
+            write_report(new, result, log, **more)
+    return 1
+
+
+def _program(task: ReportTask) -> str:
+    """Return the Python program that loads the rig's model from the results of the fleet."""
+    return (
+        f"import replant as rp\n\nfleet = rp.fleet.load({task.folder!r})\n"
+        f"model = fleet.model({json.dumps(task.rig.name, ensure_ascii=False)})\nprint(model)"
+    )

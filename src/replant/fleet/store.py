@@ -18,7 +18,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.data.logs.arrow import CHECKED
 from replant.errors import InvalidArgumentError, LogError, MissingDependencyError, SystemRefusedError
-from replant.fleet.files import (
+from replant.fleet.job import (
     ABOUT,
     MANIFEST,
     MARK,
@@ -26,17 +26,18 @@ from replant.fleet.files import (
     PARTS,
     TABLE,
     TIMING,
+    Job,
+    Rig,
     clear,
     foreign,
     printable,
     replacing,
     report_path,
 )
-from replant.fleet.job import Job, Rig
-from replant.fleet.watched_record import UNKNOWN, Movement
+from replant.fleet.records import UNKNOWN, Movement
 from replant.identified.model import Model
 from replant.model.structure import Structure
-from replant.operating_system.os_errors import refusal
+from replant.operating_system import refusal
 
 CHUNK_ROWS = 1 << 14  # rows that are merged at a time [rows]
 PARTS_HELD = 64  # parts that are held in memory while they are merged [count]

@@ -13,8 +13,7 @@ from typing import Any, TypeVar, overload
 
 from replant.arguments import iterable
 from replant.errors import ArgumentTypeError, InvalidArgumentError, ReplantError, shown
-from replant.fleet.coordinate import carried_out
-from replant.fleet.executors import workers
+from replant.fleet.executors import carried_out, workers
 from replant.fleet.work import one_thread
 from replant.identified.model import Model
 from replant.runs.run_log import run

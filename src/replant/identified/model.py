@@ -224,7 +224,7 @@ class Model(ModelFields):
         axes : four matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.plotting.palette import blank_figure, given_axes
+        from replant.plotting.diagrams import blank_figure, given_axes
 
         if axes is None:
             axes = blank_figure(9.0, 6.4).subplots(2, 2)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from replant import operating_system
 from replant.errors import ModelFileError
 from replant.identified.model_json import LARGEST
 from replant.limits import file_path
-from replant.operating_system import whole_file
-from replant.operating_system.os_errors import reason_of
+from replant.operating_system import reason_of
 
 AnyPath = str | os.PathLike[str]
 
@@ -52,7 +52,7 @@ def write(path: AnyPath, written: str) -> None:
     """Write a text so that nobody reads half of it, see `operating_system.whole_file.replacing`."""
     check_target(path)
     try:
-        with whole_file.replacing(Path(path).resolve()) as new:
+        with operating_system.replacing(Path(path).resolve()) as new:
             new.write_text(written, encoding="utf-8", newline="\n")
     except (OSError, ValueError, RuntimeError) as error:
         raise ModelFileError(f"{path}: the model could not be written ({reason_of(error)})") from error

@@ -22,7 +22,7 @@ from replant.limits import LONGEST, SHORTEST, duration
 from replant.model.mode import Mode
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import UncertainMode, Uncertainty
-from replant.plotting.shown import Shown, over, with_std
+from replant.plotting.diagrams import Shown, over, with_std
 from replant.statistics.linear_algebra import quiet
 
 POINTS = 400  # points of a response; of one over time that oscillates fast, the least [count]
@@ -68,7 +68,7 @@ class StepResponse(Shown):
         ax : matplotlib axes, optional
             Drawn into; without it a figure is made.
         """
-        from replant.plotting.responses import draw_over_time
+        from replant.plotting.diagrams import draw_over_time
 
         return draw_over_time(self.time, self.output, self.std, self.WHAT, ax)
 
@@ -163,7 +163,7 @@ class Bode(Shown):
         ax : two matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.plotting.responses import draw_bode
+        from replant.plotting.diagrams import draw_bode
 
         return draw_bode(self.frequency, self.magnitude, self.phase, self.relative_std, self.phase_std, ax)
 
@@ -195,7 +195,7 @@ class Nyquist(Bode):
         ax : matplotlib axes, optional
             Drawn into; without it a figure is made.
         """
-        from replant.plotting.responses import draw_nyquist
+        from replant.plotting.diagrams import draw_nyquist
 
         return draw_nyquist(self.response, self.relative_std, self.phase_std, ax)
 
@@ -232,7 +232,7 @@ class PoleMap(Shown):
         ax : matplotlib axes, optional
             Drawn into; without it a figure is made.
         """
-        from replant.plotting.responses import draw_poles
+        from replant.plotting.diagrams import draw_poles
 
         regions = [(mode.mode.pole, mode.covariance) for mode in self.uncertain]
         return draw_poles(self.values, self.zeros, regions, ax)

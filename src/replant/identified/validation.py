@@ -27,8 +27,8 @@ from replant.regressor.preprocess import screen
 from replant.simulation.model_run import model_output
 from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import one_step
-from replant.statistics.correlations import Correlations, correlation_lags, correlations
 from replant.statistics.linear_algebra import quiet
+from replant.statistics.residuals import Correlations, correlation_lags, correlations
 
 FEWEST_SEGMENTS = 8  # segments below which a spectrum tells nothing [count]
 CHANCE = 0.05
@@ -131,7 +131,7 @@ class Validation:
         axes : four matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.plotting.validation import draw_validation
+        from replant.plotting.diagrams import draw_validation
 
         return draw_validation(self, axes)
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from replant import interop
 from replant.arguments import (
     FloatArray,
     array_of_reals,
@@ -20,7 +21,6 @@ from replant.arguments import (
     whole,
 )
 from replant.errors import InvalidArgumentError, MissingDependencyError, shown
-from replant.interop import systems
 from replant.limits import count, dead_time, duration
 from replant.model import state_space
 from replant.model.mode import Mode
@@ -214,7 +214,7 @@ class TransferFunction:
         >>> print(TransferFunction.from_control(control.tf([2.0], [1.0, 4.0, 3.0])))
         2 / (s^2 + 4 s + 3)
         """
-        return cls(*systems.of_control(system), delay)
+        return cls(*interop.of_control(system), delay)
 
     @classmethod
     def from_scipy(cls, system: Any, delay: float = 0.0) -> TransferFunction:
@@ -240,7 +240,7 @@ class TransferFunction:
         >>> print(TransferFunction.from_scipy(signal.ZerosPolesGain([], [-1.0, -3.0], 2.0)))
         2 / (s^2 + 4 s + 3)
         """
-        return cls(*systems.of_scipy(system), delay)
+        return cls(*interop.of_scipy(system), delay)
 
     def to_scipy(self) -> Any:
         """Return a `scipy.signal.TransferFunction`, which cannot have a dead time.

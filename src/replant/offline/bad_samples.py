@@ -19,8 +19,15 @@ import numpy as np
 from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.assessment.score_test import MATTERS
 from replant.kernels.schema import Doubt
-from replant.statistics.robust import robust_std, without_spikes
-from replant.statistics.still_outputs import SECTIONS, never_ties, still_runs, tie_share, usual_step
+from replant.statistics.robust import (
+    SECTIONS,
+    never_ties,
+    robust_std,
+    still_runs,
+    tie_share,
+    usual_step,
+    without_spikes,
+)
 
 SIGMAS = 6.0
 """Distance of a residual from what its neighbours tell beyond which it is an outlier [robust standard deviations].

@@ -31,8 +31,7 @@ from replant.offline.known_before import Known, with_nuisances
 from replant.offline.residual_likelihood import Stretch
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem, least_since
-from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
+from replant.statistics.linear_algebra import chi2_quantile, inverse_of, least_norm, quiet
 
 BEGINS = 32
 """Samples since which a change is looked for, evenly spread over the record [count].

@@ -21,7 +21,7 @@ from replant.assessment import Simulation, fit_percent, simulate
 from replant.engine.record import Record, ready_record
 from replant.engine.record_regressors import regressors
 from replant.errors import InvalidArgumentError
-from replant.interop.other_words import in_our_words
+from replant.interop import in_our_words
 from replant.kernels.schema import Doubt
 from replant.limits import increasing
 from replant.model.noise import NoiseModel
@@ -37,9 +37,8 @@ from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
 from replant.simulation.fitted_run import FittedRun
 from replant.simulation.model_run import prediction_error, runs_away
-from replant.statistics.autoregression import one_step
+from replant.statistics.autoregression import one_step, one_step_with_lost
 from replant.statistics.linear_algebra import quiet
-from replant.statistics.lost_samples import one_step_with_lost
 
 METHODS = (AUTO, "srivc", "least_squares")
 

@@ -18,10 +18,8 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import FIXED, LAGUERRE, ReferenceSlots
-from replant.statistics.generalised import weights_of
-from replant.statistics.laguerre import best_pole, laguerre
-from replant.statistics.projections import products
-from replant.statistics.udu import factor_information
+from replant.statistics.linear_algebra import factor_information
+from replant.statistics.projections import best_pole, laguerre, products, weights_of
 
 
 @dataclass(frozen=True, eq=False)

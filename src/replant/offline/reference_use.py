@@ -15,8 +15,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.offline.refined import Refined
-from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import quiet
+from replant.statistics.linear_algebra import chi2_quantile, quiet
 
 WITHOUT = "the fit does without it"
 

@@ -15,15 +15,17 @@ from replant.offline.prior import Prior
 from replant.offline.reference_projection import Projection
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.autoregression import Autoregression
-from replant.statistics.batch_means import no_less_than_scattered, path_of_record, rows_of
 from replant.statistics.linear_algebra import (
+    compose,
     eigenvalues,
+    factor_information,
     inverse_of,
+    larger,
     quiet,
     real_coefficients,
     roots,
 )
-from replant.statistics.udu import compose, factor_information, larger
+from replant.statistics.robust import no_less_than_scattered, path_of_record, rows_of
 
 ACCEPTABLE = 0.25
 """Relative uncertainty up to which a start-up is long enough [part of a coefficient's size].

@@ -51,8 +51,7 @@ from replant.offline.specification_test import disagreement, is_answered, is_rig
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.simulation.offset_fit import simulate
 from replant.statistics.autoregression import Autoregression
-from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import quiet, roots
+from replant.statistics.linear_algebra import chi2_quantile, quiet, roots
 
 CUTOFFS = 8  # state-variable filters tried for a start, evenly spaced in the logarithm [count]
 

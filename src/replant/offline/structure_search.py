@@ -14,7 +14,7 @@ import numpy as np
 from replant.arguments import record, vector, whole
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
-from replant.interop.other_words import in_our_words
+from replant.interop import in_our_words
 from replant.limits import MOST_TRIED, dead_time, duration, increasing, several
 from replant.model.structure import Structure
 from replant.offline.fit import RawRecord, check_delay, check_length, fit_samples
@@ -24,7 +24,7 @@ from replant.offline.solve import at_first
 from replant.offline.structure_evidence import Evidence, Trial
 from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import Preprocess, screen
-from replant.statistics.chi2 import chi2_quantile
+from replant.statistics.linear_algebra import chi2_quantile
 
 ALPHA = 1e-2
 """Chance that a better likelihood is no more than chance [probability].

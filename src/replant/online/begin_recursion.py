@@ -13,8 +13,7 @@ from replant.offline.refined import Refined
 from replant.offline.srivc_steps import FASTEST
 from replant.settings import Settings
 from replant.simulation.auxiliary_model import stability_margin
-from replant.statistics.linear_algebra import quiet
-from replant.statistics.udu import compose, factor_covariance
+from replant.statistics.linear_algebra import compose, factor_covariance, quiet
 
 SHORTEST_MEMORY = 100
 """Samples of an input that stands still before which it does not rest, where an optimizer forgets [samples].

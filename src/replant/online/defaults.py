@@ -6,7 +6,7 @@ from replant.arguments import FloatArray
 from replant.engine.record_regressors import regressors
 from replant.offline.least_squares import choose_filter
 from replant.optimizers import OPTIMIZERS, Optimizer
-from replant.optimizers.replay import Replay
+from replant.optimizers.optimizer import Replay
 from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import centre
 from replant.regressor.scaling import Scaling

@@ -21,7 +21,7 @@ from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REGULAR, State
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
-from replant.interop.other_words import in_our_words
+from replant.interop import in_our_words
 from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.limits import stamps_of
@@ -46,7 +46,7 @@ from replant.online.trace import Trace
 from replant.online.turns import Turn, changes, reads
 from replant.online.whole_record import solve_whole
 from replant.optimizers import Optimizer
-from replant.optimizers.replay import Replay
+from replant.optimizers.optimizer import Replay
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling

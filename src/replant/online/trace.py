@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from replant import interop
 from replant.arguments import FloatArray, array_of_reals
 from replant.errors import InvalidArgumentError
-from replant.interop import frames
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -105,7 +105,7 @@ class Trace:
         0.0       0.1  1.0    1.0
         0.5       0.4  2.0    0.5
         """
-        return frames.trace_frame(self.names, self.parameters, self.errors, dt, self.time)
+        return interop.trace_frame(self.names, self.parameters, self.errors, dt, self.time)
 
     def to_xarray(self, dt: float | None = None) -> Any:
         """Return an `xarray.Dataset`: ``parameters`` over time and parameter, and ``errors`` over time.
@@ -127,7 +127,7 @@ class Trace:
         >>> trace.to_xarray(dt=0.5)["parameters"].sel(parameter="b0").values
         array([1., 2.])
         """
-        return frames.trace_dataset(self.names, self.parameters, self.errors, dt, self.time)
+        return interop.trace_dataset(self.names, self.parameters, self.errors, dt, self.time)
 
     def __add__(self, other: Trace) -> Trace:
         """Return this trace joined with that of the next chunk."""

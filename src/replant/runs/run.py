@@ -16,10 +16,8 @@ from replant.online.kept_model import model_of
 from replant.online.trace import Trace
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import screen
-from replant.runs.batches import Arrays, Batch, Source, batched
-from replant.runs.overview import Recorder
-from replant.runs.record_clock import KNOTS, ClockRecorder
-from replant.runs.result import History, Result
+from replant.runs.result import KNOTS, ClockRecorder, History, Result
+from replant.runs.thinning import Arrays, Batch, Recorder, Source, batched
 from replant.settings import LONGEST_STARTUP, STORED, Request
 from replant.simulation.score import FITTED, Score
 from replant.simulation.stretches import (

@@ -14,8 +14,8 @@ import numpy as np
 from replant.arguments import BoolArray, FloatArray
 from replant.model.transfer_function import TransferFunction
 from replant.simulation.fitted_run import FittedRun
-from replant.statistics.lost_samples import places_on_grid
-from replant.statistics.running_sums import ErrorSums, OutputSums
+from replant.statistics.autoregression import places_on_grid
+from replant.statistics.residuals import ErrorSums, OutputSums
 
 FITTED = 1 << 18  # samples over which the initial state is fitted [samples]
 

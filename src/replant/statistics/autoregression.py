@@ -1,4 +1,4 @@
-r"""Autoregression: the model D(q) e = w that whitens a residual, its order chosen from the data.
+"""Autoregression: the model D(q) e = w that whitens a residual; and the regular grid that samples lie on.
 
 Models of every order up to `LAGS` are found by least squares on sums of products e_{k-i} e_{k-j} over the samples whose
 predecessors are all known, see `replant.kernels.filters.series`.  The Bayesian information criterion chooses:
@@ -17,8 +17,7 @@ import numpy as np
 
 from replant.arguments import FloatArray, IntArray
 from replant.kernels.schema import LAGS
-from replant.statistics.chi2 import chi2_quantile
-from replant.statistics.linear_algebra import quiet, roots
+from replant.statistics.linear_algebra import chi2_quantile, quiet, roots
 
 WHITENESS_LAGS = 25
 """Lags of the portmanteau statistic [samples].
@@ -283,3 +282,30 @@ def whiteness(error: FloatArray) -> float:
         return 0.0
     correlations = np.array([error[lag:] @ error[: error.size - lag] for lag in range(1, lags + 1)]) / power
     return float(error.size * (correlations @ correlations) / chi2_quantile(WHITENESS_LEVEL, lags))
+
+
+def places_on_grid(intervals: FloatArray, dt: float) -> IntArray:
+    """Return the place (K,) of each sample on a grid of step ``dt``, the first one's the places that it follows.
+
+    Each sample takes the next place, after one empty place for each sample that was lost.  More than LAGS in a row are
+    counted as LAGS: what comes after has no known past either way.
+
+    >>> places_on_grid(np.array([1.0, 1.2, 2.9, 0.1, 70.0]), dt=1.0)
+    array([ 0,  1,  4,  5, 10])
+    """
+    lost = np.clip(np.rint(np.minimum(intervals / dt, LAGS + 1.0)) - 1.0, 0.0, LAGS).astype(np.int64)
+    return np.asarray(np.arange(intervals.size) + np.cumsum(lost))
+
+
+def one_step_with_lost(residual: FloatArray, t: FloatArray, dt: float) -> FloatArray:
+    """Return what `one_step` does of a residual (K,) on an irregular clock: lost samples are part of no known past.
+
+    >>> slow, kept = np.sin(np.arange(400) / 10), np.arange(400) % 50 > 3
+    >>> error = one_step_with_lost(slow[kept], np.flatnonzero(kept) * 0.1, 0.1)
+    >>> bool(np.median(abs(error)) < 1e-6), bool(abs(error[46]) == abs(slow[54]))  # 46: the first after a gap
+    (True, True)
+    """
+    places = places_on_grid(np.diff(t, prepend=t[:1] - dt), dt)
+    spread = np.full(places[-1] + 1 if places.size else 0, np.nan)
+    spread[places] = residual
+    return one_step(spread)[places]

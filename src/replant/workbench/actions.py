@@ -1,14 +1,181 @@
-"""Actions: what a page may do to a session; each takes the session and an object of JSON."""
+"""What a page asks of a session and does to it."""
 
 from __future__ import annotations
 
+import hashlib
+import math
+import subprocess
+import sys
+import tempfile
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
 
-from replant.errors import InvalidArgumentError
+from replant.data.logs.recording import digest
+from replant.errors import InvalidArgumentError, ReplantError, shown
+from replant.operating_system import one_line
+from replant.workbench import tasks
+from replant.workbench.cards import Card, judged
 from replant.workbench.opened import with_role
-from replant.workbench.session import Session
-from replant.workbench.setup import text
+from replant.workbench.session import LARGEST, SUFFIX, Session, logs_folder
+from replant.workbench.setup import Stretch, text
+
+POINTS = 1200  # places in time of a curve, unless the page asks for fewer [count]
+MOST_POINTS = 4000  # the same at the most [count]
+LONGEST_NAME = 120  # name of a file that is dropped [characters]
+
+Asked = dict[str, str]
+
+
+def _points(asked: Asked) -> int:
+    found = asked.get("points", "")
+    return min(max(int(found), 16), MOST_POINTS) if found.isdecimal() and len(found) < 9 else POINTS
+
+
+def _between(asked: Asked) -> tuple[float, float] | None:
+    if "from" not in asked:
+        return None
+    try:
+        begin, end = float(asked["from"]), float(asked.get("to", ""))
+    except ValueError:
+        raise InvalidArgumentError("from and to must be times in s") from None
+    if not (math.isfinite(begin) and math.isfinite(end) and begin < end):
+        raise InvalidArgumentError("from and to must be times in s, the one before the other")
+    return begin, end
+
+
+def signals(session: Session, asked: Asked) -> dict[str, Any]:
+    """Return the signals of a log between two times."""
+    return session.log(asked.get("log", "")).drawn(_between(asked), _points(asked))
+
+
+def conditioned(session: Session, asked: Asked) -> dict[str, Any]:
+    """Return input and output as they are identified."""
+    log = session.log(asked.get("log", ""))
+    log.setup.check()
+    between = _between(asked) or (0.0, math.inf)
+    chosen = (str(log.path), log.setup, log.modified)
+    found: dict[str, Any] = session.work.do(tasks.conditioned, *chosen, between, _points(asked))
+    return found
+
+
+def compared(session: Session, asked: Asked) -> dict[str, Any]:
+    """Return the models that are chosen beside the measured output of a part of a log."""
+    log = session.log(asked.get("log", ""))
+    log.setup.check()
+    models = _models(session)
+    part = _part(log.setup.validate_on, asked.get("part", ""))
+    found: dict[str, Any] = session.work.do(
+        tasks.compared, models, str(log.path), log.setup, part, log.modified, _between(asked), _points(asked)
+    )
+    for name, each in found["models"].items():
+        card = session.card(name)
+        is_unseen = card.path != log.path or part in card.setup.validate_on
+        if "verdict" in each:  # on what it was made from, that of its making: a validation takes samples for others
+            each["verdict"] = judged(each["verdict"] if is_unseen else card.found["verdict"])
+    return found
+
+
+def responses(session: Session, _: Asked) -> dict[str, Any]:
+    """Return the responses of the models that are chosen."""
+    found: dict[str, Any] = session.work.do(tasks.responses, _models(session))
+    return found
+
+
+def _models(session: Session) -> dict[str, str]:
+    """Return the models that are compared, as their files hold them."""
+    cards = [session.card(name) for name in session.compared]
+    return {card.name: card.model for card in cards if card.model}
+
+
+def _part(stretches: tuple[Stretch, ...], number: str) -> Stretch | None:
+    """Return the stretch to compare on by its number; all of the log where there is none."""
+    return stretches[int(number)] if number.isdecimal() and int(number) < len(stretches) else None
+
+
+ASKED: dict[str, Callable[[Session, Asked], dict[str, Any]]] = {
+    "signals": signals,
+    "conditioned": conditioned,
+    "compared": compared,
+    "responses": responses,
+}
+
+
+def report(card: Card) -> bytes:
+    """Return the report of a card, which its command writes."""
+    with tempfile.TemporaryDirectory(prefix="replant-report-") as folder:
+        done = subprocess.run(
+            [sys.executable, "-m", "replant", *card.words, "--quiet", "--json", "--out", folder],
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False,
+        )  # fmt: skip
+        written = Path(folder, "report.html")
+        if done.returncode or not written.is_file():
+            raise ReplantError((done.stderr.strip().splitlines() or ["the report could not be made"])[-1])
+        return written.read_bytes()
+
+
+class Upload:
+    """A file that comes from the page, block by block: a log, or the file of a session."""
+
+    def __init__(self, session: Session, name: str) -> None:
+        self._session, self._name = session, _safe(name)
+        self._sum, self._size = hashlib.sha256(), 0
+        self._folder = tempfile.TemporaryDirectory(prefix="drop-", dir=logs_folder())
+        self._path = Path(self._folder.name, self._name)
+        self._file = self._path.open("wb")
+
+    def __enter__(self) -> Self:
+        """Return the upload."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Remove what is left of it."""
+        self._file.close()
+        self._folder.cleanup()
+
+    def write(self, block: bytes) -> None:
+        """Take a block."""
+        try:
+            self._file.write(block)
+        except OSError as cause:
+            raise ReplantError(f"{self._name}: {one_line(cause)}") from None
+        self._sum.update(block)
+        self._size += len(block)
+
+    def finish(self) -> dict[str, Any]:
+        """Open what has come."""
+        self._file.close()
+        if self._name.endswith(SUFFIX):
+            if self._size > LARGEST:
+                raise ReplantError(f"{self._name}: too large for a session")
+            self._session.restore(self._path.read_text(encoding="utf-8", errors="replace"), self._name)
+            return {"log": self._session.active}
+        return {"log": self._session.open(self._kept()).name}
+
+    def _kept(self) -> Path:
+        """Return where the log lies: in the working folder, if it is the file of that name there, or a copy of it."""
+        named, known = Path.cwd() / self._name, self._sum.hexdigest()
+        if named.is_file() and named.stat().st_size == self._size and digest(named) == known:
+            return named
+        folder = logs_folder() / known[:16]
+        folder.mkdir(exist_ok=True)
+        return self._path.replace(folder / self._name)
+
+
+def _safe(name: str) -> str:
+    """Return the name of a dropped file without a folder; raises where it is none.
+
+    >>> _safe("../../motor.csv")
+    'motor.csv'
+    """
+    name = name.replace("\\", "/").rpartition("/")[2]
+    if not name or name.startswith(".") or not name.isprintable() or len(name) > LONGEST_NAME:
+        raise InvalidArgumentError(f"{shown(name)} is no name for a log: rename the file, with a suffix such as .csv")
+    return name
+
 
 Given = dict[str, Any]
 

@@ -18,9 +18,8 @@ from starlette.websockets import WebSocket
 from replant.errors import InvalidArgumentError, ReplantError
 from replant.live.dashboard.app import dashboard_assets, file_answer, page_app, stream
 from replant.live.dashboard.hub import Hub
-from replant.workbench import requests
-from replant.workbench.actions import ACTIONS
-from replant.workbench.requests import Upload
+from replant.workbench import actions
+from replant.workbench.actions import ACTIONS, Upload
 from replant.workbench.session import SUFFIX, Session
 
 LARGEST = 1 << 20  # body of an action [bytes]
@@ -55,7 +54,7 @@ def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
         return JSONResponse(found)
 
     async def ask(request: Request) -> Response:
-        asked = requests.ASKED.get(request.path_params["name"])
+        asked = actions.ASKED.get(request.path_params["name"])
         if asked is None:
             return PlainTextResponse("There is nothing here.\n", 404)
         return JSONResponse(await asyncio.to_thread(asked, session, dict(request.query_params)))
@@ -68,7 +67,7 @@ def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
 
     async def report(request: Request) -> Response:
         card = session.card(request.path_params["name"])
-        return file_answer(await asyncio.to_thread(requests.report, card), "text/html", "report.html")
+        return file_answer(await asyncio.to_thread(actions.report, card), "text/html", "report.html")
 
     async def kept(_: Request) -> Response:
         return file_answer(session.written().encode(), "application/json", f"session{SUFFIX}")

@@ -1,4 +1,4 @@
-"""Jobs: commands of replant in processes of their own, one after the other, which can be stopped."""
+"""Processes of the workbench: commands that can be stopped, and the worker that computes for the page."""
 
 from __future__ import annotations
 
@@ -6,18 +6,65 @@ import contextlib
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from replant.operating_system.os_errors import one_line
-from replant.operating_system.worker import Worker
+from replant.errors import ReplantError
+from replant.operating_system import Worker, one_line
+
+
+class Work:
+    """One worker process, started at the first request."""
+
+    def __init__(self) -> None:
+        self._pool: ProcessPoolExecutor | None = None
+        self._lock = threading.Lock()
+
+    def do(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return what a function of `replant.workbench.tasks` gives; waits for it."""
+        pool = self._ready()
+        try:
+            return pool.submit(function, *arguments).result()
+        except BrokenExecutor:
+            with self._lock:
+                if self._pool is pool:
+                    self._pool = None
+            raise ReplantError(
+                "the process that computes this has died: the memory may be too small; try again"
+            ) from None
+
+    def close(self) -> None:
+        """End the process, whatever it is computing."""
+        with self._lock:
+            pool, self._pool = self._pool, None
+        if pool is None:
+            return
+        processes = list((pool._processes or {}).values())
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in processes:
+            process.kill()
+
+    def _ready(self) -> ProcessPoolExecutor:
+        with self._lock:
+            if self._pool is None:
+                self._pool = ProcessPoolExecutor(1, get_context("spawn"), _deaf)
+            return self._pool
+
+
+def _deaf() -> None:
+    """Leave Ctrl-C to the server."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
 
 AT_ONCE = max(1, min(4, (os.cpu_count() or 1) - 1))  # commands that run at a time: a core is left to the page [count]
 PATIENCE = 3.0  # time that a command gets to end by itself when it is stopped [s]

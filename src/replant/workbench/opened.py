@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from replant.errors import ReplantError
-from replant.operating_system.os_errors import one_line
-from replant.operating_system.worker import Worker
+from replant.operating_system import Worker, one_line
 from replant.workbench import tasks
+from replant.workbench.jobs import Work
 from replant.workbench.samples import CancelledError, Clock, Samples
 from replant.workbench.setup import Setup, Wish
-from replant.workbench.work import Work
 
 MOST_DRAWN = 24  # columns of a log that are drawn [count]
 INSPECTING, READING, READY, BROKEN = "inspecting", "reading", "ready", "broken"

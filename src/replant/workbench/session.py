@@ -1,24 +1,72 @@
-"""Session: the logs and cards of a workbench; whatever changes is told to the pages and kept in a file."""
+"""Session: the logs and cards of a workbench, and the places where it is kept."""
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
+import os
+import secrets
+import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from replant.errors import InvalidArgumentError, ReplantError, shown
-from replant.operating_system.os_errors import one_line
-from replant.operating_system.whole_file import replacing
+from replant.operating_system import one_line, replacing
 from replant.workbench.cards import DONE, FAILED, OPEN, ORDERS, RUNNING, STOPPED, Card, card_of, in_order, title_of
-from replant.workbench.command import words_of
-from replant.workbench.jobs import Jobs, Outcome
+from replant.workbench.jobs import Jobs, Outcome, Work
 from replant.workbench.opened import BROKEN, Opened
-from replant.workbench.setup import Setup, Wish
-from replant.workbench.work import Work
+from replant.workbench.setup import Setup, Wish, words_of
+
+
+def folder() -> Path:
+    """Return the folder of the workbench, which only its user may read."""
+    given = os.environ.get("XDG_STATE_HOME") or (os.environ.get("LOCALAPPDATA") if sys.platform == "win32" else "")
+    found = Path(given or Path.home() / ".local" / "state") / "replant"
+    try:
+        found.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise ReplantError(f"{one_line(error)}; XDG_STATE_HOME names another folder to keep sessions in") from None
+    return found
+
+
+def logs_folder() -> Path:
+    """Return the folder of logs that were dropped on the page."""
+    found = folder() / "logs"
+    found.mkdir(exist_ok=True)
+    return found
+
+
+def session_of(logs: Sequence[Path]) -> Path:
+    """Return the file that keeps the session of these logs."""
+    named = "\n".join(sorted(str(path.absolute()) for path in logs))
+    sessions = folder() / "sessions"
+    sessions.mkdir(exist_ok=True)
+    return sessions / f"{hashlib.sha256(named.encode('utf-8', 'surrogateescape')).hexdigest()[:16]}.workbench"
+
+
+def newest_session() -> Path:
+    """Return the file of the session that was open last, or that of no logs."""
+    none = session_of(())
+    return max(none.parent.glob("*.workbench"), key=lambda path: path.stat().st_mtime, default=none)
+
+
+def token() -> str:
+    """Return the token of this user: the same at every start, so that an open page comes back."""
+    path = folder() / "token"
+    with contextlib.suppress(OSError):
+        found = path.read_text(encoding="ascii").strip()
+        if len(found) >= 32 and found.isalnum():
+            return found
+    made = secrets.token_hex(16)
+    path.unlink(missing_ok=True)
+    path.touch(mode=0o600)
+    path.write_text(made + "\n", encoding="ascii")
+    return made
+
 
 FORM = 1  # version of the file of a session [number]
 SUFFIX = ".workbench"

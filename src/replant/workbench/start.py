@@ -14,9 +14,8 @@ from typing import Any
 from replant.errors import InvalidArgumentError
 from replant.live.dashboard import Dashboard, Hub, serve
 from replant.live.session.end_conditions import stop_on_signals
-from replant.operating_system.worker import Worker
-from replant.workbench import places
-from replant.workbench.session import SUFFIX, Session, read
+from replant.operating_system import Worker
+from replant.workbench.session import SUFFIX, Session, newest_session, read, session_of, token
 
 PERIOD = 2.0  # time between two looks at whether a log has changed [s]
 
@@ -42,7 +41,7 @@ def opened(logs: Sequence[Path], host: str = "127.0.0.1", port: int = 0) -> Iter
     own = logs[0] if len(logs) == 1 and logs[0].suffix == SUFFIX else None
     if own is None and any(path.suffix == SUFFIX for path in logs):
         raise InvalidArgumentError(f"open one session ({SUFFIX}) by itself, or logs")
-    kept_in = own or (places.session_of(logs) if logs else places.newest_session())
+    kept_in = own or (session_of(logs) if logs else newest_session())
     hub = Hub(command=_nothing, report=bytes, notice=_say)
     session, ended = Session(kept_in, hub.publish), threading.Event()
     try:
@@ -73,13 +72,13 @@ def _served(session: Session, hub: Hub, host: str, port: int) -> Dashboard:
 
         return create_app(session, hub, **protections)
 
-    token = places.token()
+    word = token()
     try:
-        return serve(hub, host, port, token, application)
+        return serve(hub, host, port, word, application)
     except InvalidArgumentError as error:
         if "in use" not in str(error):
             raise
-        return serve(hub, host, 0, token, application)
+        return serve(hub, host, 0, word, application)
 
 
 def _nothing(_: str) -> None:

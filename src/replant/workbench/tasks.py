@@ -23,9 +23,8 @@ from replant.identified.model import Model
 from replant.identified.validation import Validation
 from replant.log import Log
 from replant.report.terminal.look import as_json, findings_of
-from replant.statistics.correlations import BAND_95
-from replant.workbench.doubts import doubts
-from replant.workbench.samples import joined_extremes, rounded
+from replant.statistics.residuals import BAND_95
+from replant.workbench.samples import doubts, joined_extremes, rounded
 from replant.workbench.setup import Setup, Stretch
 
 KEPT_LOGS = 2  # logs whose samples are kept for the next request [count]

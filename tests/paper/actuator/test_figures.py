@@ -11,7 +11,7 @@ from replant.paper.actuator.figures import (
     draw_record,
     draw_transients,
 )
-from replant.plotting.palette import symbol
+from replant.plotting.diagrams import symbol
 from support.axes import assert_drawn, lines, points
 from support.cases import every
 from support.trace_by_hand import DT, TRUE, trace_by_hand

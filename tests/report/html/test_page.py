@@ -19,7 +19,7 @@ from replant.paper.reproduction_page import as_element
 from replant.paper.reproduction_page import write_report as write_reproduction
 from replant.report.html.comparison import write_comparison
 from replant.report.html.report import write_report
-from replant.runs.comparison import compare
+from replant.runs.run_log import compare
 from replant.settings import Request
 from support.browsing import TEXTS, chromium, contrast, drawn_anew, luminance, new_page
 from support.places import ROOT

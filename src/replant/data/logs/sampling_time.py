@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from replant.arguments import FloatArray, number
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
-from replant.interop.units import unit_of
+from replant.interop import unit_of
 from replant.limits import duration
 from replant.time_stamps import TOLERANCE, StampResolution, is_regular_interval
 

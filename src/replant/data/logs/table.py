@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from replant.data.logs.reading import LONGEST_NAME, MOST_COLUMNS, MOST_EMPTY, too_many_error
 from replant.errors import SHOWN, ArgumentTypeError, LogError, shown
-from replant.interop.units import without_unit
+from replant.interop import without_unit
 
 NAMES_SHOWN = 12  # names that the error of a wrong name lists, closest first [count]
 LIST_SHOWN = 160  # characters of all of them: one line stays readable [characters]

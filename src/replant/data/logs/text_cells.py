@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs.reading import MOST_COLUMNS
-from replant.interop.units import unit_of
+from replant.interop import unit_of
 
 MISSING = frozenset({"", "na", "n/a", "null"})  # NaN, as nan, inf and infinity are numbers that float() knows
 

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from replant.data.streams.source import Batch, Numbering
-from replant.operating_system.worker import Worker
+from replant.operating_system import Worker
 
 
 class HasFile(Protocol):

@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError, shown
 from replant.live.dashboard.hub import Hub
-from replant.operating_system.worker import Worker
+from replant.operating_system import Worker
 
 if TYPE_CHECKING:
     import uvicorn

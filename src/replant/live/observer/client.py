@@ -21,8 +21,7 @@ from replant.live.observer.spawn import GOODBYE, ObserverProcess
 from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.notices import Notices
 from replant.online.identifier import Identifier
-from replant.operating_system.os_errors import one_line, refusal
-from replant.operating_system.worker import Worker
+from replant.operating_system import Worker, one_line, refusal
 
 INTERVAL = 0.2  # time between two handovers at the least [s]
 SHARE = 0.02  # part of the session's time that handing over may take [share]

@@ -14,11 +14,9 @@ from replant.errors import ReplantError
 from replant.live.observer.view import View
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
-from replant.runs.record_clock import Clock
-from replant.runs.result import History, Result
+from replant.runs.result import Clock, History, Result
 from replant.simulation.stretches import stretches_of
-from replant.statistics.autoregression import one_step
-from replant.statistics.lost_samples import one_step_with_lost
+from replant.statistics.autoregression import one_step, one_step_with_lost
 
 ROUNDING = 1e-6  # difference between an interval and the sampling time that is rounding [sampling times]
 

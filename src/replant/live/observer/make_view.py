@@ -19,7 +19,7 @@ from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
 from replant.online.newest_samples import newest_samples
-from replant.plotting.poles import mirrored
+from replant.plotting.diagrams import mirrored
 from replant.report.figures.style import mapped_label
 from replant.runs.thinning import thin
 from replant.simulation.stretches import joined, stretches_of

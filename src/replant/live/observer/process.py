@@ -20,7 +20,7 @@ from replant.live.observer.view import UNNAMED, Rows, SessionInfo, SignalNames, 
 from replant.live.outputs.notices import Notices
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
-from replant.operating_system.os_errors import one_line, refusal
+from replant.operating_system import one_line, refusal
 
 if TYPE_CHECKING:
     from replant.live.dashboard.hub import Hub

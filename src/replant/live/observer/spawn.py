@@ -15,7 +15,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 
 from replant.live.observer.process import ENDING, Handover, ObserverOptions, observe
-from replant.operating_system.worker import Worker
+from replant.operating_system import Worker
 
 GOODBYE = 5.0  # time that the process gets to end by itself [s]
 

@@ -7,8 +7,7 @@ import queue
 from collections.abc import Callable
 
 from replant.live.outputs.notices import Notices
-from replant.operating_system.os_errors import one_line
-from replant.operating_system.worker import Worker
+from replant.operating_system import Worker, one_line
 
 MOST_WAITING = 16  # pieces of work that wait for the disk at the most [count]
 

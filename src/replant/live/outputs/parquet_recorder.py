@@ -22,7 +22,7 @@ from replant.data.logs.arrow import CHECKED, check_rows, open_parquet
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import EstimateMessage
-from replant.operating_system.os_errors import one_line
+from replant.operating_system import one_line
 
 ROWS = 200_000  # rows of a part: a few megabytes [rows]
 SECONDS = 30.0  # time after which a part is written even if it is short [s]

@@ -22,8 +22,7 @@ from replant.live.outputs.message import (
 )
 from replant.live.outputs.notices import Notices
 from replant.live.outputs.sinks import Sink
-from replant.operating_system.os_errors import one_line
-from replant.operating_system.worker import Worker
+from replant.operating_system import Worker, one_line
 
 TICK = 0.05  # time between two looks of the watchdog, at the most [s]
 GOODBYE = 2.0  # time that the sinks get to take the news of the end [s]

@@ -25,7 +25,7 @@ from replant.live.session.checkpointing import CheckpointWriter
 from replant.live.session.end_conditions import Limits, stop_on_signals
 from replant.live.session.progress import Progress, Throughput
 from replant.online.identifier import Identifier
-from replant.operating_system.os_errors import refusal
+from replant.operating_system import refusal
 
 
 class Session:

@@ -29,7 +29,7 @@ from replant.optimizers import (
     IntegralCost,
     Optimizer,
 )
-from replant.optimizers.replay import Replay
+from replant.optimizers.optimizer import Replay
 from replant.paper.actuator.measures import Course, Measures, measure
 from replant.paper.drawing.curves import Curve, transients
 from replant.regressor.filters import StateVariableFilter

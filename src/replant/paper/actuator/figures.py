@@ -11,16 +11,7 @@ from replant.offline.fit_result import FitResult
 from replant.paper.actuator.experiment import GAINS, Actuator, Record
 from replant.paper.drawing.curves import curve
 from replant.paper.drawing.panels import draw_panel, legend_above
-from replant.plotting.palette import (
-    BLUE,
-    GREY,
-    NAVY,
-    SKY,
-    VERMILION,
-    blank_figure,
-    open_frame,
-    symbol,
-)
+from replant.plotting.diagrams import BLUE, GREY, NAVY, SKY, VERMILION, blank_figure, open_frame, symbol
 
 UNITS = {"a2": "1/s", "a1": "1/s²", "a0": "1/s³", "b1": "mm/(kV² s²)", "b0": "mm/(kV² s³)"}
 #: Windows of Figure 6c and 6d, in parts of the record: a few steps, and the ringing after one of them.

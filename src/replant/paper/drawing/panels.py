@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.paper.drawing.curves import Curve
-from replant.plotting.palette import TRUE, open_frame
+from replant.plotting.diagrams import TRUE, open_frame
 
 
 def draw_panel(axis: Any, curves: Iterable[tuple[str, Curve, Mapping[str, Any]]], true: float) -> None:

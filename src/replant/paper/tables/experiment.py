@@ -15,7 +15,7 @@ from replant.online.ensemble import Ensemble
 from replant.online.identifier import Identifier
 from replant.online.trace import Trace
 from replant.optimizers import Optimizer
-from replant.optimizers.replay import Replay
+from replant.optimizers.optimizer import Replay
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.scaling import Scaling
 from replant.signals import square

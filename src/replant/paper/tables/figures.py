@@ -14,12 +14,7 @@ from replant.paper.drawing.curves import Curve, transients
 from replant.paper.drawing.panels import draw_panel, legend_above, limit
 from replant.paper.tables.experiment import trace
 from replant.paper.tables.published import TABLES, Table
-from replant.plotting.palette import (
-    BLUE,
-    ORANGE,
-    blank_figure,
-    symbol,
-)
+from replant.plotting.diagrams import BLUE, ORANGE, blank_figure, symbol
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from replant.optimizers import AMSGrad, Gradient, Optimizer
-from replant.optimizers.replay import Replay
+from replant.optimizers.optimizer import Replay
 from replant.paper.tables.experiment import Experiment, Plant
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.scaling import Scaling

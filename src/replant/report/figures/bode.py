@@ -11,7 +11,7 @@ from replant.arguments import FloatArray, instance
 from replant.identified.responses import Bode, frequencies
 from replant.limits import duration
 from replant.model.transfer_function import TransferFunction
-from replant.plotting.palette import TRUE, given_axes
+from replant.plotting.diagrams import TRUE, given_axes
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
 from replant.runs.result import Result

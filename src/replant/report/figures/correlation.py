@@ -8,10 +8,10 @@ import numpy as np
 
 from replant.arguments import FloatArray, instance
 from replant.limits import duration
-from replant.plotting.palette import given_axes
+from replant.plotting.diagrams import given_axes
 from replant.report.figures import style
 from replant.runs.thinning import thin
-from replant.statistics.correlations import BAND_95, BAND_99, Correlations
+from replant.statistics.residuals import BAND_95, BAND_99, Correlations
 
 WIDE = 0.2  # correlation that can be seen on an axis that reaches to 1 [number]
 FEW = 60  # lags that can be told apart as stems [count]
@@ -26,7 +26,7 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
     Parameters
     ----------
     found : Correlations or None
-        From `replant.statistics.correlations.correlations`.
+        From `replant.statistics.residuals.correlations`.
     dt : float
         Sampling time in s.
     axes : two matplotlib axes, optional

@@ -10,8 +10,7 @@ import numpy as np
 
 from replant.identified.model import Model
 from replant.log import Log
-from replant.plotting.palette import given_axes
-from replant.plotting.poles import RADIUS_95, REACH_95
+from replant.plotting.diagrams import RADIUS_95, REACH_95, given_axes
 from replant.report.figures import style
 from replant.report.figures.side_by_side import draw_outputs, draw_responses
 from replant.runs.result import Result

@@ -11,12 +11,11 @@ from replant.arguments import FloatArray, instance, owned, record
 from replant.assessment import WORST_CONDITION
 from replant.errors import InvalidArgumentError
 from replant.limits import duration
-from replant.plotting.palette import given_axes
+from replant.plotting.diagrams import given_axes
 from replant.regressor.preprocess import accepted
 from replant.report.diagnostics import Excitation
 from replant.report.figures import style
-from replant.runs.record_clock import Clock
-from replant.runs.result import Result
+from replant.runs.result import Clock, Result
 from replant.runs.thinning import Thinned, thin
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.plotting.palette import given_axes
+from replant.plotting.diagrams import given_axes
 from replant.report.figures import style
 from replant.runs.result import Result
 from replant.runs.thinning import thin

@@ -9,8 +9,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
-from replant.plotting.palette import TRUE, given_axes
-from replant.plotting.poles import RootColours, draw_roots, mirrored
+from replant.plotting.diagrams import TRUE, RootColours, draw_roots, given_axes, mirrored
 from replant.report.figures import style
 from replant.runs.result import Result
 

@@ -10,12 +10,11 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.identified.responses import frequencies
-from replant.plotting.palette import given_axes
+from replant.plotting.diagrams import given_axes
 from replant.report.figures import style
 from replant.report.figures.bode import WIDEST_DB, WIDEST_DEGREES, finish_bode
 from replant.report.figures.poles import usable_uncertainty
-from replant.runs.record_clock import Clock
-from replant.runs.result import Result
+from replant.runs.result import Clock, Result
 from replant.runs.thinning import thin
 
 LAST = 10  # of a record one in so many samples, the last ones, is drawn apart [samples]

@@ -8,7 +8,7 @@ import numpy as np
 
 from replant.identified.responses import StepResponse
 from replant.model.transfer_function import TransferFunction
-from replant.plotting.palette import TRUE, given_axes
+from replant.plotting.diagrams import TRUE, given_axes
 from replant.report.figures import style
 from replant.runs.result import Result
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.interop.units import unit_of as unit_of
-from replant.interop.units import without_unit
+from replant.interop import unit_of as unit_of
+from replant.interop import without_unit
 from replant.model.structure import Structure
-from replant.plotting.palette import BLUE, VERMILION, blank_figure
+from replant.plotting.diagrams import BLUE, VERMILION, blank_figure
 from replant.report.number_format import number
 from replant.runs.result import History, Result
 

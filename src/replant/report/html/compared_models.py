@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 from pathlib import Path
 
-from replant.plotting.palette import blank_figure
+from replant.plotting.diagrams import blank_figure
 from replant.report.figures import style
 from replant.report.figures.models import draw_poles_of, draw_steps
 from replant.report.html import tables

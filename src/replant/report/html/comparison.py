@@ -29,7 +29,7 @@ from replant.report.html.page import (
 )
 from replant.report.number_format import percent
 from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
-from replant.runs.comparison import Contender, best
+from replant.runs.run_log import Contender, best
 
 
 def write_comparison(

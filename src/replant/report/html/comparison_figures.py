@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from replant.data.logs import Log
-from replant.plotting.palette import blank_figure
+from replant.plotting.diagrams import blank_figure
 from replant.regressor.preprocess import Preprocess
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, style
 from replant.report.figures.overlay import legend_columns
 from replant.report.html.svg import HALF, described, look, svg, variable
 from replant.report.number_format import number, percent
-from replant.runs.comparison import Contender, best
 from replant.runs.result import Result
+from replant.runs.run_log import Contender, best
 
 
 def results_of(contenders: Sequence[Contender]) -> dict[str, Result]:

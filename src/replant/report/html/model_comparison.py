@@ -15,12 +15,11 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
 from replant.identified.validation import Validation
 from replant.log import Log
-from replant.plotting.shown import Shown
+from replant.plotting.diagrams import Shown
 from replant.report.figures.models import draw_models
 from replant.report.number_format import percent, uncertain
-from replant.runs.comparison import Contender, best
-from replant.runs.record_clock import Clock
-from replant.runs.result import Result
+from replant.runs.result import Clock, Result
+from replant.runs.run_log import Contender, best
 from replant.simulation.stretches import stretches_of
 
 HEADINGS = ("model", "verdict", "simulated", "one step", "poles", "zeros", "dead time", "DC gain", "time constants [s]")

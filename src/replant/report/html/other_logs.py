@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 from replant.assessment.verdict import percent as share
 from replant.identified.validation import Validation
-from replant.plotting.palette import blank_figure
-from replant.plotting.validation import draw_validation
+from replant.plotting.diagrams import blank_figure, draw_validation
 from replant.report.figures import style
 from replant.report.html import svg, tables
 from replant.report.number_format import number, percent

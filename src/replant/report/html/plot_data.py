@@ -13,9 +13,8 @@ from replant.report.diagnostics import Excitation
 from replant.report.figures import style
 from replant.report.html import captions
 from replant.report.html.report_data import Material
-from replant.runs.overview import POINTS
-from replant.runs.record_clock import Clock
-from replant.runs.thinning import Thinned, thin
+from replant.runs.result import Clock
+from replant.runs.thinning import POINTS, Thinned, thin
 
 PARAMETER_POINTS = 120_000  # points of all transients together [count]
 LARGEST = 3e38  # what float32 holds [number]

@@ -19,10 +19,9 @@ from replant.regressor.preprocess import Preprocess
 from replant.report.diagnostics import Excitation, excitation, regressors_of
 from replant.report.figures import style
 from replant.report.figures.poles import usable_uncertainty
-from replant.runs.record_clock import Clock
-from replant.runs.result import Result
-from replant.statistics.correlations import Correlations, correlation_lags, correlations
-from replant.statistics.lost_samples import places_on_grid
+from replant.runs.result import Clock, Result
+from replant.statistics.autoregression import places_on_grid
+from replant.statistics.residuals import Correlations, correlation_lags, correlations
 
 
 class OverTime(NamedTuple):

@@ -7,7 +7,7 @@ import io
 import re
 from typing import Any
 
-from replant.plotting.palette import blank_figure
+from replant.plotting.diagrams import blank_figure
 from replant.report.figures import (
     draw_bode,
     draw_correlations,

@@ -10,7 +10,7 @@ from replant.report.findings import BAD, GOOD, findings, without_reasons
 from replant.report.number_format import percent, uncertain
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.verdict_words import COLOURS
-from replant.runs.comparison import Contender, best
+from replant.runs.run_log import Contender, best
 
 OUTCOME = ("verdict", "simulated", "one step", "time")
 VERDICT = 1 + OUTCOME.index("verdict")  # its column, behind the method's

@@ -1,8 +1,17 @@
-"""Errors of the operating system: what it denied a process, in words, and what to do about it."""
+"""The operating system: its refusals in words, files written as a whole, and threads that stop."""
 
 from __future__ import annotations
 
+import _thread
+import contextlib
 import errno
+import os
+import socket
+import threading
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
 _MEMORY = "free memory, or raise its limit (ulimit -v)"
 _DISK = "make room on the disk"
@@ -67,3 +76,74 @@ def refusal(error: BaseException) -> str | None:
             remedy = REMEDIES.get(error.errno or 0)
             return f"{one_line(error)}; {remedy}" if remedy else one_line(error)
     return None
+
+
+ENDING = ".new"
+
+
+@contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Give the name under which a file is written; it gets its own name when the ``with`` block ends without an error.
+
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with replacing(Path(folder, "a")) as new:
+    ...         _ = new.write_bytes(b"content")
+    ...     [path.name for path in Path(folder).iterdir()]
+    ['a']
+    """
+    named = zlib.crc32(os.fsencode(path.name))  # short: the name itself may be as long as names can be
+    new = path.with_name(f".{named:08x}.{socket.gethostname()}.{os.getpid()}.{threading.get_ident()}{ENDING}")
+    try:
+        new.unlink(missing_ok=True)
+        new.open("x").close()  # a new file, not what a link of this name leads to
+        yield new
+        with new.open("rb+") as stream:
+            os.fsync(stream.fileno())
+        new.replace(path)
+    finally:
+        with contextlib.suppress(OSError):
+            new.unlink(missing_ok=True)
+
+
+START_TIMEOUT = 60.0  # time within which a thread that was started must have begun: it needs microseconds [s]
+
+
+class Worker:
+    """A thread that does not keep the process alive.
+
+    `threading.Thread.start` waits until the thread has begun: without end, if a lack of memory ends the thread before.
+
+    >>> done = []
+    >>> worker = Worker(lambda: done.append(True))
+    >>> worker.start()
+    >>> worker.join()
+    >>> done
+    [True]
+    """
+
+    def __init__(self, job: Callable[[], None]) -> None:
+        self._job = job
+        self._begun, self._ended = threading.Event(), threading.Event()
+
+    def start(self) -> None:
+        """Start the thread."""
+        _thread.start_new_thread(self._run, ())
+        if not self._begun.wait(START_TIMEOUT):
+            self._ended.set()
+            raise RuntimeError("can't start new thread")
+
+    def is_alive(self) -> bool:
+        """Return whether the thread has begun and not ended."""
+        return self._begun.is_set() and not self._ended.is_set()
+
+    def join(self, timeout: float | None = None) -> None:
+        """Wait until the thread has ended, at most ``timeout`` s."""
+        self._ended.wait(timeout)
+
+    def _run(self) -> None:
+        self._begun.set()
+        try:
+            self._job()
+        finally:
+            self._ended.set()

@@ -1,1 +1,0 @@
-"""Conversion to and from python-control, SciPy, pandas and xarray."""
