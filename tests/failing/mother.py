@@ -102,7 +102,7 @@ def prepare(model: list[str]) -> None:
     from replant.live.observer.make_view import make_view
     from replant.live.observer.view import SessionInfo
 
-    context = replant.cli.live.command.make_context("live", ["-", *model])
+    context = replant.cli.live.live_command.make_context("live", ["-", *model])
     request = replant.cli.live._request(context.params)
     identifier = Identifier(**vars(request))
     u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 150), 8)

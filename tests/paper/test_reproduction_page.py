@@ -8,7 +8,7 @@ import click
 import pytest
 
 from replant.cli import main
-from replant.cli.reproduce import command, deliver
+from replant.cli.reproduce import deliver, reproduce_command
 from replant.paper.actuator import rendering
 from replant.paper.actuator.experiment import NOTES
 from replant.paper.catalogue import Outcome, run, save
@@ -111,7 +111,7 @@ def test_names_alone_make_no_report(capsys, tmp_path):
 
 def test_a_report_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / "report.html").mkdir()
-    with click.Context(command), pytest.raises(click.BadParameter, match=r"report\.html"):
+    with click.Context(reproduce_command), pytest.raises(click.BadParameter, match=r"report\.html"):
         deliver(("table2",), tmp_path, report=True)
 
 

@@ -17,7 +17,7 @@ from replant.cli.nearest_word import did_you_mean
 from replant.errors import ReplantError, brief
 from replant.operating_system import refusal
 
-# For each command: the module of replant.cli with the click command ``command``, and the command's line of help.
+# For each command: the module of replant.cli that has it, as in ``fit_command``, and the command's line of help.
 COMMANDS = {
     "open": ("open", "Open logs on a local page: look, cut, fit, compare, keep a model."),
     "look": ("look", "Show what is in a recorded log, and suggest a command to begin with."),
@@ -44,7 +44,7 @@ class _LazyGroup(click.Group):
         if cmd_name not in COMMANDS:
             return None
         module = importlib.import_module(f"replant.cli.{COMMANDS[cmd_name][0]}")
-        command: click.Command = module.command
+        command: click.Command = getattr(module, f"{cmd_name}_command")
         command.epilog = epilog_of(cmd_name)
         return command
 

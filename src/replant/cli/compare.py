@@ -51,7 +51,7 @@ def _of_models(given: dict[str, Any]) -> bool:
     metavar="NAME",
     help=f"A method; repeat the option for several: {', '.join(METHODS)}.",
 )
-def command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options: Any) -> None:
+def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], **options: Any) -> None:
     """Compare saved models over LOG: MODEL.json MODEL2.json LOG.  Or identify G(s) from LOG by several methods.
 
     An optimizer identifies online, in one pass, as `replant run` does; "default" is the method of `replant run` without

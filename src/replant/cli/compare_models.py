@@ -15,7 +15,8 @@ from replant.cli.typed_command import command_line
 from replant.identified.model import load_model
 from replant.identified.model_file import holds_model
 from replant.report.html.compared_models import write_models
-from replant.report.html.model_comparison import HEADINGS, ModelComparison, compare
+from replant.report.html.model_comparison import HEADINGS, ModelComparison
+from replant.report.html.model_comparison import compare as compare_saved
 from replant.report.terminal.validation import as_json as validation_as_json
 
 SHOWN = 7  # columns of the table that fit into a terminal [count]
@@ -41,7 +42,7 @@ def compare_models(paths: Sequence[Path], options: dict[str, Any]) -> None:
     out: Path | None = options["out"]
     make_folder(out)
     log = whole_log(path, columns | model_clock(path, columns, first.dt))
-    comparison = compare(models, log)
+    comparison = compare_saved(models, log)
     written = [] if out is None else _written(comparison, out)
     if options["as_json"]:
         found = {name: validation_as_json(each, path.name) for name, each in comparison.validations.items()}

@@ -40,7 +40,7 @@ SIGNALS = ("voltage [kV]", "displacement [mm]")
 @click.option(
     "--full", is_flag=True, help="Run the article's whole experiment instead: 12 methods compared, Figures 6-8."
 )
-def command(out: Path, full: bool) -> None:
+def demo_command(out: Path, full: bool) -> None:
     """Identify a simulated dielectric elastomer actuator while it runs: 240 s at 1 kHz, 1 um of laser noise.
 
     It is identified twice: with default settings, and by the article's method (state-variable filters, normalisation,

@@ -15,7 +15,7 @@ from replant.examples import NAMES, path_of
 @click.option(
     "--out", type=click.Path(path_type=Path), default=".", metavar="DIR", help="Folder.  [default: the current one]"
 )
-def command(out: Path) -> None:
+def examples_command(out: Path) -> None:
     """Write motor.csv and motor-step.csv, records of a DC motor, with their licence; a file that exists is kept."""
     make_folder(out)
     for name in NAMES:

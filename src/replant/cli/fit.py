@@ -33,7 +33,7 @@ from replant.runs.result import result_of_fit
 @search_options
 @click.option("--method", type=Choice(METHODS), default="auto", show_default=True, help="Method of the fit.")
 @keeping_options
-def command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:
+def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:
     """Fit G(s) to all of LOG (csv, mat, parquet and more; - is standard input).
 
     Several logs of one rig give one model: of each, offset and initial state are its own.

@@ -52,7 +52,7 @@ NAMED = 5  # odd rigs that the terminal names [count]
     help="Also write the reports of the first N rigs by rank.",
 )
 @click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Write the results here.")
-def command(
+def fleet_command(
     logs: str,
     by: str,
     method: str,

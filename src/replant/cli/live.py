@@ -129,7 +129,7 @@ class SourceCommand(click.Command):
     is_flag=True,
     help="With the source demo: a motor under a PI controller, whose set-point is the reference.",
 )
-def command(source: str, loop: bool, **options: Any) -> None:
+def live_command(source: str, loop: bool, **options: Any) -> None:
     """Identify G(s) from live samples of input u and output y, and of the reference r where a controller makes u.
 
     SOURCE is one of -, tcp://HOST:PORT, udp://HOST:PORT, serial:///dev/ttyUSB0?baud=115200, mqtt://HOST/TOPIC, a

@@ -21,7 +21,7 @@ from replant.report.terminal.look import print_look
 @click.option("--time", "time_column", metavar="COL", help="Column of time, if known.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Write a plot of the columns (PNG) here.")
-def command(
+def look_command(
     log: Path,
     input_column: str | None,
     output_column: str | None,

@@ -22,7 +22,7 @@ PLACE = "127.0.0.1:8720"
     metavar="HOST:PORT",
     help="Serve the page there; the next free port where another workbench has it.",
 )
-def command(logs: tuple[Path, ...], place: str) -> None:
+def open_command(logs: tuple[Path, ...], place: str) -> None:
     """Open LOGs on a local page: look at them, cut a range, try orders, compare, keep a model.
 
     LOG is a recorded log (csv, mat, parquet and more), the folder of a live session's --record, or a session that the

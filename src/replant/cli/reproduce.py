@@ -28,7 +28,8 @@ from replant.paper.catalogue import (
     save,
     steps,
 )
-from replant.paper.reproduction_page import as_element, write_report
+from replant.paper.reproduction_page import as_element
+from replant.paper.reproduction_page import write_report as write_reproduction
 from replant.paper.tables.rendering import (
     SOURCE,
     as_json,
@@ -65,7 +66,7 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     metavar="DIR",
     help=f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
 )
-def command(names: tuple[str, ...], on: str | None, json_only: bool, out: Path | None) -> None:
+def reproduce_command(names: tuple[str, ...], on: str | None, json_only: bool, out: Path | None) -> None:
     """Reproduce the article's tables and figures, beside the published numbers.
 
     NAME is table1 to table4, fig1 to fig4, fig6 to fig8, or actuator: the table that compares the runs of Figures 7
@@ -92,7 +93,7 @@ def deliver(
         written += _write_tables(out, text, outcome)
     if out is not None and report:
         with write_errors_reported(out):
-            written.append(write_report(out / "report.html", outcome, pictures, command_line()))
+            written.append(write_reproduction(out / "report.html", outcome, pictures, command_line()))
     if json_only:
         click.echo(text)
     else:

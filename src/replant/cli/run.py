@@ -42,7 +42,7 @@ from replant.simulation.score import FITTED
     help="Write the estimate after each sample (.parquet).",
 )
 @keeping_options
-def command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
+def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
     """Identify G(s) online from LOG (csv, mat, parquet and more; - is standard input), sample by sample in one pass.
 
     Settings that no option gives are chosen from the data, and printed as Python code.  LOG may be larger than memory.

@@ -13,7 +13,7 @@ from replant.report.terminal.summary import print_kept_model
 @click.command(name="show")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def command(model: Path, as_json: bool) -> None:
+def show_command(model: Path, as_json: bool) -> None:
     """Print MODEL, a file that `--save` has written: G(s), its uncertainty, its verdict, and where it comes from."""
     from rich.console import Console
 

@@ -28,7 +28,7 @@ from replant.report.terminal.validation import print_validation
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON list, an object a log.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Write a plot (PNG) a log here.")
 @REQUIRE
-def command(
+def validate_command(
     model: Path, logs: tuple[Path, ...], as_json: bool, out: Path | None, required: str | None, **columns: Any
 ) -> None:
     """Compare MODEL with LOGS that it was not made from; offset and initial state are estimated, nothing else."""
