@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from replant.cli.encoding import PLAIN, replace_unencodable
+from replant.cli.terminal import PLAIN, replace_unencodable
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import pytest
 import replant as rp
 from cli.test_commands import call
 from replant.cli import COMMANDS, cli
-from replant.cli.help_examples import EXAMPLES
+from replant.cli.terminal import EXAMPLES
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs
 from support.cases import every

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.cli import fit as fit_command
 from replant.cli import main, options
+from replant.cli import run as fit_command
 from replant.cli import run as run_command
 from replant.data.logs import open_recording
 from replant.runs import run as online_run

@@ -8,7 +8,7 @@ import click
 import pytest
 
 from replant.cli import main
-from replant.cli.reproduce import deliver, reproduce_command
+from replant.cli.demo import deliver, reproduce_command
 from replant.paper.actuator import rendering
 from replant.paper.actuator.experiment import NOTES
 from replant.paper.catalogue import Outcome, run, save

@@ -11,26 +11,24 @@ from typing import Any, NoReturn
 import click
 
 from replant import __version__
-from replant.cli.encoding import replace_unencodable
-from replant.cli.help_examples import epilog_of
-from replant.cli.nearest_word import did_you_mean
+from replant.cli.terminal import did_you_mean, epilog_of, replace_unencodable
 from replant.errors import ReplantError, brief
 from replant.operating_system import refusal
 
 # For each command: the module of replant.cli that has it, as in ``fit_command``, and the command's line of help.
 COMMANDS = {
-    "open": ("open", "Open logs on a local page: look, cut, fit, compare, keep a model."),
+    "open": ("live", "Open logs on a local page: look, cut, fit, compare, keep a model."),
     "look": ("look", "Show what is in a recorded log, and suggest a command to begin with."),
     "run": ("run", "Identify G(s) online, in one pass over a recorded log."),
-    "fit": ("fit", "Fit G(s) to a whole recorded log at once (batch); search structures."),
+    "fit": ("run", "Fit G(s) to a whole recorded log at once (batch); search structures."),
     "compare": ("compare", "Compare saved models over a log, or methods on it."),
     "fleet": ("fleet", "Identify every rig of a fleet, on all cores or a cluster; one table and page."),
-    "examples": ("examples", "Write records of a motor to try the commands on."),
-    "validate": ("validate", "Compare a saved model with other logs."),
-    "show": ("show", "Print a saved model."),
+    "examples": ("look", "Write records of a motor to try the commands on."),
+    "validate": ("look", "Compare a saved model with other logs."),
+    "show": ("look", "Print a saved model."),
     "live": ("live", "Identify G(s) from live samples (serial, TCP, UDP, MQTT, pipe), with a dashboard."),
     "demo": ("demo", "Identify a simulated actuator while it runs, with plots."),
-    "reproduce": ("reproduce", "Reproduce the article's tables, beside the published figures."),
+    "reproduce": ("demo", "Reproduce the article's tables, beside the published figures."),
 }
 
 

@@ -1,4 +1,4 @@
-"""``replant compare``: one recorded log through several methods."""
+"""``replant compare``: one recorded log through several methods, or saved models over it."""
 
 from __future__ import annotations
 
@@ -10,25 +10,86 @@ from typing import Any
 
 import click
 
-from replant.cli.compare_models import are_models, compare_models
-from replant.cli.nearest_word import Choice
-from replant.cli.options import log_options, open_log
-from replant.cli.output import (
-    make_folder,
-    write_errors_reported,
-)
-from replant.cli.progress import progress_bar
-from replant.cli.save_and_validate import kept
-from replant.cli.typed_command import command_line
+from replant.cli.option_types import command_line
+from replant.cli.options import log_options, open_log, progress_bar
+from replant.cli.output import kept, make_folder, model_clock, whole_log, write_errors_reported
+from replant.cli.terminal import Choice
 from replant.data.logs import Log
 from replant.errors import InvalidArgumentError
+from replant.identified.model import load_model
+from replant.identified.model_file import holds_model
+from replant.report.html.compared_models import write_models
 from replant.report.html.comparison import write_comparison
 from replant.report.html.comparison_figures import save_figures
+from replant.report.html.model_comparison import HEADINGS, ModelComparison
+from replant.report.html.model_comparison import compare as compare_saved
 from replant.report.terminal.comparison import as_json as comparison_as_json
 from replant.report.terminal.comparison import print_comparison
+from replant.report.terminal.validation import as_json as validation_as_json
 from replant.runs.result import Result
 from replant.runs.run_log import METHODS, USUAL, Contender, compare
 from replant.settings import Request
+
+SHOWN = 7  # columns of the table that fit into a terminal [count]
+
+
+def are_models(paths: Sequence[Path]) -> bool:
+    """Return whether the first file of several is a saved model: models are then compared, not methods."""
+    return holds_model(paths[0])
+
+
+def compare_models(paths: Sequence[Path], options: dict[str, Any]) -> None:
+    """Compare the models in all files but the last over the log in the last one."""
+    *saved, path = paths
+    if not saved or holds_model(path):
+        raise click.UsageError("name the log behind the models: replant compare MODEL.json MODEL2.json LOG")
+    if options["poles"] is not None:
+        raise click.UsageError("--poles makes models: it is of no use where saved models are compared")
+    models = {_name(each, saved): load_model(each) for each in saved}
+    first = next(iter(models.values()))
+    columns = dict(options)
+    columns["input_column"] = options["input_column"] or first.input_name
+    columns["output_column"] = options["output_column"] or first.output_name
+    out: Path | None = options["out"]
+    make_folder(out)
+    log = whole_log(path, columns | model_clock(path, columns, first.dt))
+    comparison = compare_saved(models, log)
+    written = [] if out is None else _written(comparison, out)
+    if options["as_json"]:
+        found = {name: validation_as_json(each, path.name) for name, each in comparison.validations.items()}
+        click.echo(json.dumps(found, allow_nan=False))
+        return
+    _print(comparison)
+    for file in written:
+        click.echo(f"wrote {file}")
+
+
+def _name(path: Path, saved: Sequence[Path]) -> str:
+    return path.stem if sum(each.stem == path.stem for each in saved) == 1 else str(path)
+
+
+def _written(comparison: ModelComparison, out: Path) -> list[Path]:
+    picture = out / "models.png"
+    with write_errors_reported(out):
+        comparison.plot()[0].figure.savefig(picture, dpi=110)
+        return [picture, write_models(out / "report.html", comparison, command_line())]
+
+
+def _print(comparison: ModelComparison) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console()
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for k, heading in enumerate(HEADINGS[:SHOWN]):
+        table.add_column(heading, justify="left" if k < 2 else "right", no_wrap=True)
+    for row in comparison.rows:
+        cells = [cell.replace("±", "+-").replace("−", "-").replace("–", "-") for cell in row[:SHOWN]]
+        table.add_row(*cells, style="bold" if row[0] == comparison.best else None)
+    console.print(table)
+    for name, found in comparison.validations.items():
+        if found.verdict.status != "trusted" and found.verdict.reasons:
+            console.print(f"\n{name}: {found.verdict.reasons[0]}", style="dim", highlight=False, markup=False)
 
 
 def _of_models(given: dict[str, Any]) -> bool:

@@ -11,8 +11,7 @@ import click
 import numpy as np
 
 from replant.arguments import BoolArray
-from replant.cli.nearest_word import Choice
-from replant.cli.notes import note
+from replant.cli.terminal import Choice, note
 from replant.data.conditioning import STEPS, from_rest
 from replant.errors import InvalidArgumentError
 from replant.log import Log

@@ -1,7 +1,8 @@
-"""``replant demo``: identifies the simulated actuator, by default settings and by the article's method."""
+"""``replant reproduce`` and ``replant demo``: the article's tables and figures, and its actuator."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,21 @@ from typing import Any
 import click
 
 from replant.arguments import FloatArray
+from replant.cli.option_types import command_line
+from replant.cli.options import progress_bar
 from replant.cli.output import make_folder, write_errors_reported
-from replant.cli.reproduce import deliver
-from replant.cli.typed_command import command_line
+from replant.cli.terminal import did_you_mean
 from replant.data.logs import Log
+from replant.fleet.executors import parsed
 from replant.model.structure import Structure
 from replant.optimizers import AMSGrad
 from replant.optimizers.optimizer import Replay
-from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES
+from replant.paper.actuator import rendering
+from replant.paper.actuator.experiment import NOTES, Actuator
+from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, is_figure, run, save, steps
+from replant.paper.reproduction_page import as_element
+from replant.paper.reproduction_page import write_report as write_reproduction
+from replant.paper.tables.rendering import SOURCE, as_json, as_markdown, as_rich, notes, summary
 from replant.regressor.filters import StateVariableFilter
 from replant.report.figures import save_figures
 from replant.report.html.report import write_report
@@ -26,6 +34,145 @@ from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.runs.result import Result
 from replant.runs.run import run_online
 from replant.settings import Request
+
+DEFAULT_FOLDER = Path("out/reproduce")
+
+
+def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the names without repetition; all names if none is given."""
+    for name in names:
+        if name not in NAMES:
+            question = did_you_mean(name, NAMES)
+            near = f" ({question})" if question else ""
+            raise click.UsageError(f"there is no {name!r} to reproduce{near}: choose from {', '.join(NAMES)}", ctx)
+    return tuple(dict.fromkeys(names)) or NAMES
+
+
+@click.command(name="reproduce", context_settings={"help_option_names": ["-h", "--help"]})
+@click.argument("names", nargs=-1, metavar="[NAME]...", callback=_known)
+@click.option(
+    "--on",
+    metavar="WHERE",
+    help="Make the tables' runs on threads:N, processes:N or dask://HOST:PORT.  [default: here]",
+)
+@click.option("--json", "json_only", is_flag=True, help="Print one JSON object and nothing else.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help=f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
+)
+def reproduce_command(names: tuple[str, ...], on: str | None, json_only: bool, out: Path | None) -> None:
+    """Reproduce the article's tables and figures, beside the published numbers.
+
+    NAME is table1 to table4, fig1 to fig4, fig6 to fig8, or actuator: the table that compares the runs of Figures 7
+    and 8, on a simulated rig.  Without a name everything is reproduced, and report.html shows all of it.
+
+    In the tables, rows without a replay buffer are deterministic and compared in the three printed digits.  Rows with a
+    buffer are run with 20 seeds, and compared by mean and standard deviation.
+    """
+    if out is None and any(is_figure(name) for name in names):
+        out = DEFAULT_FOLDER
+    if on is not None:
+        parsed(on)
+    deliver(names, out, json_only=json_only, report=names == NAMES, on=on)
+
+
+def deliver(
+    names: Sequence[str], out: Path | None, *, json_only: bool = False, report: bool = False, on: str | None = None
+) -> None:
+    """Reproduce tables and figures, print the tables, and write everything into a folder."""
+    make_folder(out)
+    outcome, written, pictures = _run(names, out, report=report, on=on)
+    text = json.dumps(results_as_json(outcome), indent=2, allow_nan=False)
+    if out is not None and (outcome.tables or outcome.actuator):
+        written += _write_tables(out, text, outcome)
+    if out is not None and report:
+        with write_errors_reported(out):
+            written.append(write_reproduction(out / "report.html", outcome, pictures, command_line()))
+    if json_only:
+        click.echo(text)
+    else:
+        _show(outcome, written)
+
+
+def results_as_json(outcome: Outcome) -> dict[str, Any]:
+    """Return {table: {row: {index: {ours, published}}}}, including the actuator's table."""
+    tables: dict[str, Any] = as_json(list(outcome.tables.values()))
+    return tables | ({ACTUATOR: rendering.as_json(outcome.actuator)} if outcome.actuator else {})
+
+
+def print_actuator(console: Any, actuator: Actuator) -> None:
+    """Print the actuator's table with its legend, notes and summary."""
+    from rich.padding import Padding
+
+    console.print(rendering.TITLE, style="bold")
+    console.print(rendering.as_rich(actuator))
+    for line in (*rendering.LEGEND, *NOTES):
+        console.print(Padding(line, (0, 0, 0, 2), expand=False), style="dim")
+    console.print()
+    for line in rendering.summary(actuator):
+        console.print(line)
+
+
+def _run(
+    names: Sequence[str], out: Path | None, *, report: bool, on: str | None
+) -> tuple[Outcome, list[Path], dict[str, str]]:
+    """Run and draw ``names``; return the outcome, the paths of the figures and, for a report, the figures."""
+    drawn = [name for name in names if is_figure(name)]
+    if drawn:
+        from replant.plotting.diagrams import blank_figure
+
+        blank_figure(1.0, 1.0)  # raises without matplotlib, before the computation
+    written: list[Path] = []
+    pictures: dict[str, str] = {}
+    with progress_bar() as progress:
+        task = progress.add_task("", total=steps(names) + len(drawn))
+        outcome = run(names, lambda name: progress.update(task, description=name, advance=1), on)
+        if out is not None and drawn:
+            with write_errors_reported(out):
+                for name, canvas, paths in save(outcome, drawn, out):
+                    written += paths
+                    pictures |= {name: as_element(canvas, name)} if report else {}
+                    progress.update(task, description=name, advance=1)
+    return outcome, written, pictures
+
+
+def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
+    pages = [as_markdown(list(outcome.tables.values()))] if outcome.tables else []
+    pages += [rendering.as_markdown(outcome.actuator)] if outcome.actuator else []
+    contents = {out / "tables.md": "\n".join(pages), out / "tables.json": text + "\n"}
+    with write_errors_reported(out):
+        for path, content in contents.items():
+            path.write_text(content, encoding="utf-8")
+    return list(contents)
+
+
+def _show(outcome: Outcome, written: Sequence[Path]) -> None:
+    from rich.console import Console
+    from rich.padding import Padding
+
+    console = Console(highlight=False, markup=False)
+    results = list(outcome.tables.values())
+    if results:
+        console.print(SOURCE)
+    for result in results:
+        console.print()
+        console.print(result.table.title, style="bold")
+        console.print(as_rich(result))
+        for note in notes(result):
+            console.print(Padding(note, (0, 0, 0, 2), expand=False), style="dim")
+    if results:
+        console.print()
+    for line in summary(results):
+        console.print(line)
+    if outcome.actuator is not None:
+        console.print()
+        print_actuator(console, outcome.actuator)
+    for path in written:
+        if path.suffix != ".svg":
+            console.print(f"wrote {path}" + (" and .svg" if path.suffix == ".png" else ""), soft_wrap=True)
+
 
 SAMPLES = 240_000  # length of the demo's record: 240 s at 1 kHz [samples]
 VOLTAGE = 6  # seed of a voltage that still changes at the end, which the verdict on the newest samples needs [seed]

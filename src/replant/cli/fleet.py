@@ -9,10 +9,8 @@ from typing import Any
 
 import click
 
-from replant.cli.nearest_word import Choice
-from replant.cli.notes import note
-from replant.cli.options import fleet_options, structure_of
-from replant.cli.progress import progress_bar
+from replant.cli.options import fleet_options, progress_bar, structure_of
+from replant.cli.terminal import Choice, note
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load

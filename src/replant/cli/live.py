@@ -1,4 +1,4 @@
-"""``replant live``: identify a plant while it runs."""
+"""``replant live``: identify a plant while it runs; ``replant open``: the workbench."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from typing import Any
 import click
 
 from replant.cli.conditioning_options import UNITS
-from replant.cli.nearest_word import Choice
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
+from replant.cli.terminal import Choice
 from replant.errors import InvalidArgumentError
 from replant.live.observer.view import SignalNames
 from replant.live.run_session import Plan, run
@@ -22,6 +22,7 @@ from replant.operating_system import one_line
 from replant.regressor.preprocess import Preprocess
 from replant.rigs import Rig, deap_rig, motor_rig
 from replant.settings import Request
+from replant.workbench.start import start
 
 DASHBOARD = "127.0.0.1:8710"
 LONGEST_TOKEN = 1024  # longest token that is read from a file [characters]
@@ -259,3 +260,25 @@ def address_of(option: str, text: str) -> tuple[str, int]:
         off = ", or off" if option == "--dashboard" else ""
         raise InvalidArgumentError(f"{option} {text}: write HOST:PORT, as in {DASHBOARD}{off}")
     return host.strip("[]"), int(port)
+
+
+PLACE = "127.0.0.1:8720"
+
+
+@click.command(name="open")
+@click.argument("logs", type=click.Path(path_type=Path), nargs=-1, metavar="[LOG]...")
+@click.option(
+    "--at",
+    "place",
+    default=PLACE,
+    show_default=True,
+    metavar="HOST:PORT",
+    help="Serve the page there; the next free port where another workbench has it.",
+)
+def open_command(logs: tuple[Path, ...], place: str) -> None:
+    """Open LOGs on a local page: look at them, cut a range, try orders, compare, keep a model.
+
+    LOG is a recorded log (csv, mat, parquet and more), the folder of a live session's --record, or a session that the
+    page has saved (.workbench).  Without one, the session that was open last is opened again.  Ctrl-C ends it.
+    """
+    start(logs, *address_of("--at", place))

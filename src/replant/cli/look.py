@@ -1,17 +1,25 @@
-"""``replant look``: what is in a recorded log, and a command to begin with."""
+"""``replant look``, ``examples``, ``show`` and ``validate``: logs and saved models, looked at."""
 
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
+from typing import Any
 
 import click
 
-from replant.cli.column_options import input_option, output_option
-from replant.cli.output import make_folder, write_errors_reported
+from replant.cli.option_types import input_option, output_option
+from replant.cli.output import REQUIRE, check_required, make_folder, model_clock, validated, write_errors_reported
 from replant.data.inspection import inspect
+from replant.examples import NAMES, path_of
+from replant.identified.model import load_model
+from replant.identified.validation import Validation
 from replant.report.terminal.look import as_json as look_as_json
 from replant.report.terminal.look import print_look
+from replant.report.terminal.summary import print_kept_model
+from replant.report.terminal.validation import as_json as validation_as_json
+from replant.report.terminal.validation import print_validation
 
 
 @click.command(name="look")
@@ -50,3 +58,85 @@ def look_command(
     print_look(Console(), found)
     if path is not None:
         click.echo(f"wrote {path}")
+
+
+@click.command(name="examples")
+@click.option(
+    "--out", type=click.Path(path_type=Path), default=".", metavar="DIR", help="Folder.  [default: the current one]"
+)
+def examples_command(out: Path) -> None:
+    """Write motor.csv and motor-step.csv, records of a DC motor, with their licence; a file that exists is kept."""
+    make_folder(out)
+    for name in NAMES:
+        file = out / (name if name.endswith(".csv") else "motor-LICENSE")
+        if file.exists():
+            click.echo(f"kept {file}, which exists")
+            continue
+        with write_errors_reported(out), path_of(name) as source:
+            shutil.copyfile(source, file)
+        click.echo(f"wrote {file}")
+
+
+@click.command(name="show")
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+def show_command(model: Path, as_json: bool) -> None:
+    """Print MODEL, a file that `--save` has written: G(s), its uncertainty, its verdict, and where it comes from."""
+    from rich.console import Console
+
+    loaded = load_model(model)
+    if as_json:
+        click.echo(loaded.to_json(), nl=False)
+        return
+    print_kept_model(Console(), loaded)
+
+
+@click.command(name="validate")
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("logs", type=click.Path(path_type=Path), nargs=-1)
+@input_option("Column of the input.  [default: the model's]")
+@output_option("Column of the output.  [default: the model's]")
+@click.option("--reference", "reference_column", metavar="COL", help="Column of the reference, if there is one.")
+@click.option("--time", "time_column", metavar="COL", help="Column of time.")
+@click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
+@click.option("--json", "as_json", is_flag=True, help="Print a JSON list, an object a log.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Write a plot (PNG) a log here.")
+@REQUIRE
+def validate_command(
+    model: Path, logs: tuple[Path, ...], as_json: bool, out: Path | None, required: str | None, **columns: Any
+) -> None:
+    """Compare MODEL with LOGS that it was not made from; offset and initial state are estimated, nothing else."""
+    from rich.console import Console
+
+    loaded = load_model(model)
+    if not logs:
+        raise click.UsageError(f"name the logs to compare the model with: replant validate {model} LOG")
+    make_folder(out)
+    columns["input_column"] = columns["input_column"] or loaded.input_name
+    columns["output_column"] = columns["output_column"] or loaded.output_name
+    found = []
+    for path in logs:
+        found += validated(loaded, [path], columns | model_clock(path, columns, loaded.dt))
+    if len({name for name, _ in found}) < len(found):
+        found = [(str(path), each) for path, (_, each) in zip(logs, found, strict=True)]
+    written = [] if out is None else _plots(found, out)
+    if as_json:
+        click.echo(json.dumps([validation_as_json(each, name) for name, each in found], allow_nan=False))
+    else:
+        for name, each in found:
+            print_validation(Console(), each, name)
+        for file in written:
+            click.echo(f"wrote {file}")
+    check_required(required, [each.verdict for _, each in found])
+
+
+def _plots(found: list[tuple[str, Validation]], out: Path) -> list[Path]:
+    """Write a plot for each log; return the files."""
+    files: list[Path] = []
+    with write_errors_reported(out):
+        for name, each in found:
+            stem = Path(name).stem
+            taken = sum(file.name.startswith(f"{stem}-validation") for file in files)
+            files.append(out / f"{stem}-validation{f'-{taken + 1}' if taken else ''}.png")
+            each.plot()[0].figure.savefig(files[-1], dpi=110)
+    return files

@@ -14,7 +14,7 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment.verdict import Verdict
 from replant.cli.conditioning_options import REST
-from replant.cli.typed_command import command_line
+from replant.cli.option_types import command_line
 from replant.data.inspection.influence import prepared, response
 from replant.data.inspection.inspect import rounded_up
 from replant.log import Log

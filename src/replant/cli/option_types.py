@@ -1,15 +1,21 @@
-"""Types of options: a number or a range of numbers, an optimizer with its settings."""
+"""Types of options, options that name a column, what a command lacks, and the command as it was typed."""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import shlex
+from collections.abc import Callable, Collection
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import click
+from click.core import ParameterSource
 
-from replant.cli.nearest_word import Choice, did_you_mean
-from replant.errors import InvalidArgumentError
+from replant.cli.conditioning_options import Band, Stretch
+from replant.cli.terminal import Choice, did_you_mean
+from replant.errors import InvalidArgumentError, LogError
 from replant.limits import MOST_TRIED
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.settings import AUTO
@@ -139,3 +145,123 @@ def _with_settings(name: str, settings: str) -> Optimizer:
     if missing:
         raise InvalidArgumentError(f"{name} needs {missing[0]} too, as in {name}:{missing[0]}=0.001")
     return kind(**given)
+
+
+#: Options that say what is done with a result, not how it is made.
+OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", "quiet", "progress")
+
+
+def command_line(*, with_output: bool = False, without: Collection[str] = ()) -> str:
+    """Return the command that is running, as typed, without the options of its output unless they are asked for.
+
+    ``without`` are the long names of options that are left out.
+    """
+    context = click.get_current_context()
+    words = ["replant", context.info_name or ""]
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        value: Any = context.params.get(name)
+        source = context.get_parameter_source(name)
+        if (name in OF_OUTPUT and not with_output) or source is not ParameterSource.COMMANDLINE:
+            continue
+        if any(option.lstrip("-") in without for option in parameter.opts):
+            continue
+        if isinstance(parameter, click.Argument):
+            words += map(str, value if isinstance(value, tuple) else (value,))
+        elif value is True:
+            words.append(parameter.opts[-1])
+        elif isinstance(parameter.type, Range | OptimizerChoice | Band):
+            words += [parameter.opts[-1], parameter.type.written(value)]
+        else:
+            write = parameter.type.written if isinstance(parameter.type, Stretch) else str
+            for entry in value if isinstance(value, tuple) else (value,):
+                words += [parameter.opts[-1], write(entry)]
+    return shlex.join(words)
+
+
+MANY_INPUTS = (
+    "several inputs are not supported yet: name one of them, and read what `replant look` or the verdict says of the "
+    "others"
+)
+MANY_OUTPUTS = "several outputs are not supported: identify them one after the other"
+
+
+def column_option(*names: str, many: str, **options: Any) -> Callable[[Any], Any]:
+    """Return an option that names one column, and says ``many`` where it is given more than once."""
+    return click.option(*names, multiple=True, metavar="COL", callback=partial(_only, many), **options)
+
+
+def input_option(text: str) -> Callable[[Any], Any]:
+    """Return the option of the input, with its line of help."""
+    return column_option("-i", "--input", "input_column", many=MANY_INPUTS, help=text)
+
+
+def output_option(text: str) -> Callable[[Any], Any]:
+    """Return the option of the output, with its line of help."""
+    return column_option("-o", "--output", "output_column", many=MANY_OUTPUTS, help=text)
+
+
+def _only(many: str, context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> str | None:
+    if len(set(given)) > 1:
+        raise click.UsageError(f"{' '.join(f'{option.opts[0]} {each}' for each in given)}: {many}", context)
+    return given[0] if given else None
+
+
+NEEDED = {"input_column": "--input", "output_column": "--output", "poles": "--poles"}
+RANGE = "1:4"
+CLOCK = {"--time", "--dt"}  # exclude each other
+ONLY_FIT = {"--delay"}  # as a range
+
+
+def check_complete(given: dict[str, Any]) -> None:
+    """Check that input, output and number of poles are given.
+
+    Without input or output, what is in the log is printed to standard error first.
+    """
+    missing = [option for name, option in NEEDED.items() if given[name] is None]
+    if not missing:
+        return
+    absent = f"missing {' and '.join(filter(None, (', '.join(missing[:-1]), missing[-1])))}"
+    if "log" not in given:  # a fleet: no log stands for all
+        raise click.UsageError(f"{absent}; see what is in one of the logs, and how it is identified: replant look LOG")
+    if missing == ["--poles"]:
+        searched = f"a range such as {RANGE} has it chosen" if _name() == "fit" else "`replant fit -p 1:4` chooses it"
+        raise click.UsageError(f"{absent}, the number of poles of G(s): {searched}; try: {_completed(('-p', '2'))}")
+    raise click.UsageError(f"{absent}; {_look(given)}")
+
+
+def _look(given: dict[str, Any]) -> str:
+    """Print what is in the log; return how the command goes on."""
+    from rich.console import Console
+
+    from replant.data.inspection import inspect, options_of
+    from replant.report.terminal.look import print_findings
+
+    columns = {name: given[f"{name}_column"] for name in ("input", "output", "time")}
+    try:
+        found = inspect(Path(given["log"]), **columns)
+    except LogError as problem:
+        return f"and {problem}."
+    print_findings(Console(stderr=True), found)
+    options = options_of(found)
+    if not options:
+        return "no two columns of numbers that change are in the log: name them if you know better."
+    return f"try: {_completed(options)}"
+
+
+def _completed(options: tuple[str, ...]) -> str:
+    """Return the command as typed, with those of the suggested options that it lacks."""
+    context = click.get_current_context()
+    typed = {
+        option
+        for parameter in context.command.params
+        if context.get_parameter_source(parameter.name or "") is ParameterSource.COMMANDLINE
+        for option in parameter.opts
+    }
+    needless = {*typed, *(CLOCK if typed & CLOCK else ()), *(() if _name() == "fit" else ONLY_FIT)}
+    pairs = [pair for pair in zip(options[::2], options[1::2], strict=True) if pair[0] not in needless]
+    return " ".join([command_line(with_output=True), *map(shlex.join, pairs)])
+
+
+def _name() -> str:
+    return click.get_current_context().info_name or ""
