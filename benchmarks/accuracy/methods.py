@@ -101,11 +101,11 @@ class Article:
 
     def __call__(self, structure: rp.Structure, dt: float, measured: Measured) -> Figures:
         """Return the parameters and the modes after the last sample."""
-        from replant.paper.actuator import experiment
+        from replant.paper import actuator
         from replant.rigs import deap_rig
 
-        record = experiment.Record(deap_rig(), measured.u, measured.y)
-        ident = experiment.identifier(record, "AMSGrad", "small gain", self.filters)
+        record = actuator.Record(deap_rig(), measured.u, measured.y)
+        ident = actuator.identifier(record, "AMSGrad", "small gain", self.filters)
         ident.update_many(measured.u, measured.y)
         size = structure.size
         return figures_of(Uncertainty(structure, ident.parameters[:size], np.full((size, size), np.nan)))

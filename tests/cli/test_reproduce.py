@@ -6,7 +6,7 @@ import sys
 import pytest
 
 from replant.cli import main
-from replant.paper.actuator import experiment
+from replant.paper import actuator
 from replant.paper.catalogue import NAMES
 from support.cases import every
 
@@ -16,8 +16,8 @@ PNG = b"\x89PNG\r\n\x1a\n"
 @pytest.fixture
 def short(monkeypatch):
     """Let the actuator's record be 3 s long."""
-    whole = experiment.measure_rig
-    monkeypatch.setattr(experiment, "measure_rig", lambda samples=0, seed=0: whole(3000, seed))
+    whole = actuator.measure_rig
+    monkeypatch.setattr(actuator, "measure_rig", lambda samples=0, seed=0: whole(3000, seed))
 
 
 def fails(capsys, *arguments):
@@ -109,7 +109,7 @@ def test_figures_are_written_where_one_says(capsys, tmp_path):
 
 
 def test_figure_6_needs_no_online_run(capsys, tmp_path, monkeypatch, short):
-    monkeypatch.setattr(experiment, "reproduce_actuator", None)
+    monkeypatch.setattr(actuator, "reproduce_actuator", None)
     main(["reproduce", "fig6", "--out", str(tmp_path)])
     assert_pictures(tmp_path, "fig6")
 

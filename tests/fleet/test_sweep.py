@@ -10,8 +10,8 @@ import pytest
 
 import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.paper.tables.published import TABLES
-from replant.paper.tables.reproduction import reproduce, runs
+from replant.paper.reproduction import reproduce, runs
+from replant.paper.tables import TABLES
 from support.cases import every
 from support.dying import refuse
 from support.fleets import DT, recorded

@@ -3,7 +3,7 @@
 import pytest
 
 from replant.paper import TABLES, TableResult, reproduce
-from replant.paper.actuator.experiment import Actuator, measure_rig, reproduce_actuator
+from replant.paper.actuator import Actuator, measure_rig, reproduce_actuator
 
 
 @pytest.fixture(scope="session")

@@ -2,8 +2,7 @@
 
 import pytest
 
-from replant.paper import NAMES
-from replant.paper.actuator import experiment
+from replant.paper import NAMES, actuator
 from replant.paper.catalogue import is_figure, run, steps
 from support.cases import every
 
@@ -20,8 +19,8 @@ def test_the_names_are_the_articles_and_one_more():
     [("table2",), ("fig1",), ("fig6",), ("actuator",), ("fig6", "fig7", "fig8", "actuator"), ("table4", "fig4")],
 )
 def test_every_step_announced_is_taken(monkeypatch, names):
-    whole = experiment.measure_rig
-    monkeypatch.setattr(experiment, "measure_rig", lambda samples=0, seed=0: whole(2000, seed))
+    whole = actuator.measure_rig
+    monkeypatch.setattr(actuator, "measure_rig", lambda samples=0, seed=0: whole(2000, seed))
     taken = []
     run(names, taken.append)
     assert len(taken) == steps(names) > 0

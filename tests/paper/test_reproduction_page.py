@@ -9,17 +9,12 @@ import pytest
 
 from replant.cli import main
 from replant.cli.demo import deliver, reproduce_command
-from replant.paper.actuator import rendering
-from replant.paper.actuator.experiment import NOTES
+from replant.paper import rendering
+from replant.paper.actuator import NOTES
 from replant.paper.catalogue import Outcome, run, save
-from replant.paper.reproduction_page import (
-    CAPTIONS,
-    as_element,
-    typeset,
-    write_report,
-)
-from replant.paper.tables.figures import FIGURES
-from replant.paper.tables.rendering import summary
+from replant.paper.figures import FIGURES
+from replant.paper.rendering import CAPTIONS, as_element, typeset, write_report
+from replant.paper.reproduction import summary
 from replant.report.number_format import number, uncertain
 
 DRAWN = ("fig1", "fig2", "fig3", "fig4", "fig6", "fig7", "fig7-exact", "fig8", "fig8-exact")
@@ -62,7 +57,7 @@ def test_the_page_holds_every_table(page, results, actuator):
         assert row.label in text
     for line in summary(list(results.values())):
         assert line in text
-    for line in (*rendering.summary(actuator), *rendering.LEGEND, *NOTES):
+    for line in (*rendering.actuator_summary(actuator), *rendering.LEGEND, *NOTES):
         assert as_text(typeset(line)) in text
     assert "28 of 28 figures and 12 of 12 sums equal in all printed digits." in text
 

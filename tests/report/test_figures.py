@@ -25,7 +25,7 @@ from replant.report.figures import (
     save_figures,
     style,
 )
-from replant.report.figures.poles import regions, zero_covariance
+from replant.report.figures.responses import regions, zero_covariance
 from replant.statistics.residuals import BAND_95, BAND_99, correlations
 from support.builders import with_model
 

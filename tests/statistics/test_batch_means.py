@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 
 import replant as rp
 from replant.kernels.schema import ROOM
-from replant.paper.actuator.experiment import CREEP, NOISE
-from replant.paper.actuator.experiment import STRUCTURE as ACTUATOR
+from replant.paper.actuator import CREEP, NOISE
+from replant.paper.actuator import STRUCTURE as ACTUATOR
 from replant.rigs import deap_rig, deap_voltage
 from replant.signals import prbs
 from replant.statistics.linear_algebra import larger

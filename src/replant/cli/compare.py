@@ -18,14 +18,12 @@ from replant.data.logs import Log
 from replant.errors import InvalidArgumentError
 from replant.identified.model import load_model
 from replant.identified.model_file import holds_model
-from replant.report.html.compared_models import write_models
-from replant.report.html.comparison import write_comparison
-from replant.report.html.comparison_figures import save_figures
-from replant.report.html.model_comparison import HEADINGS, ModelComparison
+from replant.report.html.comparison import save_figures, write_comparison
+from replant.report.html.model_comparison import HEADINGS, ModelComparison, write_models
 from replant.report.html.model_comparison import compare as compare_saved
-from replant.report.terminal.comparison import as_json as comparison_as_json
+from replant.report.terminal.comparison import comparison_as_json as comparison_as_json
 from replant.report.terminal.comparison import print_comparison
-from replant.report.terminal.validation import as_json as validation_as_json
+from replant.report.terminal.comparison import validation_as_json as validation_as_json
 from replant.runs.result import Result
 from replant.runs.run_log import METHODS, USUAL, Contender, compare
 from replant.settings import Request

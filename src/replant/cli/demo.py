@@ -19,12 +19,12 @@ from replant.fleet.executors import parsed
 from replant.model.structure import Structure
 from replant.optimizers import AMSGrad
 from replant.optimizers.optimizer import Replay
-from replant.paper.actuator import rendering
-from replant.paper.actuator.experiment import NOTES, Actuator
+from replant.paper import rendering
+from replant.paper.actuator import NOTES, Actuator
 from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, is_figure, run, save, steps
-from replant.paper.reproduction_page import as_element
-from replant.paper.reproduction_page import write_report as write_reproduction
-from replant.paper.tables.rendering import SOURCE, as_json, as_markdown, as_rich, notes, summary
+from replant.paper.rendering import as_element
+from replant.paper.rendering import write_report as write_reproduction
+from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, notes, summary
 from replant.regressor.filters import StateVariableFilter
 from replant.report.figures import save_figures
 from replant.report.html.report import write_report
@@ -106,12 +106,12 @@ def print_actuator(console: Any, actuator: Actuator) -> None:
     """Print the actuator's table with its legend, notes and summary."""
     from rich.padding import Padding
 
-    console.print(rendering.TITLE, style="bold")
+    console.print(rendering.ACTUATOR_TITLE, style="bold")
     console.print(rendering.as_rich(actuator))
     for line in (*rendering.LEGEND, *NOTES):
         console.print(Padding(line, (0, 0, 0, 2), expand=False), style="dim")
     console.print()
-    for line in rendering.summary(actuator):
+    for line in rendering.actuator_summary(actuator):
         console.print(line)
 
 

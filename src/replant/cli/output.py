@@ -29,11 +29,11 @@ from replant.errors import InvalidArgumentError
 from replant.identified.model import Model
 from replant.identified.model_file import check_target
 from replant.identified.validation import Validation
-from replant.report.html.python_program import identifier_as_python
+from replant.report.html.report_data import identifier_as_python
+from replant.report.terminal.comparison import print_validation
+from replant.report.terminal.comparison import validation_as_json as validation_as_json
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.terminal.summary import print_result, record_line
-from replant.report.terminal.validation import as_json as validation_as_json
-from replant.report.terminal.validation import print_validation
 from replant.runs.result import Result
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]

@@ -29,8 +29,8 @@ from replant.offline.fit import METHODS, fit
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.structure_search import SearchResult, search
-from replant.report.html.python_program import fit_as_python
-from replant.report.terminal import candidates
+from replant.report.html.report_data import fit_as_python
+from replant.report.terminal import comparison
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source
@@ -125,7 +125,7 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
         found = _search(logs, options)
         fitted = found.best
         if not as_json:
-            candidates.print_candidates(Console(), found)
+            comparison.print_candidates(Console(), found)
     else:
         structure_of(options)
         logs = read_several(options)
@@ -169,8 +169,8 @@ def _deliver(
     }  # fmt: skip
     more = {}
     if found is not None:
-        report["candidates"] = candidates.HEADINGS, candidates.rows_of(found), found.rest
-        more["candidates"] = candidates.as_json(found)
+        report["candidates"] = comparison.HEADINGS, comparison.rows_of(found), found.rest
+        more["candidates"] = comparison.candidates_as_json(found)
     result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
     deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)
 

@@ -3,31 +3,19 @@
 Bernat and Kolota (2023), "The buffered optimization methods for online transfer function identification employed on
 DEAP actuator", Archives of Control Sciences 33(3), 565-587, doi 10.24425/acs.2023.146960.
 
-The article does not print all the settings of its tables.  `replant.paper.tables.published` has settings that
-reproduce its figures, and names those that differ from the printed ones.  `replant.paper.actuator.experiment` is the
+The article does not print all the settings of its tables.  `replant.paper.tables` has settings that
+reproduce its figures, and names those that differ from the printed ones.  `replant.paper.actuator` is the
 experiment of section 4 on a simulated rig, with a table that the article does not have.
 
 >>> NAMES
 ('table1', 'table2', 'table3', 'table4', 'fig1', 'fig2', 'fig3', 'fig4', 'fig6', 'fig7', 'fig8', 'actuator')
 """
 
-from replant.paper.actuator.experiment import Actuator, reproduce_actuator
+from replant.paper.actuator import Actuator, reproduce_actuator
 from replant.paper.catalogue import NAMES
-from replant.paper.tables.experiment import Experiment, Plant, run
-from replant.paper.tables.figures import FIGURES
-from replant.paper.tables.published import (
-    TABLES,
-    Improvement,
-    Row,
-    Table,
-)
-from replant.paper.tables.reproduction import (
-    SEEDS,
-    Cell,
-    RowResult,
-    TableResult,
-    reproduce,
-)
+from replant.paper.figures import FIGURES
+from replant.paper.reproduction import SEEDS, Cell, RowResult, TableResult, reproduce
+from replant.paper.tables import TABLES, Experiment, Improvement, Plant, Row, Table, run
 
 __all__ = [
     "FIGURES",

@@ -14,15 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from replant.offline.fit_result import FitResult
-from replant.paper.actuator import experiment as rig
-from replant.paper.tables.figures import (
-    FIGURES,
-    Transients,
-    compute,
-    draw,
-)
-from replant.paper.tables.published import TABLES
-from replant.paper.tables.reproduction import TableResult, reproduce, runs
+from replant.paper import actuator as rig
+from replant.paper.figures import FIGURES, Transients, compute, draw
+from replant.paper.reproduction import TableResult, reproduce, runs
+from replant.paper.tables import TABLES
 
 ACTUATOR = "actuator"
 ACTUATOR_FIGURES = ("fig6", "fig7", "fig8")
@@ -97,7 +92,7 @@ def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]
 
     Figures 7 and 8 are drawn twice: with the article's filters, and with exact ones.
     """
-    from replant.paper.actuator.figures import draw_record, draw_transients
+    from replant.paper.figures import draw_record, draw_transients
 
     for name in names:
         if name in FIGURES:

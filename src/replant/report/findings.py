@@ -1,4 +1,4 @@
-"""Findings: the verdict, and what else one must know before using the model, as sentences of report and terminal."""
+"""The verdict in words, and the findings that a report begins with."""
 
 from __future__ import annotations
 
@@ -6,11 +6,76 @@ import re
 from dataclasses import dataclass
 
 from replant.report.number_format import complex_number, number
-from replant.report.verdict_words import BAD as BAD
-from replant.report.verdict_words import GOOD as GOOD
-from replant.report.verdict_words import WARN as WARN
-from replant.report.verdict_words import words_of
 from replant.runs.result import Result
+
+GOOD, WARN, BAD = "good", "warn", "bad"
+#: The colour of each gravity at a terminal.
+COLOURS = {GOOD: "green", WARN: "yellow", BAD: "red"}
+
+
+@dataclass(frozen=True)
+class VerdictWords:
+    """A verdict for readers.
+
+    Attributes
+    ----------
+    gravity : {"good", "warn", "bad"}
+    headline : str
+        In a word or two.
+    meaning : str
+        In a sentence.  It says no more than the status does: how far a model is off stands in the reasons.
+    shape : str
+        A character that identifies it at a terminal without its colour.
+    usable : bool
+        False where the model must not be used for anything.
+    """
+
+    gravity: str
+    headline: str
+    meaning: str
+    shape: str = "?"
+    usable: bool = True
+
+
+#: By status.
+VERDICTS = {
+    "trusted": VerdictWords(GOOD, "Trusted", "No test speaks against the model.", "●"),
+    "converging": VerdictWords(
+        WARN, "Still converging", "The samples do not determine the model well enough yet.", "◐"
+    ),
+    "not excited": VerdictWords(
+        BAD, "Not excited", "The input does not determine every parameter: do not use this model.", "○", usable=False
+    ),
+    # of a model with nearly the fit of a trusted one, too: by how much it is off, the reasons say
+    "inconsistent": VerdictWords(
+        BAD, "Inconsistent", "The samples contradict the model: the reasons say by how much.", "▲"
+    ),
+    "diverged": VerdictWords(BAD, "Diverged", "This is the last finite estimate: do not use it.", "✕", usable=False),
+    "unknown": VerdictWords(WARN, "Unknown", "The model cannot be judged at present."),
+}
+
+
+def words_of(status: str) -> VerdictWords:
+    """Return the words of a verdict; of a status that is not known, itself as a warning.
+
+    Examples
+    --------
+    >>> words_of("trusted").headline, words_of("biased")
+    ('Trusted', VerdictWords(gravity='warn', headline='Biased', meaning='', shape='?', usable=True))
+    """
+    return VERDICTS.get(status, VerdictWords(WARN, status.capitalize(), ""))
+
+
+def colour_of(status: str) -> str:
+    """Return the colour of a verdict at a terminal.
+
+    Examples
+    --------
+    >>> colour_of("trusted"), colour_of("not excited")
+    ('green', 'red')
+    """
+    return COLOURS[words_of(status).gravity]
+
 
 FEW_SAMPLES = 10  # samples for each parameter below which a record is called short [samples]
 MANY_REJECTED = 0.01  # share of rejected samples that is mentioned as many [share of samples]

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from replant.report.verdict_words import words_of as verdict_words
+from replant.report.findings import words_of as verdict_words
 from replant.workbench.setup import RUN, SEARCH, Setup, Wish, command_line, program, text, words_of
 
 _NUMBER = r"([-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?)"

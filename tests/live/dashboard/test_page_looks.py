@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from replant.report.verdict_words import VERDICTS
+from replant.report.findings import VERDICTS
 from support.cases import every
 from support.dashboard_feed import PLANT, Feed
 from support.dashboard_pages import Page

@@ -8,7 +8,7 @@ import pytest
 import replant as rp
 from replant.assessment import simulate
 from replant.engine.record_regressors import regressors
-from replant.paper.actuator.experiment import (
+from replant.paper.actuator import (
     DEFAULT,
     FILTERS,
     GAINS,

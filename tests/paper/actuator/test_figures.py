@@ -2,15 +2,8 @@
 
 import pytest
 
-from replant.paper.actuator.experiment import FILTERS, GAINS
-from replant.paper.actuator.figures import (
-    COLUMNS,
-    TOLD_APART,
-    UNITS,
-    WINDOWS,
-    draw_record,
-    draw_transients,
-)
+from replant.paper.actuator import FILTERS, GAINS
+from replant.paper.figures import COLUMNS, TOLD_APART, UNITS, WINDOWS, draw_record, draw_transients
 from replant.plotting.diagrams import symbol
 from support.axes import assert_drawn, lines, points
 from support.cases import every

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from replant import Trace
-from replant.paper.actuator.measures import Course, measure
+from replant.paper.actuator import Course, measure
 from support.cases import every
 
 TRUE = {"a0": 2.0, "b0": -0.5}

@@ -6,13 +6,8 @@ import re
 
 import pytest
 
-from replant.paper.actuator.experiment import DEFAULT
-from replant.paper.actuator.rendering import (
-    as_json,
-    as_markdown,
-    as_rich,
-    summary,
-)
+from replant.paper.actuator import DEFAULT
+from replant.paper.rendering import actuator_summary, as_json, as_markdown, as_rich
 
 NAMES = ("a2", "a1", "a0", "b1", "b0")
 
@@ -55,7 +50,7 @@ def test_markdown_has_a_line_for_every_run_and_square_tables(actuator):
 
 
 def test_the_summary_sets_the_default_beside_the_best_of_the_twelve(actuator):
-    filters, best, default, elsewhere = summary(actuator)
+    filters, best, default, elsewhere = actuator_summary(actuator)
     assert "article's filters" in filters
 
     def figure(line, name):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from replant.paper import TABLES
-from replant.paper.tables.figures import FIGURES, compute, draw
+from replant.paper.figures import FIGURES, compute, draw
 from replant.plotting.diagrams import symbol
 from support.axes import assert_drawn, lines, points
 

@@ -7,7 +7,7 @@ import pytest
 
 from replant import Scaling
 from replant.paper import SEEDS, TABLES, run
-from replant.paper.tables.reproduction import three_digits
+from replant.paper.reproduction import three_digits
 from support.cases import every
 
 ROWS = [(table.name, row.label) for table in TABLES.values() for row in table.rows]

@@ -3,7 +3,7 @@
 import math
 
 from replant.paper import TABLES, Cell, reproduce
-from replant.paper.tables.reproduction import runs
+from replant.paper.reproduction import runs
 from support.cases import every
 
 

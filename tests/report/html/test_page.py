@@ -15,8 +15,8 @@ import pytest
 
 import replant as rp
 from replant.paper.catalogue import run, save
-from replant.paper.reproduction_page import as_element
-from replant.paper.reproduction_page import write_report as write_reproduction
+from replant.paper.rendering import as_element
+from replant.paper.rendering import write_report as write_reproduction
 from replant.report.html.comparison import write_comparison
 from replant.report.html.report import write_report
 from replant.runs.run_log import compare

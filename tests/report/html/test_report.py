@@ -162,7 +162,7 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
 
 def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
-    from replant.report.html import captions as words
+    from replant.report.html import plot_data as words
     from replant.report.html.report_data import Material
 
     with_bands, without = (
@@ -346,13 +346,13 @@ def test_standard_deviations_reach_the_json(uncertain) -> None:
 @pytest.fixture
 def bare_uplot(monkeypatch):
     """The module that finds uPlot, where there is none: neither in the package nor from uplot-python."""
-    from replant.report.html import uplot
+    from replant.report.html import page
 
-    uplot.uplot.cache_clear()
-    monkeypatch.setattr(uplot, "OWN", ("missing.js", "missing.css"))
-    monkeypatch.setattr(uplot.importlib.util, "find_spec", lambda name: None)
-    yield uplot
-    uplot.uplot.cache_clear()
+    page.uplot.cache_clear()
+    monkeypatch.setattr(page, "OWN", ("missing.js", "missing.css"))
+    monkeypatch.setattr(page.importlib.util, "find_spec", lambda name: None)
+    yield page
+    page.uplot.cache_clear()
 
 
 def test_without_uplot_it_says_what_to_install(plain, tmp_path, bare_uplot) -> None:

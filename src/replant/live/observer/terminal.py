@@ -11,10 +11,9 @@ from typing import Any
 
 from replant.live.observer.view import View
 from replant.model.transfer_function import TransferFunction
-from replant.report.findings import without_reasons
+from replant.report.findings import colour_of, without_reasons, words_of
 from replant.report.number_format import grouped, off_by, std_alone, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
-from replant.report.verdict_words import colour_of, words_of
 
 LINES_APART = 5.0  # time between two lines where nobody watches [s]
 REASONS_WIDTH = 71  # width of the reasons, where a terminal has 80 columns [columns]

@@ -22,14 +22,9 @@ from pathlib import Path
 
 from replant.arguments import FloatArray, instance
 from replant.limits import file_path
-from replant.report.figures.bode import draw_bode
-from replant.report.figures.correlation import draw_correlations
-from replant.report.figures.over_time import draw_excitation, draw_fit, draw_transients
-from replant.report.figures.overlay import draw_overlay
-from replant.report.figures.poles import draw_poles_and_zeros
-from replant.report.figures.side_by_side import draw_outputs, draw_responses
-from replant.report.figures.spectrum import draw_spectrum
-from replant.report.figures.step import draw_step
+from replant.report.figures.comparison import draw_outputs, draw_overlay, draw_responses
+from replant.report.figures.over_time import draw_correlations, draw_excitation, draw_fit, draw_transients
+from replant.report.figures.responses import draw_bode, draw_poles_and_zeros, draw_spectrum, draw_step
 from replant.report.figures.style import (
     INK,
     MEASURED,

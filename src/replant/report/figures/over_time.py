@@ -1,14 +1,18 @@
-"""Figures over time: the fit with its residual, the parameter estimates, and the excitation."""
+"""Draw signals over time: the columns of a log, fit, excitation, transients; and the correlations of a residual."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from replant.arguments import FloatArray, instance, owned, record
 from replant.assessment import WORST_CONDITION
+from replant.data.inspection import Inspection
+from replant.data.inspection.columns import Column
 from replant.errors import InvalidArgumentError
 from replant.limits import duration
 from replant.plotting.diagrams import given_axes
@@ -17,6 +21,126 @@ from replant.report.diagnostics import Excitation
 from replant.report.figures import style
 from replant.runs.result import Clock, Result
 from replant.runs.thinning import Thinned, thin
+from replant.statistics.residuals import BAND_95, BAND_99, Correlations
+
+MOST = 12  # columns that are drawn [count]
+
+
+def draw_columns(found: Inspection) -> Any:
+    """Draw the columns of numbers of a log over time, or over samples where the log has no time column."""
+    drawn = columns_drawn(found)
+    axes = style.new_axes(len(drawn), 1, (9, 0.8 + 1.5 * len(drawn)), sharex=True)[:, 0]
+    known = found.clock is not None and not math.isnan(found.clock.dt)
+    dt = found.clock.dt if known and found.clock is not None else 1.0
+    for axis, column in zip(axes, drawn, strict=True):
+        curve = thin(found.contents.values[column.number], style.SHOWN)
+        axis.plot(curve.times(dt), curve.values, color=_colour(column, found), lw=1.0)
+        axis.set_ylabel(column.name)
+        style.tidy(axis)
+        axis.set_xlim(0.0, dt * max(1, column.rows - 1))
+    axes[-1].set_xlabel("time [s]" if known else "sample")
+    return np.array(axes, dtype=object)
+
+
+def columns_drawn(found: Inspection) -> list[Column]:
+    """Return the columns that are drawn: input, output and reference, then the others in the order of the file."""
+    roles = found.roles
+    first = [role.column for role in (roles.input, roles.output, roles.reference) if role is not None]
+    times = [found.clock.column] if found.clock is not None else []
+    rest = [column for column in found.record if column.number in found.contents.values and column not in times]
+    return [*first, *(column for column in rest if column not in first and not math.isnan(column.low))][:MOST]
+
+
+def save_columns(folder: Path, found: Inspection) -> Path | None:
+    """Draw the columns as ``columns.png`` and return its path; None if there is none to draw."""
+    if not columns_drawn(found):
+        return None
+    path = folder / "columns.png"
+    draw_columns(found)[0].figure.savefig(path, dpi=130)
+    return path
+
+
+def _colour(column: Column, found: Inspection) -> str:
+    roles = found.roles
+    named = ((roles.input, style.INPUT), (roles.output, style.MEASURED), (roles.reference, style.TRUTH))
+    return next((colour for role, colour in named if role is not None and role.column == column), style.RESIDUAL)
+
+
+WIDE = 0.2  # correlation that can be seen on an axis that reaches to 1 [number]
+FEW = 60  # lags that can be told apart as stems [count]
+
+
+def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None) -> Any:
+    """Draw the residual's autocorrelation and its cross-correlation with the input, with 95 and 99 % limits.
+
+    For a model that explains the record, 95 % of the lags lie within the inner limits.  Cross-correlation at negative
+    lags, where the input follows the residual, indicates feedback.
+
+    Parameters
+    ----------
+    found : Correlations or None
+        From `replant.statistics.residuals.correlations`.
+    dt : float
+        Sampling time in s.
+    axes : two matplotlib axes, optional
+        Drawn into; without them a figure is made.
+
+    Returns
+    -------
+    array of two axes
+    """
+    found = instance("found", found, Correlations, None)
+    dt = duration("dt", dt)
+    if axes is None:
+        axes = style.new_axes(1, 2, (9.6, 3.4))
+    left, right = given_axes("axes", axes, 2)
+    left.set_title("residual with itself", loc="left", color=style.INK, fontsize="medium")
+    right.set_title("input with later residual", loc="left", color=style.INK, fontsize="medium")
+    for axis in (left, right):
+        style.tidy(axis)
+        axis.set_xlabel("lag [s]")
+        axis.set_ylabel("correlation")
+        if found is None:
+            style.say(axis, "too few samples, or a constant signal")
+    if found is not None:
+        lags = found.auto.size - 1
+        _correlation(left, found.auto, 0, found.auto_std, dt)
+        near = reach(found.auto, found.auto_std)
+        if near is not None:
+            left.set_ylim(-near, near)
+        _correlation(right, found.cross, -lags, found.cross_std, dt)
+    return np.array([left, right], dtype=object)
+
+
+def reach(auto: FloatArray, std: float) -> float | None:
+    """Return half the height of an autocorrelation's axis, if its limits would be too small beside the 1 at lag 0.
+
+    None if they can be seen on an axis that reaches to 1.
+
+    Examples
+    --------
+    >>> reach(np.array([1.0, 0.5]), 0.01), reach(np.array([1.0, -0.02]), 0.01)
+    (None, 0.0412...)
+    """
+    near = max(float(np.abs(auto[1:]).max(initial=0.0)), BAND_99 * std)
+    return 1.6 * near if near < WIDE else None
+
+
+def _correlation(axis: Any, values: FloatArray, first: int, std: float, dt: float) -> None:
+    axis.axhspan(-BAND_99 * std, BAND_99 * std, color=style.MEASURED, alpha=0.22, lw=0, label="99 %")
+    axis.axhspan(-BAND_95 * std, BAND_95 * std, color=style.MEASURED, alpha=0.35, lw=0, label="95 %")
+    axis.axhline(0.0, color=style.MUTED, lw=0.8)
+    if values.size <= FEW:
+        lags = dt * (first + np.arange(values.size))
+        axis.vlines(lags, 0.0, values, color=style.RESIDUAL, lw=1.6)
+        axis.plot(lags, values, "o", color=style.RESIDUAL, ms=3.5)
+    else:
+        drawn = thin(values, 1200)
+        axis.plot(dt * first + drawn.times(dt), drawn.values, color=style.RESIDUAL, lw=1.2)
+        for limit in (-BAND_95 * std, BAND_95 * std):  # drawn again, because the curve may cover the bands
+            axis.axhline(limit, color=style.INK, lw=0.8, ls=(0, (4, 3)))
+    axis.set_xlim(dt * (first - 0.5), dt * (first + values.size - 0.5))
+    style.legend(axis, 2)
 
 
 def draw_fit(

@@ -1,4 +1,4 @@
-"""The report of a result: one self-contained HTML file that needs no network, with zoomable plots, printable."""
+"""The report of a result as one HTML page that stands alone."""
 
 from __future__ import annotations
 
@@ -11,37 +11,68 @@ from typing import Any
 
 import numpy as np
 
+from replant.assessment.verdict import percent as share
 from replant.data.logs import Log
 from replant.identified.validation import Validation
 from replant.optimizers import RecursiveLeastSquares
+from replant.plotting.diagrams import blank_figure, draw_validation
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
 from replant.report.figures import style
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
-from replant.report.html import (
-    captions as words,
-)
-from replant.report.html import other_logs, python_program, svg, tables
-from replant.report.html.page import (
-    asset,
-    code,
-    folded,
-    heading,
-    icon,
-    today,
-)
+from replant.report.html import plot_data as words
+from replant.report.html import report_data, tables
+from replant.report.html.page import asset, code, folded, heading, icon, today, uplot
 from replant.report.html.page import style as page_style
 from replant.report.html.page import words as in_words
 from replant.report.html.plot_data import charts
 from replant.report.html.report_data import Material
-from replant.report.html.uplot import uplot
-from replant.report.number_format import (
-    mathml,
-    percent,
-    uncertain,
-)
+from replant.report.number_format import mathml, number, percent, uncertain
 from replant.runs.result import Result
 from replant.settings import Settings
+
+HEADINGS = ("log", "simulated", "one step", "offset", "residual beyond its limit", "error by frequency", "verdict")
+
+
+def section(validations: Sequence[tuple[str, Validation]]) -> str:
+    """Return the section; empty without another log."""
+    if not validations:
+        return ""
+    found = tables.table(HEADINGS, [_row(*each) for each in validations], "Validation on other logs", "table wide")
+    figures = "".join(_figure(f"other{number}", *each) for number, each in enumerate(validations))
+    return f"<section><h2>On other logs</h2>{found}{figures}</section>"
+
+
+def _row(name: str, found: Validation) -> tuple[str, ...]:
+    auto, cross = found.outside
+    worst = None if found.by_frequency is None else found.by_frequency.worst
+    return (
+        name,
+        percent(found.fit),
+        percent(found.one_step),
+        number(found.offset, 4),
+        f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input",
+        "–" if worst is None else f"up to {share(worst)}" if worst else "none beyond chance",
+        found.verdict.status,
+    )
+
+
+def _figure(element: str, name: str, found: Validation) -> str:
+    figure = blank_figure(tables.WHOLE, 4.6)
+    grid = figure.add_gridspec(2, 3)
+    axes = [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, column]) for column in range(3))]
+    for axis in draw_validation(found, axes):
+        style.tidy(axis)  # with the colours of the page
+        axis.title.set_color(style.INK)
+        for text in axis.get_legend().get_texts() if axis.get_legend() else ():
+            text.set_color(style.INK)
+    said = (
+        f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. "
+        + " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
+    )
+    picture = tables.described(tables.svg(figure, element), said)
+    return f'<figure><div class="still">{picture}</div><figcaption>{html.escape(said)}</figcaption></figure>'
+
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
 DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
@@ -70,7 +101,7 @@ def write_report(
     settings = result.settings
     if settings is not None:
         filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
-        python = python or python_program.run_as_python(result, log)
+        python = python or report_data.run_as_python(result, log)
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     with np.errstate(all="ignore"):  # figures that are not finite are reported in words
         fields = _fields(material, title or log.path.name or "Simulated record", command, python)
@@ -81,8 +112,8 @@ def write_report(
         tried = tables.table(headings, rows, "Structures tried", "table wide")
         tried += f'<p class="note">{in_words(rest)}</p>' if rest else ""
         fields["candidates"] = folded("Structures tried", tried)
-    with svg.look(), np.errstate(all="ignore"):
-        fields["other_logs"] = other_logs.section(validations)
+    with tables.look(), np.errstate(all="ignore"):
+        fields["other_logs"] = section(validations)
     page = Template(asset("report.html")).substitute(fields)
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(page, encoding="utf-8")
@@ -117,32 +148,33 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
 
 def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
     """Return the figures, each with its caption."""
-    with svg.look():
-        fit = _figure(words.of_fit(material), svg.fit_picture(material), plots["fit"])
+    with tables.look():
+        fit = _drawn(words.of_fit(material), tables.fit_picture(material), plots["fit"])
         transients = ""
         history = material.result.history
         if history is not None and history.samples.size:
-            said, drawn = words.of_transients(material), svg.transient_pictures(material)
-            transients = f"<h3>Parameter estimates</h3>{_figure(said, ''.join(drawn), plots['parameters'])}"
+            said, drawn = words.of_transients(material), tables.transient_pictures(material)
+            transients = f"<h3>Parameter estimates</h3>{_drawn(said, ''.join(drawn), plots['parameters'])}"
         said = words.of_excitation(material)
-        excitation = folded("Excitation", _figure(said, svg.excitation_picture(material), plots["excitation"]))
-        auto, cross = svg.correlation_pictures(material)
+        excitation = folded("Excitation", _drawn(said, tables.excitation_picture(material), plots["excitation"]))
+        auto, cross = tables.correlation_pictures(material)
         return {
             "fit": fit,
             "transients": transients,
             "excitation": excitation,
-            "poles": _figure(words.of_poles(material), svg.poles_picture(material)),
-            "bode": _figure(words.of_bode(material), svg.bode_picture(material)),
-            "step": _figure(words.of_step(material), svg.step_picture(material)),
-            "auto": _figure(words.of_auto(material), auto),
-            "cross": _figure(words.of_cross(material), cross),
+            "poles": _drawn(words.of_poles(material), tables.poles_picture(material)),
+            "bode": _drawn(words.of_bode(material), tables.bode_picture(material)),
+            "step": _drawn(words.of_step(material), tables.step_picture(material)),
+            "auto": _drawn(words.of_auto(material), auto),
+            "cross": _drawn(words.of_cross(material), cross),
             "spectrum": folded(
-                "Spectrum of what is left", _figure(words.of_spectrum(material), svg.spectrum_picture(material))
+                "Spectrum of what is left",
+                _drawn(words.of_spectrum(material), tables.spectrum_picture(material)),
             ),
         }
 
 
-def _figure(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
+def _drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
     """Return a figure: static pictures and, if there are plots, elements that the script draws zoomable ones into."""
     drawn = picture.replace("<svg", f'<svg role="img" aria-label="{html.escape(said)}"')
     rooms = "".join(_room(plot) for plot in plots)

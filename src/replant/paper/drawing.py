@@ -1,14 +1,17 @@
-"""Curve: a signal over time, thinned for drawing; every point of it is one of the signal's own."""
+"""Curves and panels that all figures of the article share."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
 from replant.online.trace import Trace
+from replant.plotting.diagrams import TRUE, open_frame
 
 POINTS = 2000  # points of a curve: more than a panel has pixels, few enough for a small SVG [count]
 
@@ -59,3 +62,39 @@ def transients(trace: Trace, dt: float, points: int = POINTS) -> dict[str, Curve
     """Return each parameter's estimate over time, by name; at t_k that of (21), before the update of sample k."""
     before = trace.before()
     return {name: curve(before[:, i], dt, points) for i, name in enumerate(trace.names)}
+
+
+def draw_panel(axis: Any, curves: Iterable[tuple[str, Curve, Mapping[str, Any]]], true: float) -> None:
+    """Draw labelled curves and the true value."""
+    for label, curve, style in curves:
+        axis.plot(curve.t, curve.values, label=label, **style)
+    axis.axhline(true, label="true value", **TRUE)
+    open_frame(axis)
+
+
+def limit(axis: Any, curves: Sequence[Curve], true: float, begin: float) -> None:
+    """Set the limits of an axis to the range of the curves from a time on, with a margin."""
+    shown = np.concatenate([curve.values[curve.t >= begin] for curve in curves] + [[true]])
+    low, high = float(shown.min()), float(shown.max())
+    margin = 0.5 * (high - low) or 0.1 * abs(true)
+    axis.set_ylim(low - margin, high + margin)
+
+
+def legend_above(canvas: Any, title: str, columns: int) -> None:
+    """Write a title above all panels, and below it one legend of all curves.
+
+    The legend is filled column by column; blank entries at its end keep matplotlib from distributing them evenly.
+    """
+    from matplotlib.lines import Line2D
+
+    entries: dict[str, Any] = {}
+    for axis in canvas.axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    handles, labels = list(entries.values()), list(entries)
+    blanks = -len(handles) % columns
+    handles += [Line2D([], [], ls="none")] * blanks
+    labels += [""] * blanks
+    canvas.legend(
+        handles, labels, title=title, loc="outside upper left", ncols=columns, frameon=False, alignment="left"
+    )

@@ -1,1 +1,0 @@
-"""The actuator experiment of section 4."""

@@ -1,1 +1,0 @@
-"""Curves and panels that all figures of the article share."""

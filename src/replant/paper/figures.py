@@ -1,0 +1,246 @@
+"""Figures 1-4 and 6-8 of the article, computed from its experiments.
+
+Each figure shows the estimates over time, one panel for each parameter, for some rows of one table.  A row with a
+buffer is run with the first of the table's seeds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from replant.offline.fit_result import FitResult
+from replant.paper.actuator import GAINS, Actuator, Record
+from replant.paper.drawing import Curve, curve, draw_panel, legend_above, limit, transients
+from replant.paper.tables import TABLES, Table, trace
+from replant.plotting.diagrams import BLUE, GREY, NAVY, ORANGE, SKY, VERMILION, blank_figure, open_frame, symbol
+
+
+@dataclass(frozen=True)
+class Line:
+    """One curve of a figure: the row of the table, its label in the legend, and its style."""
+
+    row: str
+    label: str
+    style: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A figure of the article: some rows of a table, over time.
+
+    Attributes
+    ----------
+    name, title : str
+    table : Table
+    lines : tuple of Line
+    units : dict
+        Of each parameter, where input and output have the same unit.
+    columns, legend_columns : int
+        Of panels, and of the legend.
+    settled : float
+        The limits are set by the curves from this part of the record on; larger values before it are cut off.
+    """
+
+    name: str
+    title: str
+    table: Table
+    lines: tuple[Line, ...]
+    units: Mapping[str, str]
+    columns: int = 1
+    legend_columns: int = 3
+    settled: float = 0.0
+
+
+Transients = Mapping[str, Mapping[str, Curve]]
+"""Curves by label, then by parameter."""
+
+
+def compute(figure: Figure, on_run: Callable[[], None] = lambda: None) -> Transients:
+    """Run the experiments of a figure; return its curves by label and parameter.
+
+    Examples
+    --------
+    >>> curves = compute(FIGURES["fig4"])
+    >>> list(curves), list(curves["with bias"])
+    (['without bias', 'with bias'], ['a0', 'b0', 'bias'])
+    """
+    curves = {}
+    for line in figure.lines:
+        experiment = figure.table.row(line.row).experiment
+        curves[line.label] = transients(trace(experiment), experiment.plant.dt)
+        on_run()
+    return curves
+
+
+def draw(figure: Figure, curves: Transients) -> Any:
+    """Return a matplotlib figure of curves that `compute` returned, with the true values dashed."""
+    plant = figure.table.row(figure.lines[0].row).experiment.plant
+    rows = -(-len(plant.true) // figure.columns)
+    canvas = blank_figure(7.0, 1.0 + 2.1 * rows)
+    axes = canvas.subplots(rows, figure.columns, sharex=True, squeeze=False)
+    for axis, (name, true) in zip(axes.flat, plant.true.items(), strict=True):
+        drawn = [(line.label, curves[line.label][name], line.style) for line in figure.lines]
+        draw_panel(axis, drawn, true)
+        if figure.settled:
+            limit(axis, [curve for _, curve, _ in drawn], true, figure.settled * plant.duration)
+        axis.set_ylabel(f"{symbol(name)} [{figure.units[name]}]")
+        axis.set_xlim(0.0, plant.duration)
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+    canvas.align_ylabels()
+    legend_above(canvas, figure.title, figure.legend_columns)
+    return canvas
+
+
+def _style(color: str, ls: Any, lw: float = 1.3) -> dict[str, Any]:
+    return {"color": color, "ls": ls, "lw": lw}
+
+
+def _amplitudes() -> Sequence[Line]:
+    dashes = {"10": (0, (1, 1)), "1": "-", "0.1": (0, (6, 1.5, 1, 1.5))}
+    return [
+        Line(f"{name}, amplitude {size}", f"{name}, amplitude {size}", _style(color, ls))
+        for name, color in (("AMSGrad", BLUE), ("Gradient", ORANGE))
+        for size, ls in dashes.items()
+    ]
+
+
+_FIRST_ORDER = {"a0": "1/s", "b0": "1/s"}
+_SECOND_ORDER = {"a1": "1/s", "a0": "1/s²", "b1": "1/s", "b0": "1/s²"}
+_DOTTED = (0, (1, 1))  # dashes of a dotted line [line widths]
+
+#: Figures 1 to 4 by name.
+FIGURES = {
+    figure.name: figure
+    for figure in (
+        Figure(
+            "fig1",
+            "Figure 1: $G_1(s)$ identified with and without a buffer",
+            TABLES["table1"],
+            (
+                Line("AMSGrad, with buffer (batch 10)", "AMSGrad, with buffer (batch 10)", _style(BLUE, "-")),
+                Line("AMSGrad, no buffer", "AMSGrad, no buffer", _style(BLUE, _DOTTED)),
+                Line("Gradient, with buffer (batch 10)", "Gradient, with buffer (batch 10)", _style(ORANGE, "-")),
+                Line("Gradient, no buffer", "Gradient, no buffer", _style(ORANGE, _DOTTED)),
+            ),
+            _FIRST_ORDER,
+        ),
+        Figure(
+            "fig2",
+            "Figure 2: amplitude of the input",
+            TABLES["table2"],
+            tuple(_amplitudes()),
+            _FIRST_ORDER,
+        ),
+        Figure(
+            "fig3",
+            "Figure 3: scaling of the signals, AMSGrad on $G_2(s)$",
+            TABLES["table3"],
+            (Line("one", "one", _style(ORANGE, "-")), Line("adjusted", "adjusted", _style(BLUE, "-"))),
+            _SECOND_ORDER,
+            columns=2,
+        ),
+        Figure(
+            "fig4",
+            "Figure 4: a drifting output, AMSGrad with and without a bias in the regressor (the start is cut off)",
+            TABLES["table4"],
+            (Line("without", "without bias", _style(ORANGE, "-")), Line("with", "with bias", _style(BLUE, "-"))),
+            _FIRST_ORDER,
+            settled=0.1,
+        ),
+    )
+}
+
+
+UNITS = {"a2": "1/s", "a1": "1/s²", "a0": "1/s³", "b1": "mm/(kV² s²)", "b0": "mm/(kV² s³)"}
+#: Windows of Figure 6c and 6d, in parts of the record: a few steps, and the ringing after one of them.
+WINDOWS = {"c": (151.7 / 240.0, 157.7 / 240.0), "d": (155.1 / 240.0, 156.6 / 240.0)}
+#: The two columns of Figures 7 and 8.
+COLUMNS = {"fig7": ("Gradient", "IntegralCost"), "fig8": ("AMSGrad", "Adam")}
+
+TOLD_APART = 0.01  # distance from which on two curves can be told apart [part of the true value]
+
+_MEASURED = {"color": GREY, "lw": 2.6, "alpha": 0.5}
+_MODEL = {"exact": {"color": VERMILION, "lw": 0.9}, "gbt": {"color": BLUE, "lw": 0.9, "ls": (0, (3, 1.5))}}
+_NAMES = {"gbt": "the article's filters", "exact": "exact filters"}
+_VARIANTS: Mapping[str, Mapping[str, Any]] = {
+    "no buffer": {"color": SKY, "lw": 0.9},
+    "small gain": {"color": VERMILION, "lw": 1.0, "ls": (0, (6, 1.5, 1, 1.5))},
+    "very small gain": {"color": NAVY, "lw": 1.2},
+}
+_LIMIT = {"color": "#555555", "ls": (0, (1, 1.5)), "lw": 1.0}
+
+
+def draw_record(record: Record, offline: Mapping[str, FitResult]) -> Any:
+    """Return Figure 6: (a) the input, (b) measured output and simulated outputs, (c, d) two windows of (b)."""
+    canvas = blank_figure(7.0, 8.4)
+    axes = canvas.subplots(4, 1, height_ratios=(1, 1.5, 1.5, 1.5))
+    duration = record.u.size * record.rig.dt
+    _draw(axes[0], record.u, record, (0.0, 1.0), color="black", lw=0.8)
+    axes[0].set_ylabel("input [kV]")
+    for axis, window in zip(axes[1:], ((0.0, 1.0), *WINDOWS.values()), strict=True):
+        _draw(axis, record.y, record, window, label="measured", **_MEASURED)
+        for filters, words in _NAMES.items():
+            label = f"{words}: simulated fit {offline[filters].simulation.fit:.1f} %"
+            _draw(axis, offline[filters].simulation.output, record, window, label=label, **_MODEL[filters])
+        axis.set_ylabel("displacement [mm]")
+    for axis, letter, window in zip(axes, "abcd", ((0.0, 1.0), (0.0, 1.0), *WINDOWS.values()), strict=True):
+        axis.set_title(f"({letter})", loc="left")
+        axis.set_xlim(window[0] * duration, window[1] * duration)
+        open_frame(axis)
+    axes[-1].set_xlabel("time [s]")
+    canvas.align_ylabels()
+    legend_above(canvas, "Figure 6: the actuator's record and its model by least squares, offline", 3)
+    return canvas
+
+
+def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
+    """Return Figure 7 or 8: each coefficient's estimate over time, one column for each optimizer.
+
+    True values are dashed.  The estimate of normalised least squares with the same filters, to which these optimizers
+    converge, is dotted, except where it coincides with the true value.
+    """
+    true = actuator.record.true
+    canvas = blank_figure(7.0, 9.2)
+    axes = canvas.subplots(len(true), 2, sharex=True, sharey="row")
+    for column, method in zip(axes.T, COLUMNS[name], strict=True):
+        column[0].set_title(method, loc="left", fontweight="bold")
+        column[-1].set_xlabel("time [s]")
+        for i, (axis, coefficient) in enumerate(zip(column, true, strict=True)):
+            runs = [(variant, actuator.row(method, variant, filters)) for variant in GAINS]
+            goal = float(actuator.goals[filters][i])
+            drawn = [(_label(variant), (row.curves or {})[coefficient], _VARIANTS[variant]) for variant, row in runs]
+            draw_panel(axis, drawn, true[coefficient])
+            if abs(goal / true[coefficient] - 1.0) > TOLD_APART:
+                axis.axhline(goal, label="least squares, normalised", **_LIMIT)
+    for axis, coefficient in zip(axes[:, 0], true, strict=True):
+        axis.set_ylabel(f"{symbol(coefficient)} [{UNITS[coefficient]}]")
+        _limit(axes[list(true).index(coefficient)], true[coefficient])
+    axes[0, 0].set_xlim(0.0, actuator.record.u.size * actuator.record.rig.dt)
+    canvas.align_ylabels()
+    title = f"Figure {name[3:]}: transients on the actuator, {_NAMES[filters]} (some overshoots are cut off)"
+    legend_above(canvas, title, 2)
+    return canvas
+
+
+def _label(variant: str) -> str:
+    return variant if variant == "no buffer" else f"buffer, {variant}"
+
+
+def _limit(panels: Any, true: float) -> None:
+    """Set the limits of a row of panels: the start and all later estimates, cut off far from the true value."""
+    shown = [line.get_ydata()[len(line.get_ydata()) // 20 :] for axis in panels for line in axis.get_lines()]
+    low, high = min(0.0, *(float(np.min(part)) for part in shown)), max(float(np.max(part)) for part in shown)
+    low, high = max(low, -0.4 * true), min(high, 1.8 * true)
+    panels[0].set_ylim(low - 0.06 * (high - low), high + 0.06 * (high - low))
+
+
+def _draw(axis: Any, signal: Any, record: Record, window: tuple[float, float], **style: Any) -> None:
+    """Draw a window, in parts of the record, of a signal (K,)."""
+    begin, end = (round(part * signal.size) for part in window)
+    shown = curve(np.asarray(signal[begin:end]), record.rig.dt)
+    axis.plot(begin * record.rig.dt + shown.t, shown.values, **style)
