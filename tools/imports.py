@@ -46,8 +46,7 @@ ADAPTERS = {
     "sklearn": {"sklearn"},
     "plotting.figure": {"matplotlib"},
     "live.dashboard.app": {"starlette"},
-    "live.dashboard.connections": {"starlette", "uvicorn"},
-    "live.dashboard.security": {"starlette"},
+    "live.dashboard.security": {"starlette", "uvicorn"},
     "workbench.app": {"starlette"},
 }
 FORKS = {"online.turns": {"os"}}  # says what a forked process does first; it touches no file

@@ -98,8 +98,7 @@ def prepare(model: list[str]) -> None:
     import replant.live.dashboard.server
     from replant import Identifier
     from replant.data.streams import lines
-    from replant.live.observer.history import EstimateHistory
-    from replant.live.observer.make_view import make_view
+    from replant.live.observer.make_view import EstimateHistory, make_view
     from replant.live.observer.view import SessionInfo
 
     context = replant.cli.live.live_command.make_context("live", ["-", *model])
@@ -124,19 +123,19 @@ def session(case: dict[str, Any]) -> None:
         file = os.open(case[name], flags)
         os.dup2(file, number)
         os.close(file)
-    import replant.live.observer.spawn
+    import replant.live.observer.client
     import replant.live.run_session
     from replant.cli import main
 
     if case["fork"]:  # a spawned observer imports everything anew, which takes seconds
-        begin, context = replant.live.observer.spawn.observe, multiprocessing.get_context("fork")
+        begin, context = replant.live.observer.client.observe, multiprocessing.get_context("fork")
         multiprocessing.get_context = lambda method=None: context  # type: ignore[assignment]
 
         def observe(*arguments: Any) -> None:
             play("observer")
             begin(*arguments)
 
-        replant.live.observer.spawn.observe = observe
+        replant.live.observer.client.observe = observe
     sys.argv = ["replant", *case["arguments"]]
     play("session")
     main()

@@ -21,8 +21,7 @@ import replant as rp
 from failing.cases import ERRORS, LARGE, SAMPLES, Fault, Mother, Outcome, findings, mother
 from replant import cli
 from replant.errors import SystemRefusedError
-from replant.live.outputs.disk_writer import DiskWriter
-from replant.live.outputs.notices import Notices
+from replant.live.outputs.message import DiskWriter, Notices
 from replant.online import saving
 from replant.online.identifier import Identifier
 from support.cases import every

@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from replant.live.outputs.message import ENDED, WAITING, EstimateMessage
-from replant.live.outputs.notices import Notices
-from replant.live.outputs.publisher import Publisher
-from replant.live.outputs.sinks import open_sink
+from replant.live.outputs.message import ENDED, WAITING, EstimateMessage, Notices
+from replant.live.outputs.sinks import Publisher, open_sink
 from support.broker import MOSQUITTO, Broker
 from support.live_command import ReplayingPeer, lines, live, wait_for
 from support.live_fakes import DT, record

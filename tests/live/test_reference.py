@@ -13,15 +13,12 @@ from rich.console import Console
 import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.live.observer.final_report import report_of
-from replant.live.observer.history import EstimateHistory
-from replant.live.observer.make_view import POINTS, make_view
+from replant.live.observer.make_view import POINTS, EstimateHistory, make_view
 from replant.live.observer.terminal import render
 from replant.live.observer.view import SessionInfo, View
-from replant.live.outputs.disk_writer import DiskWriter
-from replant.live.outputs.notices import Notices
+from replant.live.outputs.message import DiskWriter, Notices
 from replant.live.outputs.parquet_recorder import ParquetRecorder
-from replant.live.session.checkpointing import resume
-from replant.live.session.progress import Progress
+from replant.live.session.progress import Progress, resume
 from support.live_fakes import DT, REQUEST, FakeSource, make, record
 
 pytestmark = pytest.mark.usefixtures("unrendered")

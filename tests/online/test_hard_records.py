@@ -12,8 +12,7 @@ import pytest
 
 import replant as rp
 from replant.errors import ReplantError
-from replant.live.observer.history import EstimateHistory
-from replant.live.observer.make_view import make_view
+from replant.live.observer.make_view import EstimateHistory, make_view
 from replant.live.observer.view import SessionInfo
 from replant.offline.structure_search import search
 from support.builders import random_plant

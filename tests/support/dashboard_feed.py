@@ -11,7 +11,7 @@ import replant as rp
 from replant.assessment import fit_percent, simulate
 from replant.identified.model_json import as_object
 from replant.live.dashboard import Hub
-from replant.live.observer.make_responses import bode_of, step_of
+from replant.live.observer.make_view import bode_of, step_of
 
 DT = 0.01
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 40.0])

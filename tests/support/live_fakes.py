@@ -13,10 +13,8 @@ import numpy as np
 import replant as rp
 from replant.data.streams import Batch, Source
 from replant.live.observer.view import SessionInfo
-from replant.live.outputs.disk_writer import DiskWriter
-from replant.live.outputs.message import EstimateMessage
-from replant.live.outputs.notices import Notices
-from replant.live.session.checkpointing import CheckpointWriter
+from replant.live.outputs.message import DiskWriter, EstimateMessage, Notices
+from replant.live.session.progress import CheckpointWriter
 from replant.live.session.session import Session
 from replant.settings import Request
 from support.waiting import PATIENCE

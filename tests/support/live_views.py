@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import replant as rp
-from replant.live.observer.history import EstimateHistory
-from replant.live.observer.make_view import make_view
+from replant.live.observer.make_view import EstimateHistory, make_view
 from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.message import EstimateMessage
 from support.live_fakes import DT, PLANT, REQUEST, record

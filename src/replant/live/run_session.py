@@ -1,7 +1,9 @@
-"""Run a session: source, identifier and outputs set up as the command asks (`Plan`), run, and the result printed."""
+"""Run a session from its settings to its end."""
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
 import shlex
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -11,24 +13,40 @@ from pathlib import Path
 from replant.data.streams import Source, open_source
 from replant.errors import DamagedCheckpointError, InvalidArgumentError
 from replant.live.observer.client import Observer
-from replant.live.observer.history import EstimateHistory
-from replant.live.observer.make_view import make_view
+from replant.live.observer.make_view import EstimateHistory, make_view
 from replant.live.observer.process import DashboardAddress, ObserverOptions
 from replant.live.observer.terminal import print_summary
 from replant.live.observer.view import UNNAMED, SignalNames
-from replant.live.outputs.disk_writer import DiskWriter
-from replant.live.outputs.message import time_to_live
-from replant.live.outputs.notices import Notices
+from replant.live.outputs.message import DiskWriter, Notices, time_to_live
 from replant.live.outputs.parquet_recorder import ParquetRecorder
 from replant.live.outputs.sinks import Sink, open_sink
-from replant.live.session.allocator import limit_heap_growth
-from replant.live.session.checkpointing import CheckpointWriter, resume
 from replant.live.session.end_conditions import Limits
-from replant.live.session.progress import Progress
+from replant.live.session.progress import CheckpointWriter, Progress, resume
 from replant.live.session.session import Session
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.settings import Request
+
+M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
+
+THRESHOLD = 1 << 17
+"""Size from which on a block is given back to the system at once: glibc's initial value, which it raises as blocks of
+different sizes come and go [bytes].
+"""
+
+
+def limit_heap_growth() -> None:
+    """Have the C library map blocks of 128 KiB and more one by one, and return them when they are freed.
+
+    Otherwise blocks of lines and samples, whose sizes vary, leave holes in the heap: at hundreds of thousands of
+    samples a second it grows by some megabytes a minute until it has found its size.  Without glibc this has no effect.
+
+    Examples
+    --------
+    >>> limit_heap_growth()
+    """
+    with contextlib.suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, THRESHOLD)
 
 
 @dataclass(frozen=True)

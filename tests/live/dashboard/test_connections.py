@@ -17,13 +17,8 @@ from typing import Any
 
 import pytest
 
-from replant.live.dashboard import (
-    Hub,
-    app,
-    connections,
-    security,
-    serve,
-)
+from replant.live.dashboard import Hub, app, security, serve
+from replant.live.dashboard import security
 from support.cases import every
 from support.dashboard_watcher import numbered, until, watch
 from support.http_request import ask
@@ -47,7 +42,7 @@ def said() -> list[str]:
 @pytest.fixture
 def hub(monkeypatch: pytest.MonkeyPatch, said: list[str]) -> Hub:
     """A hub with one view, for servers that let few in."""
-    monkeypatch.setattr(connections, "MOST", MOST)
+    monkeypatch.setattr(security, "MOST", MOST)
     monkeypatch.setattr(app, "PERIOD", 0.0)
     made = Hub(command=print, report=bytes, notice=said.append)
     made.publish(numbered(0))
@@ -93,8 +88,8 @@ def test_a_crowd_that_only_connects_keeps_nobody_out(hub: Hub, said: list[str], 
 
 @every("kind", IDLE, quick=2)
 def test_who_does_not_go_on_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
-    monkeypatch.setattr(connections, "ASKING", 0.2)
-    monkeypatch.setattr(connections, "ANSWERING", 0.2)
+    monkeypatch.setattr(security, "ASKING", 0.2)
+    monkeypatch.setattr(security, "ANSWERING", 0.2)
     with serve(hub) as served, watch(served.port) as watcher, crowd(served.port, 3, IDLE[kind]) as wires:
         assert all(is_cut_off(wire) for wire in wires)
         hub.publish(numbered(1))
@@ -103,7 +98,7 @@ def test_who_does_not_go_on_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch
 
 def test_who_asks_once_and_then_byte_for_byte_is_cut_off(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
     """A byte now and then puts off the time that a server gives to connections between two requests."""
-    monkeypatch.setattr(connections, "ASKING", 0.5)
+    monkeypatch.setattr(security, "ASKING", 0.5)
     with serve(hub) as served, crowd(served.port, 1, b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n") as (wire,):
         wire.settimeout(0.05)
 
@@ -120,7 +115,7 @@ def test_who_asks_once_and_then_byte_for_byte_is_cut_off(hub: Hub, monkeypatch: 
 
 
 def test_an_answer_that_nobody_fetches_is_given_up(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(connections, "ASKING", 0.2)
+    monkeypatch.setattr(security, "ASKING", 0.2)
     hub.publish({"num": [1.0], "den": [1.0, 2.0], "names": ["x" * 50_000_000], "delay": 0.0})
     request = b"GET /model.json HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n"
     with serve(hub) as served, crowd(served.port, 1, request) as (wire,):

@@ -12,12 +12,7 @@ from typing import Any
 import pytest
 
 from replant.errors import InvalidArgumentError
-from replant.live.dashboard import (
-    Dashboard,
-    Hub,
-    security,
-    serve,
-)
+from replant.live.dashboard import Dashboard, Hub, security, serve
 from replant.live.dashboard.security import HEADERS
 from support.cases import every
 from support.dashboard_feed import Feed

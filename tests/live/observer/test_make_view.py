@@ -9,8 +9,7 @@ import pytest
 
 import replant as rp
 from replant.assessment import simulate
-from replant.live.observer.history import EstimateHistory
-from replant.live.observer.make_view import POINTS, make_view
+from replant.live.observer.make_view import POINTS, EstimateHistory, make_view
 from replant.live.observer.view import SessionInfo, SignalNames, View
 from support.cases import every
 from support.live_fakes import DT, PLANT, REQUEST, record

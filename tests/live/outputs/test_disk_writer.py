@@ -5,8 +5,7 @@ from __future__ import annotations
 import threading
 from pathlib import Path
 
-from replant.live.outputs.disk_writer import DiskWriter
-from replant.live.outputs.notices import Notices
+from replant.live.outputs.message import DiskWriter, Notices
 
 
 def test_a_job_that_fails_is_said_and_the_next_is_done(tmp_path: Path) -> None:

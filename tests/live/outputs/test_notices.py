@@ -6,8 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from replant.live.outputs import notices as module
-from replant.live.outputs.notices import AGAIN, Notices
+from replant.live.outputs import message as module
+from replant.live.outputs.message import AGAIN, Notices
 
 
 def test_the_same_thing_is_said_once_a_minute(monkeypatch: pytest.MonkeyPatch) -> None:

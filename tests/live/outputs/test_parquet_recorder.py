@@ -14,9 +14,7 @@ import pytest
 import replant as rp
 from replant.errors import LogError
 from replant.live.outputs import parquet_recorder as recording
-from replant.live.outputs.disk_writer import DiskWriter
-from replant.live.outputs.message import EstimateMessage
-from replant.live.outputs.notices import Notices
+from replant.live.outputs.message import DiskWriter, EstimateMessage, Notices
 from replant.live.outputs.parquet_recorder import ParquetRecorder
 from support.cases import every
 from support.full_disk import full_disk

@@ -20,9 +20,8 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from replant.errors import ReplantError
-from replant.live.dashboard.connections import most_connections
 from replant.live.dashboard.hub import COMMANDS, Hub
-from replant.live.dashboard.security import HEADERS, Guard
+from replant.live.dashboard.security import HEADERS, Guard, most_connections
 from replant.report.findings import VERDICTS
 from replant.report.html.page import asset as report_asset
 from replant.report.html.page import uplot

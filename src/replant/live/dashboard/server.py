@@ -102,7 +102,7 @@ def serve(
         import uvicorn
 
         from replant.live.dashboard.app import create_app
-        from replant.live.dashboard.connections import Connections, most_connections
+        from replant.live.dashboard.security import Connections, most_connections
     except ModuleNotFoundError as error:
         message = f"the dashboard needs {error.name}: pip install 'replant[live]'"
         raise MissingDependencyError(message) from None

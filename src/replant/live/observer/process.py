@@ -14,10 +14,9 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
 from replant.errors import ReplantError
-from replant.live.observer.history import EstimateHistory
-from replant.live.observer.make_view import make_view
+from replant.live.observer.make_view import EstimateHistory, make_view
 from replant.live.observer.view import UNNAMED, Rows, SessionInfo, SignalNames, View
-from replant.live.outputs.notices import Notices
+from replant.live.outputs.message import Notices
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.operating_system import one_line, refusal

@@ -1,12 +1,41 @@
-"""Message: an estimate as it is sent to controllers and plots, one flat JSON object each."""
+"""What goes out: an estimate as a message, notices, and the thread that waits for disks."""
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import queue
+import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from replant.arguments import FloatArray
+from replant.operating_system import Worker, one_line
+
+AGAIN = 60.0  # time until the next message about the same subject [s]
+
+
+class Notices:
+    """Passes messages on to ``show``, at most one a minute about each subject.
+
+    >>> notices = Notices(print)
+    >>> notices.say("checkpoint", "no room on the disk")
+    no room on the disk
+    >>> notices.say("checkpoint", "no room on the disk")
+    """
+
+    def __init__(self, show: Callable[[str], None]) -> None:
+        self._show = show
+        self._said: dict[str, float] = {}
+
+    def say(self, subject: str, message: str) -> None:
+        """Show a message, unless one about the same subject was shown within the last minute."""
+        now = time.monotonic()
+        if now - self._said.get(subject, -AGAIN) >= AGAIN:
+            self._said[subject] = now
+            self._show(message)
+
 
 VERSION = 1
 """Version of the layout, `schema/message-1.json`; raised where an entry changes its meaning or goes away [count]."""
@@ -99,3 +128,56 @@ class EstimateMessage:
         fields["verdict"] = self.verdict
         fields["sent"] = self.sent
         return json.dumps(fields, separators=(",", ":"), allow_nan=False).encode()
+
+
+MOST_WAITING = 16  # pieces of work that wait for the disk at the most [count]
+
+
+class DiskWriter:
+    """Runs jobs one after the other in its own thread; a job that fails is reported, and the next one is run."""
+
+    def __init__(self, notices: Notices) -> None:
+        self._notices = notices
+        self._jobs: queue.Queue[tuple[str, Callable[[], None]] | None] = queue.Queue(MOST_WAITING)
+        self._thread = Worker(self._work)
+        self._thread.start()
+
+    def submit(self, subject: str, job: Callable[[], None]) -> bool:
+        """Queue a job; return False if too many jobs wait.  ``subject`` begins the message if the job fails."""
+        try:
+            self._jobs.put_nowait((subject, job))
+        except queue.Full:
+            self._notices.say(subject + " late", f"replant: {subject}: the disk is too slow; a part is left out")
+            return False
+        return True
+
+    def wait(self) -> None:
+        """Wait until every job has been done."""
+        self._jobs.join()
+
+    def close(self) -> None:
+        """Finish the queued jobs, and end the thread."""
+        self._jobs.put(None)
+        self._thread.join()
+
+    def _work(self) -> None:
+        running = True
+        while running:
+            # without memory even taking a job from the queue or reporting a failure may fail; the thread must survive
+            # that, because `wait` and `close` would otherwise never return
+            with contextlib.suppress(Exception):
+                running = self._do_next()
+
+    def _do_next(self) -> bool:
+        """Wait for a job and do it; return False at the end of the queue."""
+        entry = self._jobs.get()
+        if entry is None:
+            return False
+        subject, job = entry
+        try:
+            job()
+        except Exception as error:  # such as a full disk or a missing folder: identification continues
+            self._notices.say(subject, f"replant: {subject}: {one_line(error)}; identification continues")
+        finally:
+            self._jobs.task_done()
+        return True

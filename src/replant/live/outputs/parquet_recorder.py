@@ -20,8 +20,7 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.data.logs.arrow import CHECKED, check_rows, open_parquet
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.outputs.disk_writer import DiskWriter
-from replant.live.outputs.message import EstimateMessage
+from replant.live.outputs.message import DiskWriter, EstimateMessage
 from replant.operating_system import one_line
 
 ROWS = 200_000  # rows of a part: a few megabytes [rows]

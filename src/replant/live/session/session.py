@@ -15,15 +15,11 @@ from replant.data.streams import Batch, Source
 from replant.errors import CheckpointError, InvalidArgumentError, SystemRefusedError
 from replant.live.observer.client import Observer
 from replant.live.observer.view import SessionInfo, View
-from replant.live.outputs.disk_writer import DiskWriter
-from replant.live.outputs.message import UNKNOWN, EstimateMessage, time_to_live
-from replant.live.outputs.notices import Notices
+from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, time_to_live
 from replant.live.outputs.parquet_recorder import ParquetRecorder
-from replant.live.outputs.publisher import Publisher
-from replant.live.outputs.sinks import Sink
-from replant.live.session.checkpointing import CheckpointWriter
+from replant.live.outputs.sinks import Publisher, Sink
 from replant.live.session.end_conditions import Limits, stop_on_signals
-from replant.live.session.progress import Progress, Throughput
+from replant.live.session.progress import CheckpointWriter, Progress, Throughput
 from replant.online.identifier import Identifier
 from replant.operating_system import refusal
 
