@@ -21,7 +21,7 @@ from replant.regressor.filters import RefinedFilter as RefinedFilter, StateVaria
 from replant.online.identifier import Identifier as Identifier
 from replant.data.band import bandpass as bandpass
 from replant.data.conditioning import decimate as decimate, detrend as detrend, resample as resample
-from replant.data.rest import from_rest as from_rest
+from replant.data.conditioning import from_rest as from_rest
 from replant.data.logs import Log as Log, read_log as read_log
 from replant.identified.model import Model as Model, load_model as load_model
 from replant.identified.validation import Validation as Validation

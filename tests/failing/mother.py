@@ -97,9 +97,7 @@ def prepare(model: list[str]) -> None:
     import replant.live.dashboard.app
     import replant.live.dashboard.server
     from replant import Identifier
-    from replant.data.streams import (
-        tcp,
-    )
+    from replant.data.streams import lines
     from replant.live.observer.history import EstimateHistory
     from replant.live.observer.make_view import make_view
     from replant.live.observer.view import SessionInfo
@@ -115,7 +113,7 @@ def prepare(model: list[str]) -> None:
     )
     rich.console.Console(file=io.StringIO()).print(replant.live.observer.terminal.render(view))
     pyarrow.parquet.write_table(pyarrow.table({"words": pyarrow.array(["once"])}), io.BytesIO())  # imports pandas
-    rig = tcp.TcpSource("", "127.0.0.1", 1)
+    rig = lines.TcpSource("", "127.0.0.1", 1)
     socket.getaddrinfo("127.0.0.1", rig._place[1])
 
 

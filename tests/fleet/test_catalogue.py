@@ -9,7 +9,7 @@ import pyarrow
 import pytest
 from pyarrow import parquet
 
-from replant.data.logs import parquet as reader
+from replant.data.logs import arrow as reader
 from replant.errors import LogError
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.job import Job

@@ -19,9 +19,7 @@ import pytest
 
 import replant as rp
 from replant.data.streams import Batch
-from replant.data.streams.lines import LineSplitter
-from replant.data.streams.parser import Parser
-from replant.data.streams.payload import MAGIC, Payloads
+from replant.data.streams.parser import MAGIC, LineSplitter, Parser, Payloads
 from replant.data.streams.reader import Reader
 from replant.data.streams.rows import BY_WIDTH, FIELDS
 from replant.settings import Request

@@ -1,7 +1,7 @@
 """Reading files in forks: as safe from crashes as the process that reads a file for a user, and far quicker.
 
 Lines on standard input name files; lines of JSON on standard output say what came of them.  Each fork has the limits of
-a process that reads a file (`replant.data.logs.limits`).
+a process that reads a file (`replant.data.logs.reading`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from replant.data.logs import limits, parser_process, read_columns, read_log
+from replant.data.logs import parser_process, read_columns, read_log, reading
 from replant.errors import ReplantError
 
 WALL = 240  # s after which a fork hangs; its processor time is limited far below
@@ -132,7 +132,7 @@ def _one(path: Path, send: int) -> None:
     os.dup2(nowhere, 2)
     tempfile.tempdir = str(path.parent)
     signal.alarm(WALL)
-    limits.begin(path.stat().st_size)
+    reading.begin(path.stat().st_size)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         outcome = read(path)

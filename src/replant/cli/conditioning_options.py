@@ -13,8 +13,7 @@ import numpy as np
 from replant.arguments import BoolArray
 from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
-from replant.data.conditioning import STEPS
-from replant.data.rest import from_rest
+from replant.data.conditioning import STEPS, from_rest
 from replant.errors import InvalidArgumentError
 from replant.log import Log
 

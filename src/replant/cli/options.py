@@ -18,7 +18,7 @@ from replant.cli.nearest_word import Choice
 from replant.cli.notes import note, silence
 from replant.cli.option_types import OptimizerChoice, Seconds, Whole
 from replant.cli.progress import ask
-from replant.data.inspection.other_columns import with_others
+from replant.data.inspection.inspect import with_others
 from replant.data.logs import (
     Log,
     Recording,
@@ -26,7 +26,7 @@ from replant.data.logs import (
     open_recording,
     stamped_interval,
 )
-from replant.data.logs.time_unit import COARSE
+from replant.data.logs.sampling_time import COARSE
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS

@@ -17,7 +17,7 @@ from replant.cli.nearest_word import Choice
 from replant.cli.notes import note
 from replant.cli.options import read
 from replant.data.logs import Log, read_columns
-from replant.data.logs.digest import digest
+from replant.data.logs.recording import digest
 from replant.data.logs.sampling_time import time_candidates
 from replant.errors import InvalidArgumentError
 from replant.identified.model import Model

@@ -11,9 +11,9 @@ from pathlib import Path
 from urllib.parse import unquote
 
 from replant.arguments import instance, text
+from replant.data.logs.arrow import SUFFIXES as PARQUET
 from replant.data.logs.formats import FORMATS
-from replant.data.logs.packed import SUFFIXES as PACKED
-from replant.data.logs.parquet import SUFFIXES as PARQUET
+from replant.data.logs.formats import SUFFIXES as PACKED
 from replant.errors import InvalidArgumentError, LogError
 from replant.fleet.files import is_results, printable
 from replant.fleet.job import Piece, Rig

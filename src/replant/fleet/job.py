@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from replant.arguments import finite, instance, keep, one_of, text, whole
-from replant.data.logs.row_groups import RowGroups
+from replant.data.logs.arrow import RowGroups
 from replant.errors import InvalidArgumentError
 from replant.limits import duration
 from replant.model.structure import Structure

@@ -14,7 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from replant.data.logs.parquet import SUFFIXES, open_parquet
+from replant.data.logs.arrow import SUFFIXES, open_parquet
 from replant.data.logs.table import listed
 from replant.errors import LogError
 from replant.fleet.job import Piece

@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from replant.data.logs import Recording, Table, open_recording, read_columns
-from replant.data.logs.join import joined
+from replant.data.logs.arrow import first_stamp, read_row_groups
 from replant.data.logs.read import time_columns
-from replant.data.logs.recording import MOST_HELD
-from replant.data.logs.row_groups import first_stamp, read_row_groups
+from replant.data.logs.recording import MOST_HELD, joined
 from replant.errors import LogError
 from replant.fleet.catalogue import is_parquet
 from replant.fleet.job import Job, Piece, Rig

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.data.logs.parquet import CHECKED
+from replant.data.logs.arrow import CHECKED
 from replant.errors import InvalidArgumentError, LogError, MissingDependencyError, SystemRefusedError
 from replant.fleet.files import (
     ABOUT,

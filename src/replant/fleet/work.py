@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from replant.data.logs.parquet import CHECKED, SUFFIXES
+from replant.data.logs.arrow import CHECKED, SUFFIXES
 from replant.fleet.files import MANIFEST, PARTS, replacing
 from replant.fleet.identify import identify
 from replant.fleet.job import Job, Rig, digest

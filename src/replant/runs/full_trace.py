@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.data.logs.parquet import CHECKED, SUFFIXES
+from replant.data.logs.arrow import CHECKED, SUFFIXES
 from replant.errors import LogError, MissingDependencyError
 from replant.online.trace import Trace
 

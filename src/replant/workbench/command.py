@@ -80,9 +80,9 @@ def _imports(setup: Setup, wish: Wish) -> Iterator[str]:
     if any(getattr(setup, name) for name in STRETCHES):
         yield from ("import numpy as np", "")
     yield "import replant as rp"
-    yield "from replant.data.inspection.other_columns import with_others"
+    yield "from replant.data.inspection.inspect import with_others"
     yield "from replant.data.logs import open_recording"
-    yield "from replant.data.logs.digest import digest"
+    yield "from replant.data.logs.recording import digest"
     if wish.kind == RUN:
         yield "from replant.runs.run_log import judged_by_log"
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from replant.data.logs.digest import digest
+from replant.data.logs.recording import digest
 from replant.errors import InvalidArgumentError, ReplantError, shown
 from replant.operating_system.os_errors import one_line
 from replant.workbench import tasks

@@ -12,8 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.data.logs.merge_rasters import Signal, merge
-from replant.data.logs.rasters import Channel, channel_table, merged, on_one_clock
+from replant.data.logs.rasters import Channel, Signal, channel_table, merge, merged, on_one_clock
 from replant.data.logs.read import open_recording
 from replant.data.logs.table import Table
 from replant.errors import LogError

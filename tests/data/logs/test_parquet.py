@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.data.logs import parquet, read_columns, read_log
+from replant.data.logs import arrow, read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
 from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.notices import Notices
@@ -22,11 +22,11 @@ from replant.runs.full_trace import FullTrace
 
 @pytest.fixture
 def save(tmp_path: Path) -> Callable[[Any], Path]:
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed: pip install 'replant[parquet]'")
+    arrow = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed: pip install 'replant[parquet]'")
 
     def save(table: Any) -> Path:
         path = tmp_path / "log.parquet"
-        parquet.write_table(table, path)
+        arrow.write_table(table, path)
         return path
 
     return save
@@ -144,7 +144,7 @@ def test_a_flipped_bit_in_what_we_write_is_noticed_or_harmless(tmp_path: Path, m
     for damaged in flips(path.read_bytes(), 700):
         path.write_bytes(damaged)
         try:
-            found = parquet.read(path).columns(list(table.names))  # no process for each
+            found = arrow.read_parquet(path).columns(list(table.names))  # no process for each
         except LogError as error:
             refused += 1
             message = str(error)

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import scipy.io
 
+from replant.data.logs import arrow, open_recording, read_log
 from replant.data.logs import csv as csv_logs
-from replant.data.logs import open_recording, parquet, read_log
 from replant.data.logs import sampling_time as clock
 from replant.errors import LogError
 from support.cases import every
@@ -50,7 +50,7 @@ def save(path: Path, columns: dict[str, np.ndarray]) -> Path:
 @pytest.fixture
 def small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(csv_logs, "BLOCK_BYTES", 700)
-    monkeypatch.setattr(parquet, "BLOCK_ROWS", 60)
+    monkeypatch.setattr(arrow, "BLOCK_ROWS", 60)
     monkeypatch.setattr(clock, "CHECKED", 64)
 
 

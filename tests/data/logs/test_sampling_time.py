@@ -13,13 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from replant.data.logs import open_recording, read_log
-from replant.data.logs.sampling_time import (
-    Clock,
-    SamplingTime,
-    check_dt,
-    time_candidates,
-    unit_in_seconds,
-)
+from replant.data.logs.sampling_time import Clock, SamplingTime, check_dt, time_candidates, unit_in_seconds
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.time_stamps import StampResolution, is_regular
 from support.cases import every

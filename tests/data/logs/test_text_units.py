@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from replant.data.logs import read_columns, read_log
-from replant.data.logs.text_units import units_in
+from replant.data.logs.text_cells import units_in
 from support.cases import every
 
 Write = Callable[..., Path]

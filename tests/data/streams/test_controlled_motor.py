@@ -7,9 +7,9 @@ import itertools
 import numpy as np
 import pytest
 
-from replant.data.streams import Batch, controlled_motor, open_source
-from replant.data.streams.controlled_motor import (
-    BLOCK,
+from replant.data.streams import Batch, demo, open_source
+from replant.data.streams.demo import (
+    _LOOP_BLOCK,
     DITHER,
     HIGHEST,
     INTEGRAL,
@@ -56,8 +56,8 @@ def test_the_controller_is_the_one_that_is_told() -> None:
 
 
 def test_the_plant_is_the_rig(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(controlled_motor, "LOAD", 0.0)
-    monkeypatch.setattr(controlled_motor, "motor_rig", lambda: motor_rig(noise=0.0))
+    monkeypatch.setattr(demo, "LOAD", 0.0)
+    monkeypatch.setattr(demo, "motor_rig", lambda: motor_rig(noise=0.0))
     u, y, _ = blocks(3)
     np.testing.assert_allclose(y, RIG.plant.simulate(u, RIG.dt), rtol=0.0, atol=1e-8)
 
@@ -80,9 +80,9 @@ def test_the_speed_follows_a_set_point_that_moves() -> None:
     assert np.count_nonzero(np.diff(r)) > r.size / 20  # it never rests
 
 
-@every("after", [-1, 0, 99, BLOCK - 1, BLOCK + 77])
+@every("after", [-1, 0, 99, _LOOP_BLOCK - 1, _LOOP_BLOCK + 77])
 def test_it_goes_on_after_any_number_to_the_bit(after: int) -> None:
-    whole = first(BLOCK + 300)
+    whole = first(_LOOP_BLOCK + 300)
     for all_of_it, later in zip(whole, first(200, seek=after), strict=True):
         np.testing.assert_array_equal(later, all_of_it[after + 1 : after + 201])
     np.testing.assert_array_equal(whole[3], whole[4] * RIG.dt)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.data.streams.inbox import LARGEST_BATCH, Inbox
+from replant.data.streams.reader import LARGEST_BATCH, Inbox
 from replant.data.streams.source import Batch
 from support.cases import examples
 from support.waiting import PATIENCE

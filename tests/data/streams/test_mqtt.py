@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from replant.data.streams import open_source
-from replant.data.streams.payload import MAGIC
+from replant.data.streams.parser import MAGIC
 from support.broker import MOSQUITTO, Broker
 from support.cases import every
 from support.wires import PATIENCE, Reading, csv, wait_until

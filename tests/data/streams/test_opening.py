@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from replant.data.streams import Source, open_source
-from replant.data.streams.address import split
+from replant.data.streams.opening import split
 from replant.data.streams.source import STATES
 from replant.errors import InvalidArgumentError
 from support.cases import every

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from replant.data.streams.pipe import PipeSource
+from replant.data.streams.lines import PipeSource
 from support.wires import Reading, csv
 
 PROGRAM = """

@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from replant.data.streams import Batch, open_source
-from replant.data.streams.inbox import Inbox
-from replant.data.streams.parser import Parser
-from replant.data.streams.payload import MAGIC, Payloads
-from replant.data.streams.pipe import PipeSource
-from replant.data.streams.sequence_numbers import Numbering
+from replant.data.streams.lines import PipeSource
+from replant.data.streams.parser import MAGIC, Parser, Payloads
+from replant.data.streams.reader import Inbox
+from replant.data.streams.source import Numbering
 from replant.errors import InvalidArgumentError, LogError
 from support.cases import every
 from support.wires import Peer, Reading

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from replant.data.logs import read_log
-from replant.data.logs.merge_rasters import Signal
-from replant.data.logs.rasters import Channel, channel_table
+from replant.data.logs.rasters import Channel, Signal, channel_table
 from replant.data.streams import open_source, replay
 from replant.errors import InvalidArgumentError, LogError
 from support.cases import every

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.data.streams.sequence_numbers import MISORDER, Numbering
-from replant.data.streams.source import Batch
+from replant.data.streams.source import MISORDER, Batch, Numbering
 from support.cases import every, examples
 
 

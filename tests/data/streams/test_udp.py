@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from replant.data.streams import open_source
-from replant.data.streams.inbox import CAPACITY
-from replant.data.streams.udp import UdpSource
+from replant.data.streams.payloads import UdpSource
+from replant.data.streams.reader import CAPACITY
 from replant.errors import InvalidArgumentError
 from support.cases import every
 from support.wires import Reading, csv, wait_until

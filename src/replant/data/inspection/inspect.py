@@ -4,18 +4,135 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.assessment.assess_offline import MOST_SAMPLES
 from replant.assessment.other_columns import OtherColumn
-from replant.data.inspection.columns import Column, Contents, read_contents
-from replant.data.inspection.first_model import FirstModel, first_model
+from replant.data.conditioning import from_rest
+from replant.data.inspection.columns import Clock, Column, Contents, find_clock, read_contents
 from replant.data.inspection.influence import Response, prepared, response
-from replant.data.inspection.log_clock import Clock, find_clock
-from replant.data.inspection.other_columns import beside_first_model
 from replant.data.inspection.roles import INPUT, OUTPUT, Roles, find_roles
 from replant.data.logs.formats import read_columns
 from replant.data.logs.rasters import side_by_side
+from replant.data.logs.recording import Recording
 from replant.data.logs.table import Table
+from replant.errors import ReplantError
+from replant.log import Log
+
+MOST_SAMPLES_OF_FIRST = 1000  # samples that a first model is made from: evenly spaced ones of a longer record [samples]
+DELAYS = 12  # dead times that it tries beside 0, from a sample to a quarter of the record, by equal factors [count]
+
+
+@dataclass(frozen=True)
+class FirstModel:
+    """A model that the verdict trusts.
+
+    Attributes
+    ----------
+    delay : float
+        Dead time in s.
+    time_constant : float
+        In s.
+    fit : float
+        Fit of the simulated output in percent.
+    """
+
+    delay: float
+    time_constant: float
+    fit: float
+
+
+def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
+    """Return the model of one pole and a dead time that explains ``y`` (K,) best; None where none is trusted.
+
+    A step test moves the input once: no correlation is beyond chance, though a model explains all of the output.
+
+    Examples
+    --------
+    >>> from replant.model.transfer_function import TransferFunction
+    >>> u = np.where(np.arange(200) < 20, 0.0, 1.0)
+    >>> y = TransferFunction([0.5], [2.0, 1.0], 3.0).simulate(u, 0.5)
+    >>> found = first_model(u, y + 0.01 * np.random.default_rng(1).standard_normal(200), 0.5)
+    >>> round(found.delay), round(found.time_constant)
+    (3, 2)
+    """
+    from replant.offline.structure_search import search
+
+    every = -(-u.size // MOST_SAMPLES_OF_FIRST)
+    u, y, dt = u[::every], y[::every], dt * every
+    u = np.where(np.isfinite(u), u, np.nan)
+    if u.size < 2 * DELAYS or not np.isfinite(u).any() or not np.nanmax(u) > np.nanmin(u):
+        return None
+    delays = dt * np.unique([0.0, *np.geomspace(1.0, u.size / 4, DELAYS).round()])
+    log = Log(u, y, dt)
+    for begins in (lambda log: log, from_rest):  # of a step at once, its gain is known from rest alone
+        try:
+            found = search(begins(log), poles=1, zeros=0, delays=delays.tolist()).best
+        except ReplantError:
+            continue
+        if found.verdict.status == "trusted":
+            slowest = found.transfer_function.modes[0].time_constant
+            return FirstModel(found.structure.delay, slowest, found.simulation.fit)
+    return None
+
+
+def with_others(recording: Recording) -> Recording:
+    r"""Return a recording whose log, if it is held in memory, has the other columns of numbers that change.
+
+    Those of another length are left out: their rows are of other times.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from replant.data.logs import open_recording
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.csv")
+    ...     _ = file.write_text("t,u,y,pump,note\n0,1,0,3,a\n1,1,1,4,b\n2,0,2,4,c\n")
+    ...     recording = with_others(open_recording(file, input="u", output="y"))
+    >>> recording.held.others["pump"]
+    array([3., 4., 4.])
+    """
+    log = recording.held
+    return recording if log is None else replace(recording, held=_with_others(recording, log))
+
+
+def _with_others(recording: Recording, log: Log) -> Log:
+    roles = {log.input_name, log.output_name, log.reference_name}
+    names = recording.table.names
+    if not set(names) - roles:
+        return log
+    contents = read_contents(recording.table)
+    others = {
+        column.name: contents.values[column.number]
+        for column in contents.columns
+        if column.is_signal and column.rows == log.input.size and column.name not in roles
+        and names.count(column.name) == 1
+    }  # fmt: skip
+    return replace(log, others=others)
+
+
+def beside_first_model(
+    u: FloatArray, y: FloatArray, dt: float, delay: float, others: Mapping[str, FloatArray]
+) -> tuple[OtherColumn, ...]:
+    """Return the columns that explain a part of what a model of one pole leaves; none if there is no model."""
+    from replant.offline.fit import fit
+
+    if not others:
+        return ()
+    rows = slice(0, MOST_SAMPLES)
+    shown = {name: signal[rows] for name, signal in others.items()}
+    try:
+        log = Log(u[rows], y[rows], dt, None, "u", "y", Path("log"), others=shown)
+        return fit(log, poles=1, delay=delay, method="srivc").other_columns
+    except ReplantError:
+        return ()
+
 
 POLES = 2  # poles of the model that is suggested first [count]
 DEAD = 1.0

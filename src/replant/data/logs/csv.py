@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import codecs
 import io
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
@@ -18,24 +19,148 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.local_clock import LocalClock
-from replant.data.logs.prefetch import prefetch
+from replant.data.logs.reading import prefetch
 from replant.data.logs.table import Table
-from replant.data.logs.text_cells import CellError, quote, split_line
-from replant.data.logs.text_columns import decimal_mark, parse_column
-from replant.data.logs.text_content import later_mark
-from replant.data.logs.text_end import cut_line
+from replant.data.logs.text_cells import (
+    CellError,
+    DecimalMark,
+    NumberError,
+    TwoMarksError,
+    common_mark,
+    mark_of,
+    parse_numbers,
+    quote,
+    split_line,
+)
 from replant.data.logs.text_layout import (
     COMMENT_MARKS,
     LONGEST_LINE,
     QUOTES_REMEDY,
     Layout,
     is_data,
+    joined_cell,
+    later_mark,
     lines_of,
     sniff,
     too_long_error,
 )
+from replant.data.logs.text_times import READ, LocalClock, StampError
 from replant.errors import LogError, shown
+
+_CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
+_DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
+_DATE_REMEDY = f"convert dates and clock times to seconds, or give the sampling time (dt, --dt); as the time {READ}"
+_WORDS = {".": "decimal point", ",": "comma"}
+
+
+def decimal_mark(layout: Layout, column: int) -> DecimalMark | None:
+    """Return what separates the fractions in a column; None: nothing in the log tells, or the delimiter is a comma."""
+    return layout.content.marks.get(column, layout.content.mark)
+
+
+def parse_column(
+    path: Path, layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: int
+) -> NDArray[np.float64]:
+    """Turn the cells of one column into float64: numbers, or seconds since the first stamp of the log.
+
+    >>> layout = Layout(("t", "u"), ";", 1, 2, "utf-8")
+    >>> parse_column(Path("log.csv"), layout, [(2, ["0", "1,5"]), (3, ["1", ""])], 1)
+    array([1.5, nan])
+    """
+    cells = [row[column] for _, row in rows]
+    form = layout.content.stamps.get(column)
+    try:
+        if form is not None:
+            if form.date_column is not None:
+                cells = [joined_cell(row[form.date_column], row[column]) for _, row in rows]
+            return form.seconds(cells)
+        mark = decimal_mark(layout, column)
+        if mark is None and layout.delimiter != ",":
+            mark = common_mark(mark_of(cell, line) for (line, _), cell in zip(rows, cells, strict=True))
+        return parse_numbers(cells, mark)
+    except (NumberError, StampError) as error:
+        line, name = rows[error.index][0], layout.names[column]
+        if isinstance(error, TwoMarksError):
+            assert mark is not None
+            raise LogError(_two_marks(path, name, str(error), line, mark)) from None
+        remedy = _DATE_REMEDY if _DATE.match(cells[error.index]) else _CELL_REMEDY
+        end = f"; {remedy}" if isinstance(error, NumberError) else ""
+        raise LogError(f"{path}: line {line}, column {shown(name)}: {error}{end}") from None
+
+
+def _two_marks(path: Path, name: str, cell: str, line: int, mark: DecimalMark) -> str:
+    """Return the message for 1.234 beside 0,5: the point may be a decimal point or a thousands separator."""
+    return (
+        f"{path}: column {shown(name)} has a {_WORDS[mark.other]} in line {line} ({quote(cell)}) and the log a "
+        f"{_WORDS[mark.mark]} in line {mark.line} ({quote(mark.cell)}); write all numbers one way, without thousands "
+        "separators"
+    )
+
+
+_TAIL_BYTES = 1 << 16  # end of a file in which its last line is looked for [bytes]
+
+
+def cut_line(path: Path, layout: Layout) -> str:
+    r"""Return the last line if its writer was stopped in the middle of it, else an empty string.
+
+    Such a line has no line feed, and fewer cells than there are columns, or a last cell that cannot be read, as that of
+    the line before can.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> layout = Layout(("t", "u", "y"), ",", 1, 2, "utf-8")
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.csv")
+    ...     _ = file.write_text("t,u,y\n0,1,2\n1,2,3\n2,3")
+    ...     cut_line(file, layout)
+    '2,3'
+    """
+    before, line = _last_lines(path, layout.encoding)
+    if not is_data(line):
+        return ""
+    last, width = _cells(line, layout), len(layout.names)
+    if last is None or len(last) < width:
+        return line
+    previous = _cells(before, layout)
+    was_readable = previous is not None and len(previous) >= width and _is_readable(path, layout, previous)
+    return line if was_readable and not _is_readable(path, layout, last) else ""
+
+
+def _cells(line: str, layout: Layout) -> list[str] | None:
+    try:
+        return split_line(line, layout.delimiter)
+    except CellError:
+        return None
+
+
+def _is_readable(path: Path, layout: Layout, cells: list[str]) -> bool:
+    """Return whether the last cell of a row is a number, a time stamp or missing, as its column is."""
+    try:
+        parse_column(path, layout, [(0, cells)], len(layout.names) - 1)
+    except LogError:
+        return False
+    return True
+
+
+def unended_line(path: Path, encoding: str) -> str:
+    """Return the last line if it is not the first one and has no end, else an empty string."""
+    return _last_lines(path, encoding)[1]
+
+
+def _last_lines(path: Path, encoding: str) -> tuple[str, str]:
+    """Return the line before the last one, and the last one if it is not the first one and has no end."""
+    with path.open("rb") as file:
+        head = file.read(2)
+        end = file.seek(0, 2)
+        start = max(0, end - _TAIL_BYTES) // 4 * 4  # a character of UTF-16 is not cut
+        file.seek(start)
+        tail = file.read()
+    if encoding == "utf-16":
+        encoding = "utf-16-le" if head == codecs.BOM_UTF16_LE else "utf-16-be"
+    lines = tail.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return (lines[-2], lines[-1]) if len(lines) > 1 else ("", "")
+
 
 BLOCK_BYTES = 1 << 21  # text of a log held at a time [bytes]
 WORKERS = 2  # blocks parsed at once [count]

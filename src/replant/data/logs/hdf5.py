@@ -1,12 +1,18 @@
-"""HDF5 files (.h5, .hdf5) and MATLAB files of version 7.3, with h5py: data sets by their path, as ``rig/speed``.
+"""HDF5 files (.h5, .hdf5) with h5py, and MATLAB files (.mat) of every version.
 
 MATLAB stores each array with its dimensions reversed, and a struct as a group, whose fields are called ``data.speed``
 as in its older files.
+
+Files of version 7.3 are HDF5 files.  The others are read with SciPy.
 """
 
 from __future__ import annotations
 
+import contextlib
 import math
+import struct
+import warnings
+import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import limits
-from replant.data.logs.arrays import is_sampling_time, no_signal_error, places_of, stated_dt
-from replant.data.logs.damage import damage_as_log_error
+from replant.data.logs import reading
+from replant.data.logs.npz import array_table, is_sampling_time, no_signal_error, places_of, stated_dt
+from replant.data.logs.reading import damage_as_log_error
 from replant.data.logs.table import Table
 from replant.errors import MissingDependencyError
 
@@ -44,12 +50,12 @@ class _Signal:
     rows: int
 
 
-def read(path: Path) -> Table:
+def read_hdf5(path: Path) -> Table:
     """Open an HDF5 file.  Its columns are vectors, the columns of matrices, and the fields of tables."""
     return _table(path, matlab=False)
 
 
-def read_matlab(path: Path) -> Table:
+def read_matlab_73(path: Path) -> Table:
     """Open a MATLAB file of version 7.3."""
     return _table(path, matlab=True)
 
@@ -93,8 +99,8 @@ def _table(path: Path, *, matlab: bool) -> Table:
                 signals += _signals_in(name, place, dataset, matlab=matlab)
                 if is_sampling_time(name, dataset.shape or (), dataset.dtype.kind):
                     scalars.append((name, float(np.asarray(dataset[()]).reshape(-1)[0])))
-            if len(signals) > limits.MOST_COLUMNS:
-                raise limits.too_many_error(path, "columns")
+            if len(signals) > reading.MOST_COLUMNS:
+                raise reading.too_many_error(path, "columns")
     left_out |= reasons(objects)
     if not signals:
         raise no_signal_error(path, left_out)
@@ -131,10 +137,10 @@ def _datasets(path: Path, file: Any) -> Iterator[tuple[str, Any]]:
     def visit(name: str, item: Any) -> None:  # links to other files are not followed
         nonlocal objects
         objects += 1
-        if objects > limits.MOST_COLUMNS:
-            raise limits.too_many_error(path, "groups and data sets")
+        if objects > reading.MOST_COLUMNS:
+            raise reading.too_many_error(path, "groups and data sets")
         if name.count("/") >= DEEPEST:
-            raise limits.too_many_error(path, "groups within each other", DEEPEST)
+            raise reading.too_many_error(path, "groups within each other", DEEPEST)
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             found.append((name, item))
 
@@ -182,7 +188,7 @@ def _blocks(
         rows = {signal.rows for signal in chosen}
         step = max((_block_rows(file[signal.dataset], signal, matlab=matlab) for signal in chosen), default=1)
         if len(rows) != 1:  # which the caller says; none can be cut into blocks
-            limits.allow(held=8 * sum(signal.rows for signal in chosen))
+            reading.allow(held=8 * sum(signal.rows for signal in chosen))
             step = max(rows, default=0)
         for begin in range(0, max(rows, default=0), max(1, step)):
             yield [_values(file, signal, slice(begin, begin + step), matlab=matlab) for signal in chosen]
@@ -195,7 +201,7 @@ def _block_rows(dataset: Any, signal: _Signal, *, matlab: bool) -> int:
     index = signal.index[::-1] if matlab else signal.index
     rows = next(length for length, one in zip(dataset.chunks, index, strict=True) if isinstance(one, slice))
     chunk, whole = math.prod(dataset.chunks), math.prod(dataset.shape)
-    limits.allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
+    reading.allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
     return int(rows * max(1, BLOCK_ROWS // rows))
 
 
@@ -205,3 +211,122 @@ def _values(file: Any, signal: _Signal, rows: slice, *, matlab: bool) -> NDArray
     if signal.field is not None:
         values = values[signal.field]
     return np.array(values, np.float64).reshape(-1)
+
+
+_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+_HEADER_BYTES = 512 + len(_HDF5_MAGIC)
+"""Text that names the version, and, in a v7.3 file, the magic number after 512 bytes of it [bytes]."""
+_SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
+_COMPRESSED = 15  # kind of an element of a file that holds another one, compressed [code]
+_FIRST_ELEMENT = 128  # place of the first element [bytes]
+_PART = 1 << 18  # part of a compressed element that is unpacked at a time, to see how long it is [bytes]
+_NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+_NO_SIGNALS = {"char", "cell", "sparse", "function"}
+
+
+def read_matlab(path: Path) -> Table:
+    """Open a MATLAB file of any version."""
+    with path.open("rb") as file:
+        head = file.read(_HEADER_BYTES)
+    if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")) or head.endswith(_HDF5_MAGIC):
+        return read_matlab_73(path)
+    with damage_as_log_error(path, "MATLAB file", _SAVE_AGAIN):
+        contents = _load(path, head)
+        return array_table(path, list(_signals(contents)), reasons(_objects(contents)))
+
+
+def _load(path: Path, head: bytes) -> dict[str, Any]:
+    """Return the variables that may hold signals."""
+    import scipy.io
+
+    sizes = list(reading.at_most(path, _sizes(path, head), "variables"))
+    chosen, held = None, sum(sizes)
+    with warnings.catch_warnings(action="ignore"):  # SciPy warns about variables that are no signals
+        with contextlib.suppress(TypeError):  # SciPy lists no objects of classes of MATLAB's
+            listed = scipy.io.whosmat(str(path))
+            chosen = [(at, *about) for at, about in enumerate(listed) if _may_be_signal(*about)]
+            of = sizes if len(sizes) == len(listed) else [max(sizes, default=0)] * len(listed)
+            held = sum(
+                min(8 * math.prod(shape), 8 * of[at]) if kind in _NUMERIC else of[at] for at, _, shape, kind in chosen
+            )
+        reading.allow(held=held)
+        names = None if chosen is None else [name for _, name, *_ in chosen]
+        contents: dict[str, Any] = scipy.io.loadmat(str(path), variable_names=names)
+    return contents
+
+
+def _may_be_signal(name: str, shape: tuple[int, ...], kind: str) -> bool:
+    if kind in _NUMERIC:
+        return any(True for _ in places_of(name, shape)) or is_sampling_time(name, shape, "f")
+    return kind not in _NO_SIGNALS
+
+
+def _sizes(path: Path, head: bytes) -> Iterator[int]:
+    """Yield the unpacked lengths of the variables in the order of the file, in bytes."""
+    if len(head) < _FIRST_ELEMENT or head[126:128] not in (b"IM", b"MI"):  # version 4, which is not compressed
+        yield path.stat().st_size
+        return
+    tag = struct.Struct("<II" if head[126:128] == b"IM" else ">II")
+    with path.open("rb") as file:
+        file.seek(_FIRST_ELEMENT)
+        while len(read := file.read(tag.size)) == tag.size:
+            kind, length = tag.unpack(read)
+            end = file.tell() + length
+            yield _unpacked_size(file, length) if kind == _COMPRESSED else length
+            file.seek(end)
+
+
+def _unpacked_size(file: Any, length: int) -> int:
+    unpacker, size = zlib.decompressobj(), 0
+    while length > 0 and (packed := file.read(min(length, _PART))):
+        length -= len(packed)
+        while packed:
+            size += len(unpacker.decompress(packed, _PART))
+            packed = unpacker.unconsumed_tail
+    return size
+
+
+def _signals(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the numeric arrays among variables with their names, those in a struct as ``data.time``."""
+    for name, value in _arrays(contents):
+        if value.dtype.kind in "biuf" and (value.size > 1 or is_sampling_time(name, value.shape, value.dtype.kind)):
+            yield name, value
+
+
+def _arrays(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    for name, value in contents.items():
+        if name.startswith("__") or not isinstance(value, np.ndarray):
+            continue
+        if value.dtype.names is None:
+            yield name, value
+        elif value.size == 1 and not _is_opaque(value):
+            fields = value.reshape(-1)[0]
+            for field in value.dtype.names:
+                if isinstance(fields[field], np.ndarray):
+                    yield f"{name}.{field}", fields[field]
+                    if field == "signals":
+                        yield from _simulink_signals(f"{name}.{field}", fields[field])
+
+
+def _simulink_signals(name: str, signals: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the values of what Simulink logs as a structure with time."""
+    if signals.dtype.names and "values" in signals.dtype.names:
+        for number, signal in enumerate(signals.reshape(-1), 1):
+            place = name if signals.size == 1 else f"{name}({number})"
+            yield f"{place}.values", signal["values"]
+
+
+def _is_opaque(value: Any) -> bool:
+    """Whether it is an object of a class of MATLAB's, of which SciPy knows the name alone."""
+    return value.dtype.names is not None and {"s0", "s1", "s2", "arr"} <= set(value.dtype.names)
+
+
+def _objects(contents: dict[str, Any]) -> dict[str, str]:
+    """Return the names of the objects that cannot be read, with their classes."""
+    found = {}
+    for value in contents.values():
+        if hasattr(value, "dtype") and _is_opaque(value):
+            for one in value.reshape(-1):
+                name, kind = (bytes(part).decode(errors="replace") for part in (one["s0"], one["s2"]))
+                found[name] = kind
+    return found

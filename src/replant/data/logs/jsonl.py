@@ -14,13 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.limits import MOST_COLUMNS, too_many_error
-from replant.data.logs.local_clock import LocalClock
+from replant.data.logs.csv import unended_line
+from replant.data.logs.reading import MOST_COLUMNS, too_many_error
 from replant.data.logs.table import Table
 from replant.data.logs.text_cells import quote
-from replant.data.logs.text_end import unended_line
 from replant.data.logs.text_layout import MOST_LINES_ABOVE, lines_of
-from replant.data.logs.text_times import StampError, StampFormat, find_format
+from replant.data.logs.text_times import LocalClock, StampError, StampFormat, find_format
 from replant.errors import LogError, shown
 
 BLOCK_ROWS = 1 << 14  # rows read at a time [rows]

@@ -17,10 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from replant.data.logs import limits
-from replant.data.logs.damage import damage_as_log_error
-from replant.data.logs.merge_rasters import Signal
-from replant.data.logs.rasters import Channel, channel_table
+from replant.data.logs import reading
+from replant.data.logs.rasters import Channel, Signal, channel_table
+from replant.data.logs.reading import damage_as_log_error
 from replant.data.logs.table import Table
 from replant.errors import LogError, MissingDependencyError
 
@@ -58,7 +57,7 @@ def read(path: Path) -> Table:
         path,
         [
             Channel(topic + _written(keys), partial(_signal, parts, topic, keys, origin))
-            for topic, keys in limits.at_most(path, fields, "columns")
+            for topic, keys in reading.at_most(path, fields, "columns")
         ],
     )
 
@@ -129,7 +128,7 @@ def _signal(parts: Sequence[Path], topic: str, keys: _Keys, origin: int) -> Sign
                 stamps.append(stamp - origin)
                 values.append(_number(_item(message, keys)))
                 if len(stamps) % _COUNTED == 0:
-                    limits.allow(held=_COPIES * 8 * _COUNTED)
+                    reading.allow(held=_COPIES * 8 * _COUNTED)
     return Signal(np.array(stamps, np.int64) / 1e9, np.array(values, np.float64))
 
 

@@ -51,17 +51,19 @@ class Parser:
     remedy: str = _AGAIN
 
 
-# For each module of a reader that is not run here; those of text and .npz files parse with Python and NumPy alone
+# For each reader that is not run here; those of text and .npz files parse with Python and NumPy alone
 PARSERS = {
-    "matlab": Parser("a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"),
-    "hdf5": Parser("an HDF5 file", "h5py", ("h5py",)),
-    "parquet": Parser("a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute")),
-    "arrow_ipc": Parser("an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute")),
-    "xlsx": Parser("an Excel workbook", "openpyxl", ("openpyxl",)),
-    "tdms": Parser("a TDMS file", "npTDMS", ("nptdms",)),
-    "mdf": Parser("a measurement data file", "asammdf", ("asammdf",)),
-    "ulog": Parser("a ULog file", "pyulog", ("pyulog",)),
-    "mcap": Parser("an MCAP file", "mcap", ("mcap.reader", "mcap_ros2.decoder")),
+    "hdf5.read_matlab": Parser(
+        "a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"
+    ),
+    "hdf5.read_hdf5": Parser("an HDF5 file", "h5py", ("h5py",)),
+    "arrow.read_parquet": Parser("a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute")),
+    "arrow.read_ipc": Parser("an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute")),
+    "xlsx.read": Parser("an Excel workbook", "openpyxl", ("openpyxl",)),
+    "channels.read_tdms": Parser("a TDMS file", "npTDMS", ("nptdms",)),
+    "channels.read_mdf": Parser("a measurement data file", "asammdf", ("asammdf",)),
+    "channels.read_ulog": Parser("a ULog file", "pyulog", ("pyulog",)),
+    "mcap.read": Parser("an MCAP file", "mcap", ("mcap.reader", "mcap_ros2.decoder")),
 }
 
 
@@ -70,10 +72,10 @@ def is_possible() -> bool:
     return bool(sys.executable) and not getattr(sys, "frozen", False)
 
 
-def read(path: Path, module: str) -> Table:
-    """Open a file by the reader of a module, in a process of its own."""
-    process = _Process(path, module)
-    file = _File(path, module, process, process.about)
+def read(path: Path, reader: str) -> Table:
+    """Open a file by a reader, in a process of its own."""
+    process = _Process(path, reader)
+    file = _File(path, reader, process, process.about)
     about = process.about
     stamps = file.stamps if about["stamped"] else None
     return Table(
@@ -86,8 +88,8 @@ def read(path: Path, module: str) -> Table:
 class _File:
     """A file, and the process that has it open while no pass over it is under way."""
 
-    def __init__(self, path: Path, module: str, process: _Process, about: dict[str, Any]) -> None:
-        self._path, self._module, self._about = path, module, about
+    def __init__(self, path: Path, reader: str, process: _Process, about: dict[str, Any]) -> None:
+        self._path, self._reader, self._about = path, reader, about
         self._idle: list[_Process] = [process]
 
     def blocks(self, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
@@ -108,7 +110,7 @@ class _File:
         try:
             process = self._idle.pop()
         except IndexError:  # two passes at once
-            process = _Process(self._path, self._module)
+            process = _Process(self._path, self._reader)
             if process.about != self._about:
                 raise LogError(f"{self._path}: the file has changed since it was opened; start again") from None
         try:
@@ -120,14 +122,14 @@ class _File:
 
 
 class _Process:
-    def __init__(self, path: Path, module: str) -> None:
-        self._path, self._parser = path, PARSERS[module]
+    def __init__(self, path: Path, reader: str) -> None:
+        self._path, self._parser = path, PARSERS[reader]
         size = path.stat().st_size if path.is_file() else 0
         self._seconds = STILL + STILL_PER_BYTE * size
         absent = [name for name, found in sys.modules.items() if found is None]
         folders = [entry for entry in sys.path if isinstance(entry, str)]
         command = [
-            sys.executable, "-P", "-W", "ignore", parser_child.__file__, module, str(path),
+            sys.executable, "-P", "-W", "ignore", parser_child.__file__, reader, str(path),
             ",".join(self._parser.imports), ",".join(absent), *folders,
         ]  # fmt: skip
         try:

@@ -13,19 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.digest import digest
 from replant.data.logs.formats import read_columns
 from replant.data.logs.rasters import on_one_clock
-from replant.data.logs.recording import MOST_HELD, Recording
+from replant.data.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
 from replant.data.logs.sampling_time import (
     SamplingTime,
+    StampUnit,
     check_dt,
+    check_unit,
     time_candidates,
     unit_in_seconds,
+    unit_of_stamps,
 )
 from replant.data.logs.table import Table, listed
-from replant.data.logs.time_range import check_range, part_of
-from replant.data.logs.time_unit import StampUnit, check_unit, unit_of_stamps
 from replant.errors import InvalidArgumentError, LogError, shown
 from replant.limits import file_path
 from replant.log import Log

@@ -1,15 +1,20 @@
-"""Recording: a recorded log of any length, whose samples are read block by block, as often as needed."""
+"""A recorded log of any length: read block by block; a part of it, several as one, the digest of its file."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.table import Table
+from replant.arguments import number
+from replant.data.logs.table import Table, nth_row
+from replant.errors import InvalidArgumentError, LogError, shown
 from replant.log import Log
 
 MOST_HELD = 1 << 20  # length up to which a log is held in memory: 24 MB [samples]
@@ -73,3 +78,159 @@ class Recording:
             u, y, self.dt, time, of_input, of_output, self.path, earlier, None, reference,
             self.begin, self.end, irregular=self.irregular,
         )  # fmt: skip
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal; empty where there is no file to read.
+
+    Examples
+    --------
+    >>> digest(Path("no-such-log.csv"))
+    ''
+    """
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return ""
+
+
+ROUND_OFF = 1e-6
+"""Distance beyond an end up to which a stamp still belongs to it, besides round-off [part of an interval]."""
+
+
+def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
+    """Return the ends of a time range in s, open ones as 0 and infinity.
+
+    >>> check_range(2, None)
+    (2.0, inf)
+    """
+    first, last = 0.0 if begin is None else number("begin", begin), math.inf if end is None else number("end", end)
+    if not (0.0 <= first < math.inf and first < last):
+        raise InvalidArgumentError(
+            f"the time range must begin at 0 or later and end after that, in s from the log's first sample: "
+            f"got {first:g} (begin, --from) to {last:g} (end, --to)"
+        )
+    return first, last
+
+
+def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: int | None, unit: float) -> Table:
+    """Return the table of those rows that lie between two times in s, both included.
+
+    >>> from pathlib import Path
+    >>> data = [np.arange(10.0), np.arange(10.0) ** 2]
+    >>> table = Table(Path("log.npz"), ("t", "y"), lambda numbers: iter([[data[n] for n in numbers]]))
+    >>> part_of(table, 2.0, 4.0, dt=None, time=0, unit=1.0).column("y")
+    array([ 4.,  9., 16.])
+    """
+    if time is None:
+        assert dt is not None
+        first = math.ceil(begin / dt - ROUND_OFF)
+        stop = math.inf if math.isinf(end) else math.floor(end / dt + ROUND_OFF) + 1
+    else:
+        first, stop = _rows_between((block for (block,) in table.stream([time])), begin / unit, end / unit)
+        if stop <= first:
+            until = f"to {end:g} s" if math.isfinite(end) else "on"
+            raise LogError(
+                f"{table.path}: column {shown(table.names[time])} has no row from {begin:g} s {until} after its first "
+                "one; choose another time range (begin, end, --from, --to)"
+            )
+    rows = min(float(table.approximate_rows), stop) - first
+    return replace(
+        table,
+        blocks=lambda numbers: _cut(table.blocks, numbers, first, stop),
+        describe_row=lambda row: table.describe_row(first + row),
+        approximate_rows=max(0, int(rows)),
+    )
+
+
+def _rows_between(blocks: Iterator[NDArray[np.float64]], begin: float, end: float) -> tuple[int, int]:
+    """Return the first row at or after ``begin``, and the row behind the last one before a stamp beyond ``end``."""
+    origin, slack, row, first = math.nan, 0.0, 0, -1
+    for stamps in blocks:
+        if math.isnan(origin) and stamps.size:
+            origin = float(stamps[0])
+            with np.errstate(invalid="ignore", over="ignore"):
+                usual = abs(float(np.median(np.diff(stamps)))) if stamps.size > 1 else 0.0
+            slack = ROUND_OFF * usual + 2.0 * float(np.spacing(abs(origin)))
+        since = stamps - origin
+        if first < 0 and (reached := np.flatnonzero(since >= begin - slack)).size:
+            first = row + int(reached[0])
+        beyond = np.flatnonzero(since > end + slack)
+        if beyond.size:
+            return (first if first >= 0 else row), row + int(beyond[0])
+        row += stamps.size
+    return (first if first >= 0 else row), row
+
+
+def _cut(
+    blocks: Callable[[Sequence[int]], Iterator[list[NDArray[np.float64]]]],
+    numbers: Sequence[int],
+    first: int,
+    stop: float,
+) -> Iterator[list[NDArray[np.float64]]]:
+    """Yield those rows of the blocks that lie in [first, stop)."""
+    row = 0
+    for block in blocks(numbers):
+        size = max(map(len, block))
+        low, high = max(0, first - row), min(size, stop - row)
+        if low < high:
+            yield [column[low : int(high)] for column in block]
+        row += size
+        if row >= stop:
+            return
+
+
+def joined(tables: Sequence[Table]) -> Table:
+    """Return tables with equal columns as one, in the order given.
+
+    >>> from pathlib import Path
+    >>> one, other = (
+    ...     Table(Path(name), ("t", "u"), lambda numbers, t=t: iter([[np.array([t]) for _ in numbers]]))
+    ...     for name, t in (("a.csv", 0.0), ("b.csv", 1.0))
+    ... )
+    >>> joined([one, other]).column("t")
+    array([0., 1.])
+    """
+    first = tables[0]
+    for table in tables:
+        if set(table.names) != set(first.names):
+            raise LogError(
+                f"{table.path}: other columns than in {first.path.name}; the files of a rig must have equal columns"
+            )
+        if table.stamps is not None or _dated(table) != _dated(first) or len(table.origins) < len(table.in_seconds):
+            raise LogError(
+                f"{table.path}: its dates or time stamps are counted from its own first row, so it cannot be joined "
+                f"with {first.path.name}; write the files as Parquet, with whole dates (year-month-day, clock time), "
+                "or with a time in s that goes on"
+            )
+
+    def blocks(numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+        return chain.from_iterable(_blocks_of(table, first, numbers) for table in tables)
+
+    return Table(
+        first.path,
+        first.names,
+        blocks,
+        in_seconds=first.in_seconds,
+        origins=first.origins,
+        describe_row=lambda row: f"{nth_row(row)} of the {len(tables)} files joined in the order of time",
+        approximate_rows=sum(table.approximate_rows for table in tables),
+        notes=tuple(note for table in tables for note in table.notes),
+    )
+
+
+def _dated(table: Table) -> set[str]:
+    """Return the names of the columns of dates."""
+    return {table.names[number] for number in table.in_seconds}
+
+
+def _blocks_of(table: Table, first: Table, numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    """Yield the blocks of a table, its dates counted from the first row of the first one."""
+    own = [table.names.index(first.names[number]) for number in numbers]
+    later = [
+        (table.origins[here] - first.origins[number]) / 1e9 if here in table.origins else 0.0
+        for here, number in zip(own, numbers, strict=True)
+    ]
+    for block in table.blocks(own):
+        yield [column + off if off else column for column, off in zip(block, later, strict=True)]

@@ -13,7 +13,7 @@ from typing import SupportsIndex
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.limits import LONGEST_NAME, MOST_COLUMNS, MOST_EMPTY, too_many_error
+from replant.data.logs.reading import LONGEST_NAME, MOST_COLUMNS, MOST_EMPTY, too_many_error
 from replant.errors import SHOWN, ArgumentTypeError, LogError, shown
 from replant.interop.units import without_unit
 

@@ -1,17 +1,20 @@
-"""Dates and clock times in text: cells such as ``2024-05-01T10:00:00.5Z`` or ``01.05.2024 10:00`` as exact seconds."""
+"""Dates and clock times in text as exact seconds, and the jumps of a clock without a zone or a date."""
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs.text_cells import MISSING, quote
+from replant.errors import LogError, shown
 
 READ = "2024-05-01T10:00:00.5, with Z or +02:00 where it is known, 01.05.2024 10:00:00,5 and 10:00:00.5 are read"
 """The forms that are read, for messages."""
@@ -215,3 +218,50 @@ def find_format(cells: Sequence[str]) -> StampFormat | None:
         certain = not first.day or any(max(stamp.day, stamp.month) > 12 for stamp in stamps)
         return StampFormat(first.parts, month_first if certain else None, first)
     return None
+
+
+_HOUR = 3600.0  # by how much daylight saving time turns a clock [s]
+_DAY = 86400.0  # by how much a clock without a date goes back at midnight [s]
+_NEAR = 0.5  # difference of a jump from an hour or a day up to which it is one [usual intervals]
+
+_REMEDY = "write the stamps with their offset from UTC (+01:00), or give the sampling time (dt, --dt)"
+
+
+class LocalClock:
+    """Looks for such jumps in time stamps that are given block by block.
+
+    >>> clock = LocalClock(Path("log.csv"), "time", "row {}".format, has_date=True)
+    >>> clock.check(np.array([0.0, 60.0, 120.0]))
+    >>> clock.check(np.array([-3420.0]))
+    Traceback (most recent call last):
+    replant.errors.LogError: log.csv: row 3, column 'time': the clock goes back by 3540 s, ...
+    """
+
+    def __init__(self, path: Path, name: str, describe_row: Callable[[int], str], *, has_date: bool) -> None:
+        self._path, self._name, self._describe_row, self._has_date = path, name, describe_row, has_date
+        self._rows, self._last, self._usual = 0, np.empty(0), math.nan
+
+    def check(self, stamps: NDArray[np.float64]) -> None:
+        """Look at the next stamps, in s."""
+        row = self._rows - self._last.size
+        known = np.concatenate([self._last, stamps])
+        steps = np.diff(known)
+        forward = steps[steps > 0.0]
+        if math.isnan(self._usual) and forward.size:
+            self._usual = float(np.median(forward))
+        for jump, said in self._jumps():
+            found = np.abs(steps - self._usual - jump) <= _NEAR * self._usual
+            if found.any() and self._usual < 0.25 * _HOUR:
+                at = int(np.argmax(found))
+                raise LogError(
+                    f"{self._path}: {self._describe_row(row + at + 1)}, column {shown(self._name)}: the clock goes "
+                    f"{'back' if jump < 0.0 else 'on'} by {abs(steps[at]):.6g} s, {said}"
+                )
+        self._rows += stamps.size
+        self._last = known[-1:]
+
+    def _jumps(self) -> list[tuple[float, str]]:
+        back = (-_HOUR, f"as at the end of daylight saving time; {_REMEDY}")
+        forth = (_HOUR, f"as at the beginning of daylight saving time, or after a pause of an hour; {_REMEDY}")
+        midnight = "as at midnight; write the date into the column, too, or give the sampling time (dt, --dt)"
+        return [back, forth] if self._has_date else [(-_DAY, midnight)]

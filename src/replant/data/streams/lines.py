@@ -1,70 +1,239 @@
-"""Lines: a stream of bytes is split into whole lines; a line that never ends takes no memory."""
+"""Sources of lines: standard input, a serial port that is opened again when lost, and a TCP connection."""
 
 from __future__ import annotations
 
-from collections import Counter
+import os
+import socket
+import stat
+import sys
+import time
+from typing import Any
 
-import numpy as np
+from replant.data.streams.opening import Address
+from replant.data.streams.parser import LineSplitter, Parser
+from replant.data.streams.reader import Reader
+from replant.errors import InvalidArgumentError, MissingDependencyError
 
-LONGEST = 1 << 16  # the longest line; a longer one is skipped [bytes]
+BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
 
-class LineSplitter:
-    r"""Splits one stream into lines.
+class PipeSource(Reader):
+    """Lines from an open file, ``-`` for standard input.  While the queue is full nothing is read: the writer waits."""
 
-    >>> lines = LineSplitter(Counter())
-    >>> lines.split(b"1,2\n3,"), lines.split(b"4\n5,6"), lines.rest()
-    (b'1,2\n', b'3,4\n', b'5,6\n')
+    def __init__(self, name: str, file: int, columns: tuple[str, ...] | None = None) -> None:
+        super().__init__(name, waits=True)
+        self._file = file
+        self._parser = Parser(self._counts, columns)
+
+    def _read(self) -> None:
+        self._connected(again=False)
+        lines = LineSplitter(self._counts)
+        # on POSIX select() also waits for pipes, on Windows for sockets only; a regular file is always readable
+        waits = os.name == "posix" and not stat.S_ISREG(os.fstat(self._file).st_mode)
+        while not self._stop.requested:
+            if waits and not self._stop.wait_readable(self._file, 60.0):
+                continue
+            data = os.read(self._file, BLOCK)
+            if not data:
+                self._deliver(self._parser.parse(lines.rest(), time.monotonic()))
+                break
+            self._deliver(self._parser.parse(lines.split(data), time.monotonic()))
+        self._deliver(self._parser.finish(time.monotonic()))
+
+
+def open_pipe(address: Address, columns: tuple[str, ...] | None) -> PipeSource:
+    """Return the source that reads standard input."""
+    address.allow("columns")
+    try:
+        file = sys.stdin.fileno()
+    except (AttributeError, OSError, ValueError):
+        raise InvalidArgumentError("-: there is no standard input; pipe samples into the command") from None
+    return PipeSource(address.name, file, columns)
+
+
+SERIAL_EXAMPLE = "serial:///dev/ttyUSB0?baud=115200"
+BAUD = 115_200  # usual rate of a serial line [bit/s]
+WAIT = 0.1  # the longest wait of one read; a closed source ends within this time [s]
+
+
+class SerialSource(Reader):
+    """Lines from a serial port, ``serial:///dev/ttyUSB0?baud=115200`` or ``serial://COM3``.
+
+    The port is opened in the middle of a line: the rest of that line is skipped and counted as "cut off".  A full queue
+    drops its oldest samples and counts them.  A board sends nothing again, and many boards restart when the port is
+    opened: sequence numbers tell only which samples were lost.
     """
 
-    def __init__(self, counters: Counter[str], longest: int = LONGEST) -> None:
-        self._counters = counters
-        self._longest = longest
-        self._tail = b""
-        self._skipping = False  # bytes are skipped until the next line begins
-        self._midway = False  # the line being skipped has not been counted yet
+    def __init__(self, name: str, port: str, baud: int = BAUD, columns: tuple[str, ...] | None = None) -> None:
+        super().__init__(name, waits=False, replays=False)
+        self._port_and_baud = port, baud
+        self._lines = LineSplitter(self._counts)
+        self._parser = Parser(self._counts, columns)
+        self._port: Any = None
+        try:
+            self._port = self._open()
+        except port_errors() as error:
+            raise InvalidArgumentError(f"{name}: cannot be opened ({port_reason(error)}); {remedy(port)}") from None
 
-    def split(self, data: bytes) -> bytes:
-        """Return the lines that ``data`` completes, each with its line end."""
-        if self._skipping:
-            skipped, end, data = data.partition(b"\n")
-            counted = self._midway and bool(skipped.strip())
-            if counted:
-                self._counters["cut off"] += 1
-            self._skipping = not end
-            self._midway = self._midway and not end and not counted
-        last = data.rfind(b"\n") + 1
-        complete = self._tail + data[:last] if last else b""
-        tail = data[last:] if last else self._tail + data
-        if len(tail) > self._longest:
-            self._counters["too long"] += 1
-            self._skipping, tail = True, b""
-        self._tail = tail
-        return self._without_long(complete)
+    def seek(self, sequence: int) -> None:
+        """Do nothing: the board's numbers may have started anew."""
 
-    def _without_long(self, block: bytes) -> bytes:
-        if len(block) <= self._longest + 1:
-            return block
-        ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
-        if np.diff(ends, prepend=-1).max() <= self._longest + 1:
-            return block
-        lines = [line + b"\n" for line in block[:-1].split(b"\n")]
-        kept = [line for line in lines if len(line) <= self._longest + 1]
-        self._counters["too long"] += len(lines) - len(kept)
-        return b"".join(kept)
+    def close(self) -> None:
+        """Stop reading, see `Source.close`."""
+        super().close()
+        if self._state == "connecting":  # the reading, which closes the port, has not begun
+            self._port.close()
 
-    def rest(self) -> bytes:
-        """Return the last line, which ended with the stream."""
-        tail, self._tail = self._tail, b""
-        return tail + b"\n" if tail.strip() else b""
+    def _open(self) -> Any:
+        return import_pyserial(self.name).Serial(*self._port_and_baud, timeout=WAIT)
 
-    def restart(self) -> None:
-        """Start again at the beginning of a line; an unfinished line is dropped and counted as "cut off"."""
-        if self._tail.strip():
-            self._counters["cut off"] += 1
-        self._tail, self._skipping, self._midway = b"", False, False
+    def _read(self) -> None:
+        again = False
+        while not self._stop.requested:
+            try:
+                with self._port or self._open() as port:
+                    self._port = None
+                    self._connected(again=again)
+                    again = True
+                    self._receive(port)
+            except port_errors() as error:
+                self._lines.restart()
+                self._wait_to_connect(port_reason(error), again=again)
+        self._deliver(self._parser.finish(time.monotonic()))
 
-    def restart_midway(self) -> None:
-        """Start again in the middle of a line; the rest of that line is skipped."""
-        self.restart()
-        self._skipping = self._midway = True
+    def _receive(self, port: Any) -> None:
+        self._lines.restart_midway()
+        self._numbering.last = None
+        while not self._stop.requested:
+            data = port.read(1)
+            if data:
+                data += port.read(port.in_waiting)
+                self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
+
+
+def import_pyserial(name: str) -> Any:
+    """Return the module of pyserial; ``name`` is the source's URL, for the message."""
+    try:
+        import serial
+    except ImportError as error:
+        raise MissingDependencyError(f"{name}: serial ports need pyserial: pip install 'replant[live]'") from error
+    return serial
+
+
+def port_errors() -> tuple[type[Exception], ...]:
+    """Return the errors that a lost port raises: pyserial passes on some of the system's own.
+
+    Examples
+    --------
+    >>> OSError in port_errors()
+    True
+    """
+    try:
+        import termios
+    except ImportError:  # Windows
+        return OSError, TypeError, ValueError
+    return OSError, TypeError, ValueError, termios.error
+
+
+def port_reason(error: Exception) -> str:
+    """Return the system's words for an error, without the port's name and the number that pyserial adds.
+
+    Examples
+    --------
+    >>> port_reason(OSError(2, "could not open port /dev/ttyUSB0"))
+    'No such file or directory'
+    """
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if isinstance(number, int) else str(error)
+
+
+def remedy(port: str) -> str:
+    """Return what to do about a port that does not open, and the ports that exist."""
+    from serial.tools.list_ports import comports
+
+    ports = ", ".join(sorted(found.device for found in comports())) or "none"
+    return f"ports found: {ports}; on Linux your user must be in the group dialout (asked for: {port})"
+
+
+def open_serial(address: Address, columns: tuple[str, ...] | None) -> SerialSource:
+    """Return the source of a URL ``serial://``."""
+    address.allow("baud", "columns")
+    port = address.path or address.host.upper()  # a host is COM3
+    if not port:
+        raise InvalidArgumentError(f"{address.name}: the port is missing; write {SERIAL_EXAMPLE}")
+    return SerialSource(address.name, port, address.whole("baud", BAUD, least=1), columns)
+
+
+TCP_EXAMPLE = "tcp://127.0.0.1:9000"
+CONNECT_TIMEOUT = 5.0  # time that the peer may take to accept [s]
+#: A peer that was switched off is noticed after 5 + 3 * 2 s.
+KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
+
+
+class TcpSource(Reader):
+    """Lines of a TCP peer, ``tcp://host:port``.
+
+    While the queue is full nothing is read: the peer waits, and no sample is lost.  When a connection begins and a
+    sequence number N is known, from `seek` or from earlier samples, the source sends the line ``after N``.  A peer that
+    keeps its samples then continues with N + 1.  Samples that a peer sends again are dropped by their number.
+    """
+
+    def __init__(self, name: str, host: str, port: int, columns: tuple[str, ...] | None = None) -> None:
+        super().__init__(name, waits=True)
+        self._place = host, port
+        self._lines = LineSplitter(self._counts)
+        self._parser = Parser(self._counts, columns)
+
+    def _read(self) -> None:
+        again = False
+        while not self._stop.requested:
+            try:
+                with socket.create_connection(self._place, CONNECT_TIMEOUT) as peer:
+                    self._connected(again=again)
+                    again = True
+                    self._receive(peer)
+                trouble = "the peer closed the connection"
+            except OSError as error:
+                trouble = error.strerror or str(error)
+            self._lines.restart()
+            self._wait_to_connect(trouble, again=again)
+        self._deliver(self._parser.finish(time.monotonic()))
+
+    def _receive(self, peer: socket.socket) -> None:
+        """Deliver samples until the peer closes the connection or a stop is requested."""
+        enable_keepalive(peer)
+        if self._numbering.last is not None:
+            peer.sendall(f"after {self._numbering.last}\n".encode())
+        while not self._stop.requested:
+            if self._stop.wait_readable(peer, 60.0):
+                data = peer.recv(BLOCK)
+                if not data:
+                    return
+                self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
+
+
+def enable_keepalive(peer: socket.socket) -> None:
+    """Have the system detect a peer that has vanished; options that the system lacks are left out.
+
+    Examples
+    --------
+    >>> with socket.socket() as peer:
+    ...     enable_keepalive(peer)
+    ...     peer.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) != 0
+    True
+    """
+    peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in KEEPALIVE.items():
+        option = getattr(socket, name, None)
+        if option is not None:
+            peer.setsockopt(socket.IPPROTO_TCP, option, value)
+
+
+def open_tcp(address: Address, columns: tuple[str, ...] | None) -> TcpSource:
+    """Return the source of a URL ``tcp://``.
+
+    >>> open_tcp(Address("tcp://rig:9000", "tcp", "rig", 9000), None).name
+    'tcp://rig:9000'
+    """
+    address.allow("columns")
+    return TcpSource(address.name, *address.host_and_port(TCP_EXAMPLE), columns)

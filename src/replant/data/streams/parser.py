@@ -1,4 +1,4 @@
-"""Parser: turns blocks of lines into samples; a clean block is parsed as a whole, any other line by line."""
+"""Parse lines and payloads of live samples: CSV with or without a header, and JSON."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from replant.arguments import FloatArray
 from replant.data.logs.text_layout import is_data
 from replant.data.streams.rows import (
     BY_WIDTH,
+    FIELDS,
     Malformed,
     Row,
     check_width,
@@ -24,6 +25,70 @@ from replant.data.streams.rows import (
     table_from_json,
 )
 from replant.data.streams.source import Batch
+
+LONGEST = 1 << 16  # the longest line; a longer one is skipped [bytes]
+
+
+class LineSplitter:
+    r"""Splits one stream into lines.
+
+    >>> lines = LineSplitter(Counter())
+    >>> lines.split(b"1,2\n3,"), lines.split(b"4\n5,6"), lines.rest()
+    (b'1,2\n', b'3,4\n', b'5,6\n')
+    """
+
+    def __init__(self, counters: Counter[str], longest: int = LONGEST) -> None:
+        self._counters = counters
+        self._longest = longest
+        self._tail = b""
+        self._skipping = False  # bytes are skipped until the next line begins
+        self._midway = False  # the line being skipped has not been counted yet
+
+    def split(self, data: bytes) -> bytes:
+        """Return the lines that ``data`` completes, each with its line end."""
+        if self._skipping:
+            skipped, end, data = data.partition(b"\n")
+            counted = self._midway and bool(skipped.strip())
+            if counted:
+                self._counters["cut off"] += 1
+            self._skipping = not end
+            self._midway = self._midway and not end and not counted
+        last = data.rfind(b"\n") + 1
+        complete = self._tail + data[:last] if last else b""
+        tail = data[last:] if last else self._tail + data
+        if len(tail) > self._longest:
+            self._counters["too long"] += 1
+            self._skipping, tail = True, b""
+        self._tail = tail
+        return self._without_long(complete)
+
+    def _without_long(self, block: bytes) -> bytes:
+        if len(block) <= self._longest + 1:
+            return block
+        ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
+        if np.diff(ends, prepend=-1).max() <= self._longest + 1:
+            return block
+        lines = [line + b"\n" for line in block[:-1].split(b"\n")]
+        kept = [line for line in lines if len(line) <= self._longest + 1]
+        self._counters["too long"] += len(lines) - len(kept)
+        return b"".join(kept)
+
+    def rest(self) -> bytes:
+        """Return the last line, which ended with the stream."""
+        tail, self._tail = self._tail, b""
+        return tail + b"\n" if tail.strip() else b""
+
+    def restart(self) -> None:
+        """Start again at the beginning of a line; an unfinished line is dropped and counted as "cut off"."""
+        if self._tail.strip():
+            self._counters["cut off"] += 1
+        self._tail, self._skipping, self._midway = b"", False, False
+
+    def restart_midway(self) -> None:
+        """Start again in the middle of a line; the rest of that line is skipped."""
+        self.restart()
+        self._skipping = self._midway = True
+
 
 Item = TypeVar("Item")
 
@@ -162,3 +227,61 @@ def is_number(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
     array([ True, False, False])
     """
     return np.asarray((values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values)))
+
+
+#: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuyr", "uy  ").
+MAGIC = b"RPL1"
+HEADER = 8  # bytes before the numbers of a packed payload [bytes]
+
+
+class Payloads:
+    """Parses the payloads of one stream.
+
+    A payload holds one or more lines (see `Parser`), or it is packed: `MAGIC`, the columns' letters padded with blanks
+    to four, then rows of little-endian float64.
+
+    >>> from collections import Counter
+    >>> payloads = Payloads(Parser(Counter()))
+    >>> packed = MAGIC + b"uy  " + np.array([[1.0, 0.5], [1.0, 0.7]], "<f8").tobytes()
+    >>> payloads.parse([packed], arrived=0.0).y
+    array([0.5, 0.7])
+    """
+
+    def __init__(self, parser: Parser, *, bare: bool = False) -> None:
+        self._parser = parser
+        self._bare = bare
+
+    def parse(self, payloads: Sequence[bytes], arrived: float) -> Batch | None:
+        """Return the samples in payloads, None if there are none."""
+        if not self._bare and not any(payload.startswith(MAGIC) for payload in payloads):
+            return self._parser.parse(b"\n".join(payloads), arrived)
+        tables: list[FloatArray] = []
+        for payload in payloads:
+            if self._bare or payload.startswith(MAGIC):
+                try:
+                    tables.append(self._unpack(payload))
+                except Malformed as reason:
+                    self._parser.count(str(reason))
+            else:
+                tables += self._parser.tables(payload)
+        return self._parser.batch(tables, arrived)
+
+    def _unpack(self, payload: bytes) -> FloatArray:
+        names = (
+            self._parser.columns
+            if self._bare
+            else tuple(payload[len(MAGIC) : HEADER].decode("ascii", "replace").strip())
+        )
+        numbers = payload if self._bare else payload[HEADER:]
+        if names is None or not {"u", "y"} <= set(names) <= set(FIELDS) or len(set(names)) < len(names):
+            raise Malformed("not packed right")
+        if not numbers or len(numbers) % (8 * len(names)):
+            raise Malformed("not packed right")
+        table = np.frombuffer(numbers, "<f8").astype(np.float64).reshape(-1, len(names))
+        if self._parser.columns is None:
+            self._parser.set_columns(names)
+        if self._parser.columns is None or names == self._parser.columns:
+            return table
+        if not set(self._parser.columns) <= set(names):
+            raise Malformed("fields missing")
+        return table[:, [names.index(name) for name in self._parser.columns]]

@@ -13,10 +13,9 @@ from replant.arguments import FloatArray
 from replant.data.logs import Table, read_columns
 from replant.data.logs.rasters import on_one_clock
 from replant.data.logs.sampling_time import time_candidates, unit_in_seconds
-from replant.data.streams.address import Address
-from replant.data.streams.reader import Reader
+from replant.data.streams.opening import Address
+from replant.data.streams.reader import Reader, StopRequest
 from replant.data.streams.source import Batch
-from replant.data.streams.stop_request import StopRequest
 from replant.errors import InvalidArgumentError
 
 BLOCK = 1 << 12  # samples handed over at once at the most [samples]

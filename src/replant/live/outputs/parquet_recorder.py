@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
-from replant.data.logs.parquet import CHECKED, check_rows, open_parquet
+from replant.data.logs.arrow import CHECKED, check_rows, open_parquet
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.outputs.disk_writer import DiskWriter
 from replant.live.outputs.message import EstimateMessage

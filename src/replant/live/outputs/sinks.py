@@ -13,7 +13,7 @@ import uuid
 from typing import Any, Protocol
 from urllib.parse import SplitResult, unquote, urlsplit
 
-from replant.data.streams.address import without_password
+from replant.data.streams.opening import without_password
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.outputs.message import (
     ENDED,

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from replant.data.logs import Log
-from replant.data.logs.digest import digest
+from replant.data.logs.recording import digest
 from replant.report.figures import style
 from replant.report.figures.poles import regions
 from replant.report.html.page import Html, facts, words

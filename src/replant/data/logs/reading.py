@@ -1,4 +1,4 @@
-"""What reading a file may cost: memory and processor time in proportion to the samples that are really in it.
+"""What the readers of files share: what reading may cost, the errors of libraries, zip directories, blocks read ahead.
 
 The process that reads a file (`parser_process`) begins with an allowance that is the same for every file.  A reader
 that holds samples asks for more when it has found them; what a file merely claims gives none.
@@ -8,11 +8,15 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterable, Iterator
+import zipfile
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from replant.errors import LogError
+from replant.errors import LogError, ReplantError
 
 T = TypeVar("T")
 
@@ -102,3 +106,74 @@ def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS)
 def too_many_error(path: Path, what: str, most: int = MOST_COLUMNS) -> LogError:
     """Return the error for a file with too much of something."""
     return LogError(f"{path}: more than {most:,} {what}; write the log's signals into a file of their own")
+
+
+@contextmanager
+def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
+    """Turn the errors of a library that parses a file into a LogError.
+
+    On damaged bytes such a library fails with almost any exception.  Errors of the operating system and of replant are
+    raised as they are.
+
+    >>> with damage_as_log_error(Path("log.npz"), ".npz archive", "save it with numpy.savez"):
+    ...     raise KeyError("u.npy")
+    Traceback (most recent call last):
+    replant.errors.LogError: log.npz: not a readable .npz archive ('u.npy'); save it with numpy.savez
+    """
+    try:
+        yield
+    except ReplantError:
+        raise
+    except MemoryError:
+        reason = "reading it takes more memory than its samples justify"
+        raise LogError(f"{path}: not a readable {kind} ({reason}); {remedy}") from None
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise LogError(f"{path}: not a readable {kind} ({reason[:120]}); {remedy}") from error
+
+
+MOST_MEMBERS = 4096  # files in an archive [count]
+DEFLATE_RATIO = 1032  # bytes that a byte of deflated data can stand for: what its format allows [bytes]
+
+_STREAMED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # the others are unpacked by `zipfile` without a bound
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[zipfile.ZipFile]:
+    """Open an archive whose members can be read part by part; none yields more bytes than its directory says."""
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        if len(members) > MOST_MEMBERS:
+            raise LogError(
+                f"{path}: {len(members):,} files in one archive; put the log's signals into one of their own"
+            )
+        if any(member.compress_type not in _STREAMED for member in members):
+            raise LogError(f"{path}: packed by another method than deflate; pack it again with zip")
+        yield archive
+
+
+def prefetch(jobs: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
+    """Yield the results of ``jobs`` in their order, with ``workers`` + 1 jobs running or waiting.
+
+    Threads suffice: reading, parsing and identification each release the interpreter's lock.
+
+    Examples
+    --------
+    >>> list(prefetch((lambda k=k: k * k for k in range(5)), workers=2))
+    [0, 1, 4, 9, 16]
+    """
+    pending: deque[Future[T]] = deque()
+    pool = ThreadPoolExecutor(workers, "replant-read")
+    try:
+        for job in jobs:
+            pending.append(pool.submit(job))
+            if len(pending) > workers:
+                yield pending.popleft().result()
+        while pending:
+            yield pending.popleft().result()
+    finally:
+        # Never wait here: the garbage collector may end an abandoned generator in any thread, in one of the pool's too,
+        # and at any place, also where that thread holds the locks of `threading`.
+        pool.shutdown(wait=False, cancel_futures=True)

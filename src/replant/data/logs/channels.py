@@ -1,0 +1,223 @@
+"""Files of measured channels: MDF (.mf4, .mdf) with asammdf, TDMS of LabVIEW with npTDMS, ULog of PX4 with pyulog.
+
+A channel with waveform properties (wf_start_offset, wf_increment, perhaps wf_start_time) has time stamps of its own.
+In a file where one has none, the time is a column, as in a table.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.data.logs import reading
+from replant.data.logs.rasters import Channel, Signal, channel_table
+from replant.data.logs.reading import DEFLATE_RATIO, damage_as_log_error
+from replant.data.logs.table import Table
+from replant.data.logs.text_cells import with_units
+from replant.errors import LogError, MissingDependencyError, shown
+
+TIME = 1  # kind of a group's master channel that is time; others are angle, distance and index [code]
+
+_MAGIC = (b"MDF     ", b"UnFinMF ")
+_REMEDY = "copy it again, or export it as CSV"
+_COPIES = 4
+"""Arrays held at once, each beside a column as float64: asammdf's bytes, stamps and values, and ours [count]."""
+
+
+def read_mdf(path: Path) -> Table:
+    """Open a measurement data file of version 3 or 4.
+
+    A channel is called by its name; where several groups have it, as ``group/name``.
+    """
+    with _opened(path) as log:
+        found = list(reading.at_most(path, _listed(log), "channels"))
+    twice = {name for name, count in Counter(name for _, _, _, name, _ in found).items() if count > 1}
+    names = with_units(
+        [f"{group}/{name}" if name in twice else name for _, _, group, name, _ in found], [unit for *_, unit in found]
+    )
+    places = [(group, number) for group, number, *_ in found]
+    return channel_table(
+        path,
+        [Channel(name, partial(_signal, path, name, *place)) for name, place in zip(names, places, strict=True)],
+    )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    try:
+        from asammdf import MDF
+    except ImportError as error:
+        raise MissingDependencyError(f"{path}: reading MDF needs asammdf: pip install asammdf") from error
+    with path.open("rb") as file:
+        if not file.read(len(_MAGIC[0])).startswith(_MAGIC):
+            raise LogError(f"{path}: not a measurement data file; {_REMEDY}")
+    with damage_as_log_error(path, "measurement data file", _REMEDY), MDF(str(path)) as log:
+        yield log
+
+
+def _listed(file: Any) -> Iterator[tuple[int, int, str, str, str]]:
+    """Yield the channels over time: group, number in the group, name of the group, name, unit."""
+    for group, about in enumerate(file.groups):
+        master = file.masters_db.get(group)
+        if master is None or getattr(about.channels[master], "sync_type", TIME) != TIME:
+            continue
+        name = str(getattr(about.channel_group, "acq_name", "") or f"group {group}")
+        for number, channel in enumerate(about.channels):
+            if number != master:
+                yield group, number, name, str(channel.name), _unit(channel)
+
+
+def _unit(channel: Any) -> str:
+    conversion = getattr(channel, "conversion", None)
+    return str(getattr(channel, "unit", "") or getattr(conversion, "unit", "") or "").strip()
+
+
+def _signal(path: Path, name: str, group: int, number: int) -> Signal:
+    """Return stamps and values of a channel, NaN where the logger marked it as invalid."""
+    with _opened(path) as file:
+        rows = min(int(file.groups[group].channel_group.cycles_nr), DEFLATE_RATIO * path.stat().st_size)
+        reading.allow(held=_COPIES * 8 * rows)
+        found = file.get(group=group, index=number, ignore_invalidation_bits=True)
+        if found.samples.dtype.kind not in "biuf" or found.samples.ndim != 1:
+            raise LogError(f"{path}: column {shown(name)} holds no numbers; choose another column")
+        values = np.array(found.samples, np.float64)
+        if found.invalidation_bits is not None:
+            values[np.asarray(found.invalidation_bits, np.bool_)] = np.nan
+        return Signal(np.array(found.timestamps, np.float64), values)
+
+
+_TDMS_COPIES = 3  # arrays held at once, each beside a column as float64: npTDMS's values, ours and the stamps [count]
+
+_Place = tuple[str, str]
+
+
+def read_tdms(path: Path) -> Table:
+    """Open a TDMS file."""
+    with _opened_of_tdms(path) as file:
+        listed = reading.at_most(path, (one for group in file.groups() for one in group.channels()), "channels")
+        channels = [one for one in listed if one.dtype.kind in "biufM" and len(one)]
+        places: list[_Place] = [(one.group_name, one.name) for one in channels]
+        names = with_units(
+            [f"{group}/{name}" for group, name in places],
+            [str(one.properties.get("unit_string", "")).strip() for one in channels],
+        )
+        stamps = frozenset(number for number, one in enumerate(channels) if one.dtype.kind == "M")
+        clocks = [_clock(one) for one in channels]
+    if not channels:
+        raise LogError(f"{path}: no channel of numbers in the file; choose another file")
+    if all(clock is not None for clock in clocks):
+        known = [clock for clock in clocks if clock is not None]
+        starts = [_nanoseconds(start) for start, _, _ in known if start is not None]
+        origin = min(starts) if len(starts) == len(known) else None
+        return channel_table(
+            path,
+            [
+                Channel(name, partial(_signal_of_tdms, path, place, clock, origin))
+                for name, place, clock in zip(names, places, known, strict=True)
+            ],
+        )
+    return Table(path, names, partial(_blocks, path, places), in_seconds=stamps)
+
+
+@contextmanager
+def _opened_of_tdms(path: Path) -> Iterator[Any]:
+    try:
+        from nptdms import TdmsFile
+    except ImportError as error:
+        raise MissingDependencyError(f"{path}: reading TDMS needs npTDMS: pip install npTDMS") from error
+    remedy = "copy it again, or export it as CSV"
+    with damage_as_log_error(path, "TDMS file", remedy), path.open("rb") as opened, TdmsFile.open(opened) as file:
+        yield file
+
+
+def _clock(channel: Any) -> tuple[Any, float, float] | None:
+    """Return start time (or None), offset and increment of a waveform; None if it is none."""
+    about = channel.properties
+    increment = float(about.get("wf_increment", 0.0))
+    if not increment > 0.0 or channel.dtype.kind == "M":
+        return None
+    return about.get("wf_start_time"), float(about.get("wf_start_offset", 0.0)), increment
+
+
+def _nanoseconds(start: Any) -> int:
+    return int(np.datetime64(start, "ns").astype(np.int64))
+
+
+def _signal_of_tdms(path: Path, place: _Place, clock: tuple[Any, float, float], origin: int | None) -> Signal:
+    start, offset, increment = clock
+    with _opened_of_tdms(path) as file:
+        values = _values(file, place, path.stat().st_size)
+    begin = offset + (0.0 if origin is None else (_nanoseconds(start) - origin) / 1e9)
+    return Signal(np.asarray(begin + increment * np.arange(values.size), np.float64), values)
+
+
+def _blocks(path: Path, places: Sequence[_Place], numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    with _opened_of_tdms(path) as file:
+        yield [_values(file, places[number], path.stat().st_size) for number in numbers]
+
+
+def _values(file: Any, place: _Place, size: int) -> NDArray[np.float64]:
+    group, name = place
+    channel = file[group][name]
+    reading.allow(held=_TDMS_COPIES * 8 * min(len(channel), size))
+    values = np.asarray(channel[:])
+    if values.dtype.kind == "M":
+        counts = values.astype("datetime64[ns]").astype(np.int64)
+        return np.asarray((counts - counts[:1]) / 1e9, np.float64)
+    return np.array(values, np.float64)
+
+
+_STAMP = "timestamp"
+_ULOG_COPIES = 2  # size of what pyulog holds: the messages, and their fields as arrays [times the file]
+_PER_SECOND = 1_000_000  # unit of the stamps [1/s]
+
+
+def read_ulog(path: Path) -> Table:
+    """Open a ULog file.  Of several instances of a topic the columns are ``topic[0].field``, ``topic[1].field``."""
+    try:
+        from pyulog import ULog
+    except ImportError as error:
+        raise MissingDependencyError(f"{path}: reading ULog needs pyulog: pip install 'replant[ulog]'") from error
+    with damage_as_log_error(path, "ULog file", "copy it again"), path.open("rb") as file:
+        reading.allow(held=_ULOG_COPIES * path.stat().st_size)  # pyulog holds all that is in it
+        log = ULog(file)
+        topics = [topic for topic in log.data_list if len(topic.data.get(_STAMP, ()))]
+        instances = Counter(topic.name for topic in topics)
+        channels = [
+            _channel(f"{_name(topic, instances)}.{field}", topic.data[_STAMP], values, log.start_timestamp)
+            for topic in topics
+            for field, values in topic.data.items()
+            if field != _STAMP and values.dtype.kind in "biuf"
+        ]
+        notes = _notes(path, log)
+    table = channel_table(path, channels)
+    return Table(table.path, table.names, table.blocks, table.describe_row, notes=notes, stamps=table.stamps)
+
+
+def _name(topic: Any, instances: Counter[str]) -> str:
+    return f"{topic.name}[{topic.multi_id}]" if instances[topic.name] > 1 else str(topic.name)
+
+
+def _channel(name: str, stamps: Any, values: Any, start: int) -> Channel:
+    def read_channel() -> Signal:
+        elapsed = (np.asarray(stamps, np.uint64) - np.uint64(start % 2**64)).astype(np.int64)  # modulo 2**64
+        return Signal(np.asarray(elapsed / _PER_SECOND, np.float64), np.array(values, np.float64))
+
+    return Channel(name, read_channel)
+
+
+def _notes(path: Path, log: Any) -> tuple[str, ...]:
+    notes = []
+    if log.dropouts:
+        lost = sum(dropout.duration for dropout in log.dropouts)
+        notes.append(f"{path}: the logger lost samples for {lost / 1000:.3g} s, in {len(log.dropouts)} gaps")
+    if log.file_corruption:
+        notes.append(f"{path}: a part of the file is damaged and left out")
+    return tuple(notes)
