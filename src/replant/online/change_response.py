@@ -140,7 +140,7 @@ def reconsider(old: State, settings: Settings) -> State | None:
     if contest is None:
         return None
     claims = contest.claims(again=True)
-    claims += _of_whole(old, settings, contest, old.before_began) if claims else []
+    claims += _of_whole(old, settings, contest, _gap_before(old)) if claims else []
     found = decided(claims) if claims else None
     if found is None:
         return None
@@ -156,7 +156,7 @@ def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | N
 
     ``parted``: accepted samples before the part of another variance.
     """
-    kept, first = kept_since(old, old.before_began)
+    kept, first = kept_since(old, _gap_before(old))
     begin = old.changed_at - first
     if begin <= 0:
         return None
@@ -177,7 +177,7 @@ def _one_model(old: State, settings: Settings, since_alarm: Contest) -> list[Cla
     contest = since_change(old, settings, old.samples - since_alarm.since.u.size)
     if contest is None:
         return []
-    claims = [*contest.claims(again=True), *_of_whole(old, settings, contest, old.before_began)]
+    claims = [*contest.claims(again=True), *_of_whole(old, settings, contest, _gap_before(old))]
     # they are told beside NOTHING since the change; the others beside the present model, and what it has cost
     goes_on = contest.stretch.of_usual(present.error[-contest.rows :], present.noise, present.variance, last=True)
     base, odds = goes_on - contest.usual - old.change_price, odds_of(old.change)
@@ -245,13 +245,16 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
         refined, begin = contest.estimate(found), old.samples - contest.since.u.size
         if refined is None:
             return None
-        before = old.before_began if begin <= old.changed_at else _one_plant_since(old)
-        of_plant = found.supposition is Supposition.PLANT
+        of_plant, again = found.supposition is Supposition.PLANT, begin <= old.changed_at
+        before = one_plant_before(old) if again else _one_plant_since(old)
+        gap = _gap_before(old) if again else old.gap_at
         new = restart(old, settings, refined, contest.since, begin if of_plant else before)
-        new.change, new.changed_at, new.before_began = found.supposition, begin, before
+        new.change, new.changed_at = found.supposition, begin
+        # no one model explains the samples on both sides of a load
+        new.before_began = before if of_plant else max(before, gap)
         new.change_price, new.undecided = found.price, undecided
         new.prior[0], new.prior[1:] = contest.known.mean, contest.known.information
-        new.gap_at = min(old.gap_at, begin) if of_plant else begin
+        new.gap_at = min(gap, begin) if of_plant else begin
         new.revised_from = 0 if of_plant else begin
         if not of_plant:
             # the record is short, and its length no bound for a time constant: the plant may be as slow as before
@@ -270,6 +273,16 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
 def _one_plant_since(state: State) -> int:
     """Return the accepted samples before those that one G(s) is taken to have made."""
     return state.changed_at if state.change.is_of_plant else state.record_began
+
+
+def one_plant_before(state: State) -> int:
+    """Return the accepted samples before those that one G(s) is taken to have made until the last change."""
+    return state.before_began if state.change is Supposition.PLANT else state.record_began
+
+
+def _gap_before(state: State) -> int:
+    """Return the accepted samples before those, before the last change, that one model explains with one offset."""
+    return max(state.before_began, state.gap_at) if state.change is Supposition.PLANT else state.before_began
 
 
 def _end(state: State) -> None:

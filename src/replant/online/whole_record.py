@@ -13,7 +13,7 @@ from replant.engine.state import State
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.offline.contest import weighed
 from replant.offline.solve import Solution, solve
-from replant.online.change_response import since_change
+from replant.online.change_response import one_plant_before, since_change
 from replant.online.restart import remembers_all, restart_at
 from replant.settings import STORED, Settings
 from replant.simulation.model_run import prediction_error, runs_away
@@ -53,7 +53,7 @@ def _lasts(state: State, settings: Settings) -> bool:
     What changes more often, or sooner than it can be identified, is no linear plant: its model is that of all samples.
     """
     shortest = min(state.changed_at, state.samples - state.changed_at)
-    return state.before_began == 0 and shortest >= settings.startup
+    return one_plant_before(state) == 0 and shortest >= settings.startup
 
 
 def _has_changed(state: State, settings: Settings, whole: Solution) -> bool:
