@@ -18,7 +18,6 @@ from typing import Any
 import pytest
 
 from replant.live.dashboard import Hub, app, security, serve
-from replant.live.dashboard import security
 from support.cases import every
 from support.dashboard_watcher import numbered, until, watch
 from support.http_request import ask
