@@ -17,7 +17,7 @@ import replant as rp
 from replant.data.streams import Batch, open_source
 from replant.data.streams.demo import demo_voltage
 from replant.live.outputs.message import EstimateMessage
-from replant.live.session.end_conditions import Limits
+from replant.live.session.progress import Limits
 from replant.online import saving
 from replant.rigs import deap_rig
 from replant.settings import Request

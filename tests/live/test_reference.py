@@ -12,9 +12,8 @@ from rich.console import Console
 
 import replant as rp
 from replant.errors import InvalidArgumentError
-from replant.live.observer.final_report import report_of
 from replant.live.observer.make_view import POINTS, EstimateHistory, make_view
-from replant.live.observer.terminal import render
+from replant.live.observer.terminal import render, report_of
 from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.message import DiskWriter, Notices
 from replant.live.outputs.parquet_recorder import ParquetRecorder

@@ -16,7 +16,7 @@ from replant.cli.terminal import Choice
 from replant.errors import InvalidArgumentError
 from replant.live.observer.view import SignalNames
 from replant.live.run_session import Plan, run
-from replant.live.session.end_conditions import Limits
+from replant.live.session.progress import Limits
 from replant.model.structure import Structure
 from replant.operating_system import one_line
 from replant.regressor.preprocess import Preprocess

@@ -20,8 +20,7 @@ from replant.live.observer.view import UNNAMED, SignalNames
 from replant.live.outputs.message import DiskWriter, Notices, time_to_live
 from replant.live.outputs.parquet_recorder import ParquetRecorder
 from replant.live.outputs.sinks import Sink, open_sink
-from replant.live.session.end_conditions import Limits
-from replant.live.session.progress import CheckpointWriter, Progress, resume
+from replant.live.session.progress import CheckpointWriter, Limits, Progress, resume
 from replant.live.session.session import Session
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier

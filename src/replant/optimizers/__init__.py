@@ -5,9 +5,8 @@ covariance), its class in `gradient` or `covariance`, its name in `OPTIMIZERS` b
 from that list.
 """
 
-from replant.optimizers.covariance import KalmanTracking, RecursiveLeastSquares
 from replant.optimizers.gradient import AdaDelta, AdaGrad, Adam, AMSGrad, Gradient, IntegralCost, NAdam, RMSProp
-from replant.optimizers.optimizer import Optimizer
+from replant.optimizers.optimizer import KalmanTracking, Optimizer, RecursiveLeastSquares
 
 #: Every optimizer by the name that the command line takes.
 OPTIMIZERS: dict[str, type[Optimizer]] = {

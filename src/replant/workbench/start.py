@@ -13,7 +13,7 @@ from typing import Any
 
 from replant.errors import InvalidArgumentError
 from replant.live.dashboard import Dashboard, Hub, serve
-from replant.live.session.end_conditions import stop_on_signals
+from replant.live.session.progress import stop_on_signals
 from replant.operating_system import Worker
 from replant.workbench.session import SUFFIX, Session, newest_session, read, session_of, token
 

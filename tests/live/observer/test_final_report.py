@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.live.observer.final_report import report_of
 from replant.live.observer.make_view import EstimateHistory, make_view
+from replant.live.observer.terminal import report_of
 from replant.live.observer.view import SessionInfo, View
 from replant.report.html import report
 

@@ -24,7 +24,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import arrow, mcap, parser_child, parser_process, reading
+from replant.data.logs import arrow, channels, parser_child, parser_process, reading
 from replant.data.logs.reading import damage_as_log_error
 from replant.data.logs.table import Table, listed, unreadable_error
 from replant.errors import LogError, MissingDependencyError
@@ -205,7 +205,7 @@ FORMATS = {
     ".mf4": "channels.read_mdf",
     ".mdf": "channels.read_mdf",
     ".ulg": "channels.read_ulog",
-    ".mcap": "mcap.read",
+    ".mcap": "channels.read_mcap",
 }
 
 
@@ -264,7 +264,7 @@ def _read_file(path: Path) -> Table:
 def _parts(path: Path, suffix: str) -> list[Path]:
     if not path.is_dir():
         return [path]
-    return mcap.parts_of(path) if suffix == ".mcap" else arrow.parts_of(path)
+    return channels.parts_of(path) if suffix == ".mcap" else arrow.parts_of(path)
 
 
 def _check_file(path: Path) -> None:
@@ -288,7 +288,7 @@ def _check_head(path: Path) -> None:
 def _suffix_of_folder(path: Path) -> str:
     """Return the format of the parts of a log in a folder."""
     with _unreadable_as_log_error(path):
-        if mcap.parts_of(path):
+        if channels.parts_of(path):
             return ".mcap"
         if arrow.parts_of(path):
             return ".parquet"

@@ -63,7 +63,7 @@ PARSERS = {
     "channels.read_tdms": Parser("a TDMS file", "npTDMS", ("nptdms",)),
     "channels.read_mdf": Parser("a measurement data file", "asammdf", ("asammdf",)),
     "channels.read_ulog": Parser("a ULog file", "pyulog", ("pyulog",)),
-    "mcap.read": Parser("an MCAP file", "mcap", ("mcap.reader", "mcap_ros2.decoder")),
+    "channels.read_mcap": Parser("an MCAP file", "mcap", ("mcap.reader", "mcap_ros2.decoder")),
 }
 
 

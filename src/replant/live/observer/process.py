@@ -240,7 +240,7 @@ class _Observing:
 
     def _report(self) -> bytes:
         """Return the report of the newest estimate over the samples that the identifier keeps."""
-        from replant.live.observer.final_report import report_of
+        from replant.live.observer.terminal import report_of
 
         identifier, view = self._identifier, self._view
         if identifier is None or view is None:

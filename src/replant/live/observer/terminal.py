@@ -1,19 +1,32 @@
-"""Terminal status: the view, redrawn in place at a terminal, else one line every few seconds."""
+"""Terminal status: the view, redrawn in place or a line every few seconds; and the report at the end."""
 
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import math
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from replant.assessment import fit_percent, simulate
+from replant.data.logs import Log
+from replant.errors import ReplantError
 from replant.live.observer.view import View
 from replant.model.transfer_function import TransferFunction
+from replant.online.identifier import Identifier
+from replant.online.kept_model import model_of
 from replant.report.findings import colour_of, without_reasons, words_of
 from replant.report.number_format import grouped, off_by, std_alone, with_std
 from replant.report.terminal.summary import fraction, true_parameters, wrapped
+from replant.runs.result import Clock, History, Result
+from replant.simulation.stretches import stretches_of
+from replant.statistics.autoregression import one_step, one_step_with_lost
 
 LINES_APART = 5.0  # time between two lines where nobody watches [s]
 REASONS_WIDTH = 71  # width of the reasons, where a terminal has 80 columns [columns]
@@ -162,3 +175,62 @@ def _fit(view: View) -> str:
     if not math.isfinite(view.simulated):
         return ""
     return f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"
+
+
+ROUNDING = 1e-6  # difference between an interval and the sampling time that is rounding [sampling times]
+
+
+def report_of(identifier: Identifier, view: View) -> bytes:
+    """Return the HTML report of an identifier."""
+    from replant.report.html.report import write_report
+
+    if identifier.settings is None:
+        raise ReplantError("there is no model to report on yet")
+    u, y, intervals = identifier.recent.T.copy()
+    t = np.cumsum(intervals) - intervals[0]
+    regular = bool((np.abs(intervals[1:] - identifier.dt) <= ROUNDING * identifier.dt).all())
+    log = Log(u, y, identifier.dt, t, "input", "output", Path(view.source), irregular=not regular)
+    if identifier.reference:
+        log = dataclasses.replace(log, reference=identifier.recent_reference, reference_name="reference")
+    with tempfile.TemporaryDirectory() as folder:
+        page = write_report(
+            Path(folder, "report.html"), _result(identifier, view, log), log, command=f"live {view.source}"
+        )
+        return page.read_bytes()
+
+
+def _result(identifier: Identifier, view: View, log: Log) -> Result:
+    settings = identifier.settings
+    assert settings is not None
+    u, y, t = log.input, log.output, log.stamps
+    judged = identifier.judged
+    y = np.where(judged, y, np.nan)
+    seen = dataclasses.replace(settings, preprocess=dataclasses.replace(settings.preprocess, input_map="identity"))
+    simulation = simulate(
+        identifier.transfer_function, u - float(settings.preprocess.input_offset), y, identifier.dt,
+        input_hold=settings.filter.input_hold, t=t,
+    )  # fmt: skip
+    rows = view.history
+    known = np.isfinite(rows.parameters).all(axis=1)
+    # the report's log holds the newest samples only, so rows are numbered from its first sample
+    if t is None:
+        samples = np.round((rows.t - view.at) / identifier.dt).astype(np.int64) + u.size
+        errors = one_step(y - simulation.output)
+    else:
+        samples = np.searchsorted(t, rows.t - view.at + t[-1], side="right").astype(np.int64)
+        errors = one_step_with_lost(y - simulation.output, t, identifier.dt)
+    known &= samples > 0
+    verdict, ahead = identifier.assess(), fit_percent(y, y - errors)
+    return Result(
+        model_of(identifier, simulation, ahead, verdict),
+        ahead,
+        simulation,
+        identifier.samples,
+        identifier.rejected,
+        verdict,
+        0.0,
+        seen,
+        History(samples[known], rows.parameters[known], rows.std[known]),
+        left_out=stretches_of(~judged),
+        clock=Clock.of(identifier.dt, t),
+    )

@@ -18,8 +18,7 @@ from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, time_to_live
 from replant.live.outputs.parquet_recorder import ParquetRecorder
 from replant.live.outputs.sinks import Publisher, Sink
-from replant.live.session.end_conditions import Limits, stop_on_signals
-from replant.live.session.progress import CheckpointWriter, Progress, Throughput
+from replant.live.session.progress import CheckpointWriter, Limits, Progress, Throughput, stop_on_signals
 from replant.online.identifier import Identifier
 from replant.operating_system import refusal
 
