@@ -38,25 +38,13 @@ class NextStep:
 
 @dataclass(frozen=True, eq=False)
 class Situation:
-    """What was asked for and what came of it.
-
-    Attributes
-    ----------
-    result : Result
-    log : Log
-    path : str
-        The log as it was typed.
-    reason : str
-        The reason of the verdict that the step follows from.
-    is_searched : bool
-        Whether the structure was searched for already.
-    """
+    """What was asked for and what came of it."""
 
     result: Result
     log: Log
-    path: str
-    reason: str
-    is_searched: bool = False
+    path: str  # the log as it was typed
+    reason: str  # the reason of the verdict that the step follows from
+    is_searched: bool = False  # whether the structure was searched for already
 
     @property
     def poles(self) -> int:

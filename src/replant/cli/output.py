@@ -67,24 +67,12 @@ def keeping_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class Keeping:
-    """What is to be done with a model.
+    """What is to be done with a model."""
 
-    Attributes
-    ----------
-    saved : Path or None
-        File to write it to.
-    other_logs : tuple of Path
-        Logs to validate it on.
-    required : str or None
-        The verdict that is asked for.
-    columns : dict
-        The options that name the columns and the clock of the logs.
-    """
-
-    saved: Path | None
-    other_logs: tuple[Path, ...]
-    required: str | None
-    columns: dict[str, Any]
+    saved: Path | None  # file to write it to
+    other_logs: tuple[Path, ...]  # logs to validate it on
+    required: str | None  # the verdict that is asked for
+    columns: dict[str, Any]  # the options that name the columns and the clock of the logs
 
     @classmethod
     def of(cls, options: dict[str, Any]) -> Keeping:

@@ -264,21 +264,12 @@ def _hive_key(name: str, column: str) -> str | None:
 
 @dataclass(frozen=True)
 class Found:
-    """A log that was found, or a folder that cannot be searched.
-
-    Attributes
-    ----------
-    path : Path
-    size, modified : int
-        In bytes, and in ns since 1970; 0 where they are not known.
-    problem : str
-        Why it cannot be read, where that is known without opening it.
-    """
+    """A log that was found, or a folder that cannot be searched."""
 
     path: Path
-    size: int = 0
+    size: int = 0  # size, modified: in bytes, and in ns since 1970; 0 where they are not known
     modified: int = 0
-    problem: str = ""
+    problem: str = ""  # why it cannot be read, where that is known without opening it
 
 
 def walked(folder: Path, is_left_out: Callable[[Path], bool]) -> Iterator[Found]:

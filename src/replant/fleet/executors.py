@@ -116,23 +116,15 @@ def _renewed(workers: Workers, error: BaseException, lost: int) -> tuple[Workers
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a fleet is.
+    """How far a fleet is."""
 
-    Attributes
-    ----------
-    rigs, done, failed : int
-        All rigs; those that are done, with those of an earlier run; how many of these failed in this run.
-    samples : int
-        Samples used in this run.
-    part : float
-        Part of the work that is done, by the plan, up to 1.
-    """
-
+    # rigs, done, failed: all rigs; those that are done, with those of an earlier run; how many of these failed in this
+    # run
     rigs: int
     done: int
     failed: int
-    samples: int
-    part: float
+    samples: int  # samples used in this run
+    part: float  # part of the work that is done, by the plan, up to 1
 
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -144,17 +136,10 @@ _FORMS = "threads:N, processes:N or dask://HOST:PORT"
 
 @dataclass(frozen=True, eq=False)
 class Workers:
-    """An executor, and how to make it anew when its workers died.
-
-    Attributes
-    ----------
-    executor : concurrent.futures.Executor
-    renew : callable or None
-        Returns the same with a new executor; None where that is the caller's.
-    """
+    """An executor, and how to make it anew when its workers died."""
 
     executor: Executor
-    renew: Callable[[], Workers] | None = None
+    renew: Callable[[], Workers] | None = None  # returns the same with a new executor; None where that is the caller's
 
 
 class InThisThread(Executor):

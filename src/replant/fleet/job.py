@@ -88,32 +88,16 @@ class Job:
 
 @dataclass(frozen=True)
 class Piece:
-    """A file of a rig, or a part of one.
+    """A file of a rig, or a part of one."""
 
-    Attributes
-    ----------
-    path : str
-        As every worker finds it.
-    name : str
-        The path from the folder of all logs on.
-    size, modified : int
-        In bytes, and in ns since 1970.
-    groups : tuple of int or None
-        Row groups of a Parquet file; None for all of a file.
-    rows : int
-        Rows of those groups; 0 where they are not known.
-    column : str
-    key : str, int or None
-        The column whose value is ``key`` in the rig's rows; an empty name where all rows are the rig's.
-    """
-
-    path: str
-    name: str
-    size: int
+    path: str  # as every worker finds it
+    name: str  # the path from the folder of all logs on
+    size: int  # size, modified: in bytes, and in ns since 1970
     modified: int
-    groups: tuple[int, ...] | None = None
-    rows: int = 0
+    groups: tuple[int, ...] | None = None  # row groups of a Parquet file; None for all of a file
+    rows: int = 0  # rows of those groups; 0 where they are not known
     column: str = ""
+    # the column whose value is ``key`` in the rig's rows; an empty name where all rows are the rig's
     key: str | int | None = None
 
     @property

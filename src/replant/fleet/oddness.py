@@ -50,26 +50,16 @@ wrong column leaves 10 times as much and more.
 
 @dataclass(frozen=True, eq=False)
 class Oddness:
-    """What is said of each rig of a fleet.
+    """What is said of each rig of a fleet."""
 
-    Attributes
-    ----------
-    order : (N,) array of int
-        Rows of the table by rank: the odd ones first, then those that failed, those not trusted, and the others by
-        their distance.
-    odd : (N,) array of bool
-    words : tuple of str
-        Why a rig is odd; empty where it is not.
-    distance : (N,) array
-        From the fleet, in standard deviations, those of its estimate among them; NaN where it is not known.
-    usual : tuple of (Quantity, float, float)
-        Physical quantities, their median in the fleet, and the ratio by which rigs usually differ from it.
-    """
-
+    # (N,): rows of the table by rank: the odd ones first, then those that failed, those not trusted, and the others by
+    # their distance
     order: np.ndarray[tuple[int], np.dtype[np.int64]]
-    odd: BoolArray
-    words: tuple[str, ...]
+    odd: BoolArray  # (N,)
+    words: tuple[str, ...]  # why a rig is odd; empty where it is not
+    # (N,): from the fleet, in standard deviations, those of its estimate among them; NaN where it is not known
     distance: FloatArray
+    # physical quantities, their median in the fleet, and the ratio by which rigs usually differ from it
     usual: tuple[tuple[Quantity, float, float], ...]
 
 
@@ -233,44 +223,22 @@ def _ratio(value: float) -> str:
 
 @dataclass(frozen=True)
 class Drifted:
-    """A rig that has changed.
-
-    Attributes
-    ----------
-    rig : str
-    distance : float
-        In standard deviations, those of both estimates.
-    words : str
-        What has changed.
-    """
+    """A rig that has changed."""
 
     rig: str
-    distance: float
-    words: str
+    distance: float  # in standard deviations, those of both estimates
+    words: str  # what has changed
 
 
 @dataclass(frozen=True)
 class Drift:
-    """What has changed in a fleet.
+    """What has changed in a fleet."""
 
-    Attributes
-    ----------
-    common : int
-        Rigs that are in both.
-    compared : int
-        Rigs that were trusted and are.
-    drifted : tuple of Drifted
-        Those that have changed by more than chance, the most sure change first.
-    fleet : tuple of str
-        How the fleet as a whole has changed, by quantity.
-    gone, new, lost : tuple of str
-        Rigs that are no longer there, that were not, and that were trusted and are not.
-    """
-
-    common: int
-    compared: int
-    drifted: tuple[Drifted, ...]
-    fleet: tuple[str, ...]
+    common: int  # rigs that are in both
+    compared: int  # rigs that were trusted and are
+    drifted: tuple[Drifted, ...]  # those that have changed by more than chance, the most sure change first
+    fleet: tuple[str, ...]  # how the fleet as a whole has changed, by quantity
+    # gone, new, lost: rigs that are no longer there, that were not, and that were trusted and are not
     gone: tuple[str, ...]
     new: tuple[str, ...]
     lost: tuple[str, ...]

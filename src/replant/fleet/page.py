@@ -266,19 +266,11 @@ MOST_REPORTS = 100  # reports that are made at most: each takes some seconds [co
 
 @dataclass(frozen=True)
 class ReportTask:
-    """The report of one rig, to be made by a worker.
-
-    Attributes
-    ----------
-    job : Job
-    rig : Rig
-    folder : str
-        Of the fleet.
-    """
+    """The report of one rig, to be made by a worker."""
 
     job: Job
     rig: Rig
-    folder: str
+    folder: str  # of the fleet
 
 
 def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = None) -> int:

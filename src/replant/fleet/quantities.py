@@ -37,20 +37,11 @@ LEAST = 1e-6  # variance that is taken for none, beside the spread of the estima
 
 @dataclass(frozen=True, eq=False)
 class Location:
-    """What is usual in a fleet.
+    """What is usual in a fleet."""
 
-    Attributes
-    ----------
-    centre : (p,) array
-    spread : (p, p) array
-        Covariance of the rigs themselves, without the uncertainty of their estimates.
-    scale : float
-        By how much squared distances exceed what the covariances say, at least 1.
-    """
-
-    centre: FloatArray
-    spread: FloatArray
-    scale: float
+    centre: FloatArray  # (p,)
+    spread: FloatArray  # (p, p): covariance of the rigs themselves, without the uncertainty of their estimates
+    scale: float  # by how much squared distances exceed what the covariances say, at least 1
 
     def squared_distances(self, x: FloatArray, covariances: FloatArray) -> FloatArray:
         """Return (x_i - m)' (S + P_i)^-1 (x_i - m) over the scale, (N,), for x (N, p) and P (N, p, p)."""
@@ -117,21 +108,11 @@ AGREEING = 0.8
 
 @dataclass(frozen=True)
 class Quantity:
-    """A physical quantity.
-
-    Attributes
-    ----------
-    name : str
-    weights : tuple of (str, float)
-        Its logarithm as a sum of those of coefficients.
-    factor : float
-        What the power of the coefficients is multiplied by.
-    unit : str
-    """
+    """A physical quantity."""
 
     name: str
-    weights: tuple[tuple[str, float], ...]
-    factor: float = 1.0
+    weights: tuple[tuple[str, float], ...]  # its logarithm as a sum of those of coefficients
+    factor: float = 1.0  # what the power of the coefficients is multiplied by
     unit: str = ""
 
 

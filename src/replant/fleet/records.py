@@ -23,19 +23,11 @@ from replant.runs.thinning import Batch
 
 @dataclass(frozen=True)
 class Movement:
-    """How far the signals of a record move.
+    """How far the signals of a record move."""
 
-    Attributes
-    ----------
-    input_std, output_std : float
-        Standard deviations of the raw signals; NaN without a sample.
-    output_held : float
-        Longest stretch over which the output is constant to the bit [part of the record].
-    """
-
-    input_std: float = math.nan
+    input_std: float = math.nan  # input_std, output_std: standard deviations of the raw signals; NaN without a sample
     output_std: float = math.nan
-    output_held: float = math.nan
+    output_held: float = math.nan  # longest stretch over which the output is constant to the bit [part of the record]
 
 
 UNKNOWN = Movement()

@@ -207,43 +207,22 @@ FAILED = "failed"  # what stands in place of the verdict where a rig could not b
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """What is kept of a rig.
-
-    Attributes
-    ----------
-    rig : str
-    verdict : str
-        The status, or `FAILED`.
-    reasons : tuple of str
-    source : str
-        Its first file, from the folder of all logs on.
-    files : int
-    model : Model or None
-    samples : int
-    rejected : tuple of (str, int)
-        Samples left out, by reason.
-    begin, end : float
-        Time of the first and of the last sample in s; dates of Parquet files since 1970.
-    movement : Movement
-    notes : tuple of str
-        What is to be known of the files, such as a line that was left out.
-    seconds : float
-        How long it took.
-    """
+    """What is kept of a rig."""
 
     rig: str
-    verdict: str
+    verdict: str  # the status, or `FAILED`
     reasons: tuple[str, ...]
-    source: str
+    source: str  # its first file, from the folder of all logs on
     files: int
     model: Model | None = None
     samples: int = 0
-    rejected: tuple[tuple[str, int], ...] = ()
+    rejected: tuple[tuple[str, int], ...] = ()  # samples left out, by reason
+    # begin, end: time of the first and of the last sample in s; dates of Parquet files since 1970
     begin: float = math.nan
     end: float = math.nan
     movement: Movement = UNKNOWN
-    notes: tuple[str, ...] = ()
-    seconds: float = 0.0
+    notes: tuple[str, ...] = ()  # what is to be known of the files, such as a line that was left out
+    seconds: float = 0.0  # how long it took
 
 
 def table_of(rows: Sequence[Row], structure: Structure) -> Any:

@@ -98,23 +98,13 @@ def _named(model: Model, recording: Recording) -> Model:
 
 @dataclass(frozen=True)
 class Done:
-    """What a task reports.
+    """What a task reports."""
 
-    Attributes
-    ----------
-    key : str
-        Of the task.
-    rigs, failed : int
-    samples : int
-    seconds : float
-        Time that the worker spent on the rigs.
-    """
-
-    key: str
+    key: str  # of the task
     rigs: int
     failed: int
     samples: int
-    seconds: float
+    seconds: float  # time that the worker spent on the rigs
 
 
 def carry_out(task: Task) -> Done:
@@ -165,19 +155,11 @@ is lost with a worker: about a minute [count, samples].
 
 @dataclass(frozen=True)
 class Task:
-    """A group of rigs that one worker identifies one after the other.
-
-    Attributes
-    ----------
-    job : Job
-    rigs : tuple of Rig
-    folder : str
-        Where its part of the results is written, as every worker finds it.
-    """
+    """A group of rigs that one worker identifies one after the other."""
 
     job: Job
     rigs: tuple[Rig, ...]
-    folder: str
+    folder: str  # where its part of the results is written, as every worker finds it
 
     @property
     def key(self) -> str:

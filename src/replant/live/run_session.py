@@ -50,44 +50,20 @@ def limit_heap_growth() -> None:
 
 @dataclass(frozen=True)
 class Plan:
-    """The source, settings and outputs of a live run.
+    """The source, settings and outputs of a live run."""
 
-    Attributes
-    ----------
-    source : str
-        URL of the samples.
-    request : Request
-    limits : Limits
-    sinks : sequence of str
-        Addresses that estimates are sent to.
-    record : Path or None
-        Folder in which samples and estimates are recorded.
-    checkpoint : Path or None
-        File of the checkpoint.
-    every : float
-        Seconds between two checkpoints.
-    dashboard : (host, port) or None
-    token : str or None
-        The token that a browser must present.
-    truth : TransferFunction or None
-        The true plant of a simulated rig.
-    signals : SignalNames
-        Names of input and output.
-    ttl : float or None
-        Seconds for which "trusted" may stand without an accepted sample; None: see `time_to_live`.
-    """
-
-    source: str
+    source: str  # URL of the samples
     request: Request
     limits: Limits
-    sinks: Sequence[str] = ()
-    record: Path | None = None
-    checkpoint: Path | None = None
-    every: float = 10.0
-    dashboard: tuple[str, int] | None = None
-    token: str | None = None
-    truth: TransferFunction | None = None
-    signals: SignalNames = UNNAMED
+    sinks: Sequence[str] = ()  # addresses that estimates are sent to
+    record: Path | None = None  # folder in which samples and estimates are recorded
+    checkpoint: Path | None = None  # file of the checkpoint
+    every: float = 10.0  # seconds between two checkpoints
+    dashboard: tuple[str, int] | None = None  # (host, port)
+    token: str | None = None  # the token that a browser must present
+    truth: TransferFunction | None = None  # the true plant of a simulated rig
+    signals: SignalNames = UNNAMED  # names of input and output
+    # seconds for which "trusted" may stand without an accepted sample; None: see `time_to_live`
     ttl: float | None = None
 
 

@@ -73,22 +73,15 @@ def rounded(value: float) -> float:
 
 
 class Optimizer:
-    """Base of the optimizers, which are frozen dataclasses of their settings; the state lives in the identifier.
+    """Base of the optimizers, which are frozen dataclasses of their settings; the state lives in the identifier."""
 
-    Attributes
-    ----------
-    code : int
-        Of its loop in `replant.kernels.optimizers`, where its memory is declared.  It is stored in checkpoints: any
-        number that no other optimizer has or had.
-    keeps_covariance : bool
-        Whether its memory begins with the factors U and D of a covariance and ends with alpha; the loop is then in
-        `replant.kernels.optimizers.covariance`, else in `replant.kernels.optimizers.gradient`.
-    keeps_colour : bool
-        Whether power and colour of the residual are kept beside it, forgotten by the first of its settings.
-    """
-
+    # of its loop in `replant.kernels.optimizers`, where its memory is declared.  It is stored in checkpoints: any
+    # number that no other optimizer has or had
     code: ClassVar[int]
+    # whether its memory begins with the factors U and D of a covariance and ends with alpha; the loop is then in
+    # `replant.kernels.optimizers.covariance`, else in `replant.kernels.optimizers.gradient`
     keeps_covariance: ClassVar[bool] = False
+    # whether power and colour of the residual are kept beside it, forgotten by the first of its settings
     keeps_colour: ClassVar[bool] = False
 
     @classmethod

@@ -48,23 +48,14 @@ BAND = 0.1  # distance within which an estimate counts as settled [part of the t
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """An estimate over a record of K samples, complete or thinned; between rows it is taken as constant.
+    """An estimate over a record of K samples, complete or thinned; between rows it is taken as constant."""
 
-    Attributes
-    ----------
-    start : (P,) array
-        The estimate before the first sample.
-    samples : (H,) array of int
-        After how many samples each row was taken, ascending.
-    parameters : (H, P) array
-    length : int
-        K.
-    """
-
+    # (P,): the estimate before the first sample
     start: FloatArray
+    # (H,): after how many samples each row was taken, ascending
     samples: npt.NDArray[np.int64]
-    parameters: FloatArray
-    length: int
+    parameters: FloatArray  # (H, P)
+    length: int  # K
 
     @classmethod
     def of(cls, trace: Trace) -> Course:
@@ -185,19 +176,12 @@ NOTES = (
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """The rig and the record measured on it.
-
-    Attributes
-    ----------
-    rig : Rig
-    u : (K,) array
-        Input voltage in kV.
-    y : (K,) array
-        Displacement in mm.
-    """
+    """The rig and the record measured on it."""
 
     rig: Rig
+    # (K,): input voltage in kV
     u: FloatArray
+    # (K,): displacement in mm
     y: FloatArray
 
     @property
@@ -219,30 +203,15 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """One line of the table.
+    """One line of the table."""
 
-    Attributes
-    ----------
-    method, variant : str
-        Optimizer and configuration, or `OFFLINE`, or `DEFAULT`.
-    filters : str
-        A key of `FILTERS`; "own" for the default.
-    errors : dict
-        Errors of the last estimate by coefficient, in percent of the true value.
-    free_run : float
-        Fit in percent of the model simulated from the input alone.
-    measures : Measures or None
-        Of an online run.
-    curves : dict
-        Of a run with the article's optimizers: the estimate over time, by coefficient.
-    """
-
-    method: str
+    method: str  # method, variant: optimizer and configuration, or `OFFLINE`, or `DEFAULT`
     variant: str
-    filters: str
-    errors: Mapping[str, float]
-    free_run: float
-    measures: Measures | None = None
+    filters: str  # a key of `FILTERS`; "own" for the default
+    errors: Mapping[str, float]  # errors of the last estimate by coefficient, in percent of the true value
+    free_run: float  # fit in percent of the model simulated from the input alone
+    measures: Measures | None = None  # of an online run
+    # of a run with the article's optimizers: the estimate over time, by coefficient
     curves: Mapping[str, Curve] | None = None
 
     @property
@@ -253,25 +222,14 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Actuator:
-    """The experiment with its results.
-
-    Attributes
-    ----------
-    record : Record
-    offline : dict
-        `fit_offline` by filters.
-    goals : dict
-        `fit_normalised` by filters.
-    rows : tuple of Row
-        The twelve runs with both kinds of filters, least squares plain and normalised, and the default.
-    elsewhere : tuple of Row
-        The default on `FURTHER` records of the same rig and length, under other voltages and other noise.
-    """
+    """The experiment with its results."""
 
     record: Record
-    offline: Mapping[str, FitResult]
-    goals: Mapping[str, FloatArray]
+    offline: Mapping[str, FitResult]  # `fit_offline` by filters
+    goals: Mapping[str, FloatArray]  # `fit_normalised` by filters
+    # the twelve runs with both kinds of filters, least squares plain and normalised, and the default
     rows: tuple[Row, ...]
+    # the default on `FURTHER` records of the same rig and length, under other voltages and other noise
     elsewhere: tuple[Row, ...]
 
     def row(self, method: str, variant: str = "", filters: str = "gbt") -> Row:

@@ -28,24 +28,13 @@ DOTS = 150  # resolution of the PNG [1/inch]
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """The results by name.
-
-    Attributes
-    ----------
-    tables, transients : dict
-    record : Record or None
-        Of the actuator.
-    offline : dict
-        The offline fits of the actuator, by filters.
-    actuator : Actuator or None
-        None if only Figure 6, which needs the offline fits alone, was asked for.
-    """
+    """The results by name."""
 
     tables: dict[str, TableResult] = field(default_factory=dict)
     transients: dict[str, Transients] = field(default_factory=dict)
-    record: rig.Record | None = None
-    offline: Mapping[str, FitResult] = field(default_factory=dict)
-    actuator: rig.Actuator | None = None
+    record: rig.Record | None = None  # of the actuator
+    offline: Mapping[str, FitResult] = field(default_factory=dict)  # the offline fits of the actuator, by filters
+    actuator: rig.Actuator | None = None  # None if only Figure 6, which needs the offline fits alone, was asked for
 
 
 def is_figure(name: str) -> bool:

@@ -18,15 +18,9 @@ POINTS = 2000  # points of a curve: more than a panel has pixels, few enough for
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Points of a signal.
+    """Points of a signal."""
 
-    Attributes
-    ----------
-    t, values : (N,) arrays
-        Time in s, and the signal there.
-    """
-
-    t: FloatArray
+    t: FloatArray  # t, values: (N,): time in s, and the signal there
     values: FloatArray
 
 

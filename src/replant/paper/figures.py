@@ -30,28 +30,16 @@ class Line:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure of the article: some rows of a table, over time.
-
-    Attributes
-    ----------
-    name, title : str
-    table : Table
-    lines : tuple of Line
-    units : dict
-        Of each parameter, where input and output have the same unit.
-    columns, legend_columns : int
-        Of panels, and of the legend.
-    settled : float
-        The limits are set by the curves from this part of the record on; larger values before it are cut off.
-    """
+    """A figure of the article: some rows of a table, over time."""
 
     name: str
     title: str
     table: Table
     lines: tuple[Line, ...]
-    units: Mapping[str, str]
-    columns: int = 1
+    units: Mapping[str, str]  # of each parameter, where input and output have the same unit
+    columns: int = 1  # columns, legend_columns: of panels, and of the legend
     legend_columns: int = 3
+    # the limits are set by the curves from this part of the record on; larger values before it are cut off
     settled: float = 0.0
 
 

@@ -30,16 +30,6 @@ LIMIT = 3.0
 class Cell:
     """A figure of a table, ours and the published one.
 
-    Attributes
-    ----------
-    index : str
-        The name of the index, such as "J_a0".
-    ours : float
-        For a row with buffer, the mean over the seeds.
-    published : float
-    std : float, optional
-        Standard deviation over the seeds; None for a row without buffer.
-
     Examples
     --------
     >>> Cell("J_a0", ours=5186.3, published=5.19e3).verdict
@@ -48,10 +38,10 @@ class Cell:
     'within 3 std'
     """
 
-    index: str
-    ours: float
+    index: str  # the name of the index, such as "J_a0"
+    ours: float  # for a row with buffer, the mean over the seeds
     published: float
-    std: float | None = None
+    std: float | None = None  # standard deviation over the seeds; None for a row without buffer
 
     @property
     def distance(self) -> float | None:

@@ -136,20 +136,11 @@ def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatAr
 
 @dataclass(frozen=True)
 class Row:
-    """One row of a table.
+    """One row of a table."""
 
-    Attributes
-    ----------
-    label : str
-        That of the article, with the batch for a row with buffer.
-    experiment : Experiment
-    published : tuple of float
-        The printed figures, three digits each, in the order of the table's ``indices``.
-    """
-
-    label: str
+    label: str  # that of the article, with the batch for a row with buffer
     experiment: Experiment
-    published: tuple[float, ...]
+    published: tuple[float, ...]  # the printed figures, three digits each, in the order of the table's ``indices``
 
 
 @dataclass(frozen=True)
@@ -163,27 +154,14 @@ class Improvement:
 
 @dataclass(frozen=True)
 class Table:
-    """A table of the article.
-
-    Attributes
-    ----------
-    name, title : str
-    heading : str
-        Heading of the column of labels.
-    indices : tuple of str
-        The table's figures, "J_a0" to "J_sum".
-    rows : tuple of Row
-    notes : tuple of str
-        Settings that the article does not print, or prints differently.
-    improvement : Improvement, optional
-    """
+    """A table of the article."""
 
     name: str
     title: str
-    heading: str
-    indices: tuple[str, ...]
+    heading: str  # heading of the column of labels
+    indices: tuple[str, ...]  # the table's figures, "J_a0" to "J_sum"
     rows: tuple[Row, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # settings that the article does not print, or prints differently
     improvement: Improvement | None = None
 
     def row(self, label: str) -> Row:

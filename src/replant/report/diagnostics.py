@@ -20,24 +20,15 @@ STRIDES = 4  # steps in which a window moves by its length [count]
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """How well the samples of each window of a record determine the parameters.
+    """How well the samples of each window of a record determine the parameters."""
 
-    Attributes
-    ----------
-    samples : (W,) array of int
-        The sample after which each window ends.
-    window : int
-        Samples in a window.
-    smallest : (W,) array
-        Smallest eigenvalue of the window's scaled information matrix: 1 at best, 0 where a combination of parameters
-        is undetermined.
-    condition : (W,) array
-        Condition number of the window's scaled regressors, as in the verdict on the whole record.
-    """
-
+    # (W,): the sample after which each window ends
     samples: IntArray
-    window: int
+    window: int  # samples in a window
+    # (W,): smallest eigenvalue of the window's scaled information matrix: 1 at best, 0 where a combination of
+    # parameters is undetermined
     smallest: FloatArray
+    # (W,): condition number of the window's scaled regressors, as in the verdict on the whole record
     condition: FloatArray
 
 

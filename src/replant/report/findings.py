@@ -15,26 +15,13 @@ COLOURS = {GOOD: "green", WARN: "yellow", BAD: "red"}
 
 @dataclass(frozen=True)
 class VerdictWords:
-    """A verdict for readers.
+    """A verdict for readers."""
 
-    Attributes
-    ----------
-    gravity : {"good", "warn", "bad"}
-    headline : str
-        In a word or two.
-    meaning : str
-        In a sentence.  It says no more than the status does: how far a model is off stands in the reasons.
-    shape : str
-        A character that identifies it at a terminal without its colour.
-    usable : bool
-        False where the model must not be used for anything.
-    """
-
-    gravity: str
-    headline: str
-    meaning: str
-    shape: str = "?"
-    usable: bool = True
+    gravity: str  # {"good", "warn", "bad"}
+    headline: str  # in a word or two
+    meaning: str  # in a sentence.  It says no more than the status does: how far a model is off stands in the reasons
+    shape: str = "?"  # a character that identifies it at a terminal without its colour
+    usable: bool = True  # False where the model must not be used for anything
 
 
 #: By status.
@@ -83,26 +70,13 @@ MANY_REJECTED = 0.01  # share of rejected samples that is mentioned as many [sha
 
 @dataclass(frozen=True)
 class Finding:
-    """One finding about a result.
+    """One finding about a result."""
 
-    Attributes
-    ----------
-    gravity : {"good", "warn", "bad"}
-    headline : str
-        In a word or two.
-    text : str
-        In whole sentences.
-    usable : bool
-        False where the model must not be used for anything.
-    more : tuple of str
-        Further sentences, that are read after the others.
-    """
-
-    gravity: str
-    headline: str
-    text: str
-    usable: bool = True
-    more: tuple[str, ...] = ()
+    gravity: str  # {"good", "warn", "bad"}
+    headline: str  # in a word or two
+    text: str  # in whole sentences
+    usable: bool = True  # False where the model must not be used for anything
+    more: tuple[str, ...] = ()  # further sentences, that are read after the others
 
 
 def without_reasons(status: str, *, excited: bool) -> str:

@@ -33,24 +33,17 @@ KNOTS = 36_000  # stamps kept of a record that is too long for memory: as many a
 class Clock:
     """When each sample of a record was taken, in s since the first one.
 
-    Attributes
-    ----------
-    dt : float
-        Sampling time in s; of an irregular clock the usual interval.
-    places, times : (V,) arrays or None
-        Numbers of samples, ascending, and their times in s; None for a regular clock.
-    shortest, longest : float
-        Least and greatest interval of an irregular clock in s; NaN for a regular one.
-
     Examples
     --------
     >>> Clock(0.5).at(np.array([0.0, 3.0])), Clock.of(0.5, np.array([7.0, 7.5, 9.5])).at(np.array([0.0, 2.0]))
     (array([0. , 1.5]), array([0. , 2.5]))
     """
 
-    dt: float
+    dt: float  # sampling time in s; of an irregular clock the usual interval
+    # places, times: (V,): numbers of samples, ascending, and their times in s; None for a regular clock
     places: FloatArray | None = None
     times: FloatArray | None = None
+    # shortest, longest: least and greatest interval of an irregular clock in s; NaN for a regular one
     shortest: float = math.nan
     longest: float = math.nan
 

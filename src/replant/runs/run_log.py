@@ -137,24 +137,12 @@ TRIAL = 500  # samples of a trial run [samples]
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """The result of one method.
+    """The result of one method."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the method.
-    result : Result or None
-        None if the method found no model.
-    fitted : FitResult or None
-        The fit of an offline method.
-    problem : str
-        Why there is no result.
-    """
-
-    name: str
-    result: Result | None
-    fitted: FitResult | None = None
-    problem: str = ""
+    name: str  # name of the method
+    result: Result | None  # None if the method found no model
+    fitted: FitResult | None = None  # the fit of an offline method
+    problem: str = ""  # why there is no result
 
 
 def compare(

@@ -90,18 +90,11 @@ def _joined(parts: list[Batch]) -> Batch:
 
 @dataclass(frozen=True, eq=False)
 class Thinned:
-    """A signal as it is drawn: evenly spaced points, counted in samples of the whole signal.
+    """A signal as it is drawn: evenly spaced points, counted in samples of the whole signal."""
 
-    Attributes
-    ----------
-    values : (V,) array
-        NaN where the signal has nothing to show.
-    first, step : float
-        Position of the first point and distance of the points, in samples.
-    """
-
+    # (V,): NaN where the signal has nothing to show
     values: FloatArray
-    first: float
+    first: float  # first, step: position of the first point and distance of the points, in samples
     step: float
 
     def times(self, dt: float) -> FloatArray:
@@ -199,27 +192,18 @@ POINTS = 36_000
 
 @dataclass(frozen=True, eq=False)
 class Overview:
-    """What is kept of a record that is too long for memory.
+    """What is kept of a record that is too long for memory."""
 
-    Attributes
-    ----------
-    input, output, model, residual : Thinned
-        Raw input, measured and simulated output, and their difference, over the whole record.
-    newest_input, newest_output : (N,) arrays
-        The newest samples, unchanged.
-    samples : int
-        Samples of the record.
-    newest_times : (N,) array or None
-        Of an irregular clock: when the newest samples were taken, in s since the first sample of the record.
-    """
-
+    # input, output, model, residual: raw input, measured and simulated output, and their difference, over the whole
+    # record
     input: Thinned
     output: Thinned
     model: Thinned
     residual: Thinned
-    newest_input: FloatArray
+    newest_input: FloatArray  # newest_input, newest_output: (N,): the newest samples, unchanged
     newest_output: FloatArray
-    samples: int
+    samples: int  # samples of the record
+    # (N,): of an irregular clock: when the newest samples were taken, in s since the first sample of the record
     newest_times: FloatArray | None = None
 
 

@@ -39,30 +39,14 @@ Sensitivity: not measured.
 
 @dataclass(frozen=True, eq=False)
 class Autoregression:
-    r"""The model :math:`e_k + d_1 e_{k-1} + \ldots + d_p e_{k-p} = w_k`, w white.
+    r"""The model :math:`e_k + d_1 e_{k-1} + \ldots + d_p e_{k-p} = w_k`, w white."""
 
-    Attributes
-    ----------
-    coefficients : (p + 1,) array
-        1, d_1 .. d_p, in falling powers of the shift q.
-    power : float
-        Sum of w^2 over the samples that the model was fitted to.
-    models : (LAGS + 1, LAGS + 1) array
-        Row j: the best model of order j, 1, d_1 .. d_j, 0 ..
-    powers : (LAGS + 1,) array
-        Sum of w^2 of each.
-    sums : (LAGS + 1, LAGS + 1) array
-        Of e_{k-i} e_{k-j}, lower triangle.
-    count : float
-        Samples that the models were fitted to.
-    """
-
-    coefficients: FloatArray
-    power: float
-    models: FloatArray
-    powers: FloatArray
-    sums: FloatArray
-    count: float
+    coefficients: FloatArray  # (p + 1,): 1, d_1 .. d_p, in falling powers of the shift q
+    power: float  # sum of w^2 over the samples that the model was fitted to
+    models: FloatArray  # (LAGS + 1, LAGS + 1): row j: the best model of order j, 1, d_1 .. d_j, 0 ..
+    powers: FloatArray  # (LAGS + 1,): sum of w^2 of each
+    sums: FloatArray  # (LAGS + 1, LAGS + 1): of e_{k-i} e_{k-j}, lower triangle
+    count: float  # samples that the models were fitted to
 
     @property
     def order(self) -> int:

@@ -26,20 +26,12 @@ FEWEST = 8  # residuals below which a correlation says nothing [samples]
 
 @dataclass(frozen=True, eq=False)
 class Correlations:
-    r"""Sample correlations of a residual e with itself and with the input u.
+    r"""Sample correlations of a residual e with itself and with the input u."""
 
-    Attributes
-    ----------
-    auto : (L + 1,) array
-        :math:`\hat r_e(\tau) = \sum_k e_k e_{k+\tau} / \sum_k e_k^2` at lags of 0 to L samples.
-    cross : (2 L + 1,) array
-        :math:`\hat r_{ue}(\tau)`, input against later residual, at lags of -L to L samples.
-    auto_std, cross_std : float
-        Standard deviation of each lag if the residual is white, or independent of the input.
-    """
-
+    # (L + 1,): :math:`\hat r_e(\tau) = \sum_k e_k e_{k+\tau} / \sum_k e_k^2` at lags of 0 to L samples
     auto: FloatArray
-    cross: FloatArray
+    cross: FloatArray  # (2 L + 1,): :math:`\hat r_{ue}(\tau)`, input against later residual, at lags of -L to L samples
+    # auto_std, cross_std: standard deviation of each lag if the residual is white, or independent of the input
     auto_std: float
     cross_std: float
 

@@ -25,20 +25,11 @@ _COLOUR = re.compile(r"noise model|residual")
 
 @dataclass(frozen=True)
 class Place:
-    """What to look at.
+    """What to look at."""
 
-    Attributes
-    ----------
-    plot : {"output", "residual", "cross", "auto", "bode", "poles"}
-    since : float or None
-        How long before the end of the record the stretch begins, in s; None: the whole record.
-    at : float or None
-        Frequency in rad/s.
-    """
-
-    plot: str
-    since: float | None = None
-    at: float | None = None
+    plot: str  # {"output", "residual", "cross", "auto", "bode", "poles"}
+    since: float | None = None  # how long before the end of the record the stretch begins, in s; None: the whole record
+    at: float | None = None  # frequency in rad/s
 
 
 def place_of(reason: str) -> Place:
@@ -81,42 +72,21 @@ ORDERS = ("made", "fit", "poles", "name")
 
 @dataclass(frozen=True)
 class Card:
-    """A model, or the attempt to make one.
+    """A model, or the attempt to make one."""
 
-    Attributes
-    ----------
-    name, title : str
-        By which the session knows it, and how the user calls it.
-    log : str
-        Of the session.
-    path : Path
-    setup : Setup
-    wish : Wish
-    words : tuple of str
-        The command that makes it.
-    state : str
-    stage, percent : str, int
-        Of the progress.
-    error : str
-    found : dict
-        The JSON object of the command.
-    model : str
-        The file of the model.
-    """
-
-    name: str
+    name: str  # name, title: by which the session knows it, and how the user calls it
     title: str
-    log: str
+    log: str  # of the session
     path: Path
     setup: Setup
     wish: Wish
-    words: tuple[str, ...]
+    words: tuple[str, ...]  # the command that makes it
     state: str = WAITING
-    stage: str = ""
+    stage: str = ""  # stage, percent: of the progress
     percent: int = 0
     error: str = ""
-    found: dict[str, Any] = field(default_factory=dict)
-    model: str = ""
+    found: dict[str, Any] = field(default_factory=dict)  # the JSON object of the command
+    model: str = ""  # the file of the model
 
     def view(self) -> dict[str, Any]:
         """Return what the page shows."""

@@ -62,32 +62,19 @@ def plain(value: float) -> str:
 
 @dataclass(frozen=True)
 class Setup:
-    """How a log is read.
+    """How a log is read."""
 
-    Attributes
-    ----------
-    input, output, reference, time : str
-        Columns, as an option names them; empty: none.
-    dt : float or None
-        Sampling time in s, in place of a time column.
-    use, leave_out, validate_on : tuples of Stretch
-    detrend : bool
-    decimate : int or None
-    resample : float or None
-        New sampling time in s.
-    """
-
-    input: str = ""
+    input: str = ""  # input, output, reference, time: columns, as an option names them; empty: none
     output: str = ""
     reference: str = ""
     time: str = ""
-    dt: float | None = None
+    dt: float | None = None  # sampling time in s, in place of a time column
     use: tuple[Stretch, ...] = ()
     leave_out: tuple[Stretch, ...] = ()
     validate_on: tuple[Stretch, ...] = ()
     detrend: bool = False
     decimate: int | None = None
-    resample: float | None = None
+    resample: float | None = None  # new sampling time in s
 
     def changed(self, given: dict[str, Any]) -> Self:
         """Return the setup with what a page, or a file, says of some of its fields."""

@@ -34,45 +34,20 @@ class Kind(Enum):
 
 @dataclass(frozen=True)
 class Column:
-    """What one column of a log holds.
+    """What one column of a log holds."""
 
-    Attributes
-    ----------
-    number : int
-        Its 0-based number.
-    name : str
-        Its name in the file.
-    kind : Kind
-    rows : int
-        Rows that were looked at.
-    missing : int
-        Those of them without a finite number.
-    low, high : float
-        The least and the greatest value; NaN if there is none.
-    levels : int
-        Number of different values.
-    step : float
-        The smallest difference of two different values; NaN if there are no two.
-    quantised : bool
-        Whether all values lie on a grid with this step, of at most `MOST_STEPS` steps.
-    held : float
-        Part of the rows whose value is that of the row before.
-    problem : str
-        Why a text column cannot be read as numbers; empty for the others.
-    """
-
-    number: int
-    name: str
+    number: int  # its 0-based number
+    name: str  # its name in the file
     kind: Kind
-    rows: int
-    missing: int
-    low: float = np.nan
+    rows: int  # rows that were looked at
+    missing: int  # those of them without a finite number
+    low: float = np.nan  # low, high: the least and the greatest value; NaN if there is none
     high: float = np.nan
-    levels: int = 0
-    step: float = np.nan
-    quantised: bool = False
-    held: float = 0.0
-    problem: str = ""
+    levels: int = 0  # number of different values
+    step: float = np.nan  # the smallest difference of two different values; NaN if there are no two
+    quantised: bool = False  # whether all values lie on a grid with this step, of at most `MOST_STEPS` steps
+    held: float = 0.0  # part of the rows whose value is that of the row before
+    problem: str = ""  # why a text column cannot be read as numbers; empty for the others
 
     @property
     def is_signal(self) -> bool:
@@ -124,20 +99,11 @@ def _on_grid(levels: FloatArray, step: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """The columns of a log, described, with the values of those that are numbers.
-
-    Attributes
-    ----------
-    columns : tuple of Column
-    values : dict of int to array
-        The numbers of each column that is no text, by the column's number.
-    whole : bool
-        Whether all rows were looked at.
-    """
+    """The columns of a log, described, with the values of those that are numbers."""
 
     columns: tuple[Column, ...]
-    values: dict[int, FloatArray]
-    whole: bool
+    values: dict[int, FloatArray]  # the numbers of each column that is no text, by the column's number
+    whole: bool  # whether all rows were looked at
 
     @property
     def usual_length(self) -> int:
@@ -224,44 +190,20 @@ FEWEST = 20  # rows from which on a rising column without a telling name may be 
 
 @dataclass(frozen=True)
 class Clock:
-    """The time column of a log.
-
-    Attributes
-    ----------
-    column : Column
-    guess : str
-        Why the column may not be the time; empty if it is the only one called t, time or timestamp, or was given.
-    unit : float
-        One unit of its stamps in s.
-    doubt : str
-        Why the unit may be another one; empty if it is stated.
-    dt : float
-        The usual (median) interval in s; NaN without a rising step.
-    jitter : float
-        Standard deviation of the intervals that are no gaps, in s.
-    gaps : int
-        Number of intervals above `GAP` usual ones.
-    longest : float
-        The longest interval in s.
-    backward : int
-        Number of stamps that repeat, go back, or are missing.
-    duration : float
-        From the first stamp to the last, in s.
-    problem : str
-        Why `replant run` would refuse these stamps; empty if it takes them.
-    """
+    """The time column of a log."""
 
     column: Column
+    # why the column may not be the time; empty if it is the only one called t, time or timestamp, or was given
     guess: str
-    unit: float
-    doubt: str
-    dt: float
-    jitter: float
-    gaps: int
-    longest: float
-    backward: int
-    duration: float
-    problem: str
+    unit: float  # one unit of its stamps in s
+    doubt: str  # why the unit may be another one; empty if it is stated
+    dt: float  # the usual (median) interval in s; NaN without a rising step
+    jitter: float  # standard deviation of the intervals that are no gaps, in s
+    gaps: int  # number of intervals above `GAP` usual ones
+    longest: float  # the longest interval in s
+    backward: int  # number of stamps that repeat, go back, or are missing
+    duration: float  # from the first stamp to the last, in s
+    problem: str  # why `replant run` would refuse these stamps; empty if it takes them
 
 
 def find_clock(

@@ -124,25 +124,14 @@ def _correlation(a: FloatArray, b: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Response:
-    """What the cross-correlation of an input and an output shows; lags in samples.
+    """What the cross-correlation of an input and an output shows; lags in samples."""
 
-    Attributes
-    ----------
-    delay : float
-        Lag at which the response seems to begin, behind the first sample after a change of the input: a dead time, or
-        the slow beginning of a plant with several poles.
-    half : int
-        Lag of half the response at ``peak``.
-    peak : int
-        Lag of the largest correlation.
-    correlation : float
-        That of the changes of the input with the changes of the output up to that lag.
-    """
-
+    # lag at which the response seems to begin, behind the first sample after a change of the input: a dead time, or the
+    # slow beginning of a plant with several poles
     delay: float
-    half: int
-    peak: int
-    correlation: float
+    half: int  # lag of half the response at ``peak``
+    peak: int  # lag of the largest correlation
+    correlation: float  # that of the changes of the input with the changes of the output up to that lag
 
 
 def response(u: FloatArray, y: FloatArray) -> Response | None:

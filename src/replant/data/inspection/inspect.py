@@ -30,21 +30,11 @@ DELAYS = 12  # dead times that it tries beside 0, from a sample to a quarter of 
 
 @dataclass(frozen=True)
 class FirstModel:
-    """A model that the verdict trusts.
+    """A model that the verdict trusts."""
 
-    Attributes
-    ----------
-    delay : float
-        Dead time in s.
-    time_constant : float
-        In s.
-    fit : float
-        Fit of the simulated output in percent.
-    """
-
-    delay: float
-    time_constant: float
-    fit: float
+    delay: float  # dead time in s
+    time_constant: float  # in s
+    fit: float  # fit of the simulated output in percent
 
 
 def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
@@ -146,36 +136,18 @@ TRIED = 6  # dead times that this search tries [count]
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """What is in a log.
+    """What is in a log."""
 
-    Attributes
-    ----------
-    table : Table
-        The file.
-    contents : Contents
-        Its columns with their values.
-    record : tuple of Column
-        The columns of the record: those as long as the time, or of the length that most have.
-    clock : Clock or None
-    roles : Roles
-    response : Response or None
-        Of the output to the input.
-    time_given : bool
-        Whether the time column was given.
-    others : tuple of OtherColumn
-        Further columns that explain a part of what a first model leaves of the output.
-    first : FirstModel or None
-        A model of one pole, where the input moves too seldom for a correlation, as in a step test.
-    """
-
-    table: Table
-    contents: Contents
-    record: tuple[Column, ...]
+    table: Table  # the file
+    contents: Contents  # its columns with their values
+    record: tuple[Column, ...]  # the columns of the record: those as long as the time, or of the length that most have
     clock: Clock | None
     roles: Roles
-    response: Response | None
-    time_given: bool = False
+    response: Response | None  # of the output to the input
+    time_given: bool = False  # whether the time column was given
+    # further columns that explain a part of what a first model leaves of the output
     others: tuple[OtherColumn, ...] = ()
+    # a model of one pole, where the input moves too seldom for a correlation, as in a step test
     first: FirstModel | None = None
 
     @property

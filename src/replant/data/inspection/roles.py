@@ -67,22 +67,13 @@ class Role:
 
 @dataclass(frozen=True)
 class Roles:
-    """What the columns of a log look like.
-
-    Attributes
-    ----------
-    input, output, reference : Role or None
-    answers : bool
-        Whether the input also follows the output, as under a controller.
-    either : bool
-        Whether input and output may as well be the other way round.
-    """
+    """What the columns of a log look like."""
 
     input: Role | None = None
     output: Role | None = None
     reference: Role | None = None
-    answers: bool = False
-    either: bool = False
+    answers: bool = False  # whether the input also follows the output, as under a controller
+    either: bool = False  # whether input and output may as well be the other way round
 
 
 def role_by_name(name: str) -> str | None:

@@ -86,21 +86,11 @@ def check_dt(dt: object) -> float:
 
 @dataclass(frozen=True)
 class Clock:
-    """What the time stamps of a record say about its clock, in the stamps' unit.
+    """What the time stamps of a record say about its clock, in the stamps' unit."""
 
-    Attributes
-    ----------
-    interval : float
-        The sampling time: the mean interval of a regular clock, the median of an irregular one.
-    irregular_row : int or None
-        0-based row of the first stamp that is irregular; None for a regular clock.
-    irregular_interval : float
-        Time since the stamp before it; NaN for a regular clock.
-    """
-
-    interval: float
-    irregular_row: int | None = None
-    irregular_interval: float = math.nan
+    interval: float  # the sampling time: the mean interval of a regular clock, the median of an irregular one
+    irregular_row: int | None = None  # 0-based row of the first stamp that is irregular; None for a regular clock
+    irregular_interval: float = math.nan  # time since the stamp before it; NaN for a regular clock
 
 
 class SamplingTime:
@@ -222,24 +212,12 @@ _GIVE_DT = "or give the sampling time (dt, --dt) instead of a time column"
 
 @dataclass(frozen=True)
 class StampUnit:
-    """The unit of a column of time stamps.
+    """The unit of a column of time stamps."""
 
-    Attributes
-    ----------
-    seconds : float
-        One unit in s: as the name states it, else the likely one.
-    doubt : str
-        What is guessed, and why; empty if the unit is stated.
-    refused : bool
-        Whether the doubt is so grave that these stamps are not used.
-    remedy : str
-        What to do about the doubt.
-    """
-
-    seconds: float
-    doubt: str = ""
-    refused: bool = False
-    remedy: str = ""
+    seconds: float  # one unit in s: as the name states it, else the likely one
+    doubt: str = ""  # what is guessed, and why; empty if the unit is stated
+    refused: bool = False  # whether the doubt is so grave that these stamps are not used
+    remedy: str = ""  # what to do about the doubt
 
 
 def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:

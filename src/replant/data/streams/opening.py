@@ -18,17 +18,6 @@ from replant.errors import InvalidArgumentError
 class Address:
     """The parts of a source's URL.
 
-    Attributes
-    ----------
-    name : str
-        The URL without password, for messages.
-    scheme, host, path : str
-        After a host, the path is without its first slash.
-    port : int or None
-    user, password : str or None
-    options : dict
-        The options ``name=value`` after the question mark.
-
     Examples
     --------
     >>> address = split("mqtt://lab:secret@10.0.0.7:1884/rig/1?qos=0")
@@ -38,14 +27,14 @@ class Address:
     0
     """
 
-    name: str
-    scheme: str
+    name: str  # the URL without password, for messages
+    scheme: str  # scheme, host, path: after a host, the path is without its first slash
     host: str = ""
     port: int | None = None
     path: str = ""
     user: str | None = None
     password: str | None = field(default=None, repr=False)
-    options: dict[str, str] = field(default_factory=dict)
+    options: dict[str, str] = field(default_factory=dict)  # the options ``name=value`` after the question mark
 
     def allow(self, *known: str) -> None:
         """Check that the source knows every option that is given."""

@@ -16,18 +16,10 @@ STATES = ("connecting", "connected", "waiting", "ended")
 
 
 class Source(Protocol):
-    """A stream of live samples.
+    """A stream of live samples."""
 
-    Attributes
-    ----------
-    name : str
-        The URL of the source without password, for messages.
-    trouble : str
-        Why the source is not connected, for messages; empty while it is.
-    """
-
-    name: str
-    trouble: str
+    name: str  # the URL of the source without password, for messages
+    trouble: str  # why the source is not connected, for messages; empty while it is
 
     def batches(self) -> Iterator[Batch]:
         """Yield samples as they arrive; while none arrive, yield an empty batch at least every 0.1 s.
@@ -67,20 +59,6 @@ class Source(Protocol):
 class Batch:
     """Samples that arrived together; empty while the source is idle.
 
-    Attributes
-    ----------
-    u, y : (K,) arrays
-        Input and output in the device's units; NaN where the device sent none.
-    t : (K,) array or None
-        The device's time stamps in s.  None: the device sends no stamps; the clock is regular, and each sample is one
-        sampling time after the one before.
-    sequence : (K,) array of int or None
-        The device's sequence numbers, strictly increasing; a gap means lost samples.
-    arrived : float
-        `time.monotonic()` when the newest sample arrived.
-    r : (K,) array or None
-        The reference; NaN where the device sent none.  None: there is no reference.
-
     Examples
     --------
     >>> batch = Batch(np.array([1.0, 2.0]), np.array([0.0, 0.1]), None, None, arrived=0.0)
@@ -88,11 +66,15 @@ class Batch:
     (2, array([2.]))
     """
 
-    u: FloatArray
+    u: FloatArray  # u, y: (K,): input and output in the device's units; NaN where the device sent none
     y: FloatArray
+    # (K,): the device's time stamps in s.  None: the device sends no stamps; the clock is regular, and each sample is
+    # one sampling time after the one before
     t: FloatArray | None
+    # (K,): the device's sequence numbers, strictly increasing; a gap means lost samples
     sequence: IntArray | None
-    arrived: float
+    arrived: float  # `time.monotonic()` when the newest sample arrived
+    # (K,): the reference; NaN where the device sent none.  None: there is no reference
     r: FloatArray | None = None
 
     def __len__(self) -> int:

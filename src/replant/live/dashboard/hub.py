@@ -21,17 +21,10 @@ _DRAWN = ("window", *_SLOW, "history")
 
 @dataclass(frozen=True)
 class Frame:
-    """A view as it is sent, serialized once for all browsers.
+    """A view as it is sent, serialized once for all browsers."""
 
-    Attributes
-    ----------
-    number : int
-        Counts up from 1.
-    view, history : str
-        JSON objects: the view without what changes slowly; the history and the responses, which do.
-    """
-
-    number: int
+    number: int  # counts up from 1
+    # view, history: JSON objects: the view without what changes slowly; the history and the responses, which do
     view: str
     history: str
 

@@ -43,26 +43,13 @@ class DashboardAddress:
 
 @dataclass(frozen=True, eq=False)
 class ObserverOptions:
-    """The tasks of an observer.
-
-    Attributes
-    ----------
-    dashboard : DashboardAddress or None
-    terminal : bool
-        Whether to write the status to standard error.
-    truth : TransferFunction or None
-        The true plant of a simulated rig, shown beside the estimate.
-    signals : SignalNames
-        Names of input and output.
-    history : Rows or None
-        History of the observer that this one replaces.
-    """
+    """The tasks of an observer."""
 
     dashboard: DashboardAddress | None = None
-    terminal: bool = False
-    truth: TransferFunction | None = None
-    signals: SignalNames = UNNAMED
-    history: Rows | None = None
+    terminal: bool = False  # whether to write the status to standard error
+    truth: TransferFunction | None = None  # the true plant of a simulated rig, shown beside the estimate
+    signals: SignalNames = UNNAMED  # names of input and output
+    history: Rows | None = None  # history of the observer that this one replaces
 
 
 @dataclass(frozen=True)

@@ -16,41 +16,22 @@ from replant.live.outputs.message import UNKNOWN
 
 @dataclass(frozen=True)
 class SessionInfo:
-    """The session's part of a view: what the identifier does not know.
+    """The session's part of a view: what the identifier does not know."""
 
-    Attributes
-    ----------
-    at : float
-        Rig time of the newest sample in s.
-    source, source_state : str
-        The source's URL, and its state: "connecting", "connected", "waiting", "ended".
-    counters : mapping
-        The source's counters: malformed lines by reason, duplicates, lost, dropped, reconnects.
-    rate : float
-        Samples a second, over about the last second.
-    lag : float
-        Seconds from a sample's arrival until it was learned; the longest since the last handover.
-    silence : float
-        Seconds since a sample was accepted, once the time to live is over; else 0.
-    """
-
-    at: float = 0.0
+    at: float = 0.0  # rig time of the newest sample in s
+    # source, source_state: the source's URL, and its state: "connecting", "connected", "waiting", "ended"
     source: str = ""
     source_state: str = "connecting"
+    # the source's counters: malformed lines by reason, duplicates, lost, dropped, reconnects
     counters: Mapping[str, int] = field(default_factory=dict)
-    rate: float = 0.0
-    lag: float = 0.0
-    silence: float = 0.0
+    rate: float = 0.0  # samples a second, over about the last second
+    lag: float = 0.0  # seconds from a sample's arrival until it was learned; the longest since the last handover
+    silence: float = 0.0  # seconds since a sample was accepted, once the time to live is over; else 0
 
 
 @dataclass(frozen=True)
 class SignalNames:
-    """Names of a rig's signals, with their units in brackets where known; of the input before its map.
-
-    Attributes
-    ----------
-    input, output : str
-    """
+    """Names of a rig's signals, with their units in brackets where known; of the input before its map."""
 
     input: str = "input"
     output: str = "output"
@@ -61,28 +42,19 @@ UNNAMED = SignalNames()
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The newest samples, thinned to their extremes, and the model's output simulated from the input alone.
+    """The newest samples, thinned to their extremes, and the model's output simulated from the input alone."""
 
-    Attributes
-    ----------
-    t, u, y, model : (V,) arrays
-        Rig time in s; mapped input, measured and modelled output, in their units; NaN where unknown.
-    residual : (V,) array
-        Measured minus modelled output; NaN for samples that are left out.
-    left_out : (L, 2) array
-        Begin and end, in rig time, of the stretches that verdict, fit and offset leave out: samples that were bridged
-        or lie before the last interruption.
-    r : (V,) or (0,) array
-        Reference; empty where there is none.
-    """
-
+    # t, u, y, model: (V,): rig time in s; mapped input, measured and modelled output, in their units; NaN where unknown
     t: FloatArray
     u: FloatArray
     y: FloatArray
     model: FloatArray
+    # (V,): measured minus modelled output; NaN for samples that are left out
     residual: FloatArray
+    # (L, 2): begin and end, in rig time, of the stretches that verdict, fit and offset leave out: samples that were
+    # bridged or lie before the last interruption
     left_out: FloatArray
-    r: FloatArray
+    r: FloatArray  # (V,) or (0,): reference; empty where there is none
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,17 +78,11 @@ class Bode:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The step response with a band of two standard deviations.
+    """The step response with a band of two standard deviations."""
 
-    Attributes
-    ----------
-    t : (S,) array
-        Time since the step in s, closer where a fast mode settles; empty where the response is not finite.
-    y, low, high : (S,) arrays
-        Output by a unit step of the mapped input, and its band; the band is NaN where it is not known.
-    """
-
+    # (S,): time since the step in s, closer where a fast mode settles; empty where the response is not finite
     t: FloatArray
+    # y, low, high: (S,): output by a unit step of the mapped input, and its band; the band is NaN where it is not known
     y: FloatArray
     low: FloatArray
     high: FloatArray
@@ -124,127 +90,70 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The true plant of a simulated rig, at the frequencies and times of the estimate's responses.
+    """The true plant of a simulated rig, at the frequencies and times of the estimate's responses."""
 
-    Attributes
-    ----------
-    parameters : (P,) array
-        NaN for those that the plant does not have.
-    poles, zeros : complex arrays
-    magnitude_db, phase_deg : (F,) arrays
-    step : (S,) array
-    """
-
+    # (P,): NaN for those that the plant does not have
     parameters: FloatArray
     poles: npt.NDArray[np.complex128]
     zeros: npt.NDArray[np.complex128]
-    magnitude_db: FloatArray
+    magnitude_db: FloatArray  # magnitude_db, phase_deg: (F,)
     phase_deg: FloatArray
-    step: FloatArray
+    step: FloatArray  # (S,)
 
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """The estimate over the whole run, thinned.
+    """The estimate over the whole run, thinned."""
 
-    Attributes
-    ----------
-    t : (H,) array
-        Rig time in s.
-    parameters, std : (H, P) arrays
-    """
-
+    # (H,): rig time in s
     t: FloatArray
-    parameters: FloatArray
+    parameters: FloatArray  # parameters, std: (H, P)
     std: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A running identification at one moment.
+    """A running identification at one moment."""
 
-    Attributes
-    ----------
-    at : float
-        Rig time of the newest sample in s.
-    samples : int
-        Accepted samples.
-    rejected, counters : mapping
-        Samples that the identifier rejected, and lines that the source refused, by reason.
-    source, source_state : str
-    rate, lag : float
-        Samples a second; seconds from a sample's arrival until it was learned.
-    silence : float
-        See `SessionInfo`.
-    status : {"starting", "running", "diverged"}
-    adapting : bool
-        Whether the estimate is updated; False while it is frozen.
-    names : tuple of str
-    parameters, std : (P,) arrays
-        NaN where unknown.
-    num, den : arrays
-    delay : float
-    poles : (n,) complex array
-    pole_covariance : (n, 2, 2) array
-        Covariance of each pole's real and imaginary part; NaN where unknown.
-    zeros : (m,) complex array
-    dc_gain, dc_gain_std : float
-    verdict : str
-    excited : bool
-        See `Assessment`; False while the verdict is not known.
-    reasons : tuple of str
-    simulated : float
-        Fit in percent of the model, simulated from the input alone, over those samples of the window that the verdict
-        uses.
-    residual_std : float
-        Standard deviation of the residual by the noise model; NaN where there is none.
-    input_label, output_label : str
-        Names of the mapped input and of the output, with their units where known.
-    window : Window
-    bode : Bode
-    step : Step
-    truth : Truth or None
-        None if the plant is not known.
-    history : Rows
-    model : mapping
-        The model to be kept, as JSON; empty while there is none.
-    """
-
-    at: float
-    samples: int
+    at: float  # rig time of the newest sample in s
+    samples: int  # accepted samples
+    # rejected, counters: samples that the identifier rejected, and lines that the source refused, by reason
     rejected: Mapping[str, int]
     counters: Mapping[str, int]
     source: str
     source_state: str
-    rate: float
+    rate: float  # rate, lag: samples a second; seconds from a sample's arrival until it was learned
     lag: float
-    silence: float
-    status: str
-    adapting: bool
+    silence: float  # see `SessionInfo`
+    status: str  # {"starting", "running", "diverged"}
+    adapting: bool  # whether the estimate is updated; False while it is frozen
     names: tuple[str, ...]
-    parameters: FloatArray
+    parameters: FloatArray  # parameters, std: (P,): NaN where unknown
     std: FloatArray
     num: FloatArray
     den: FloatArray
     delay: float
-    poles: npt.NDArray[np.complex128]
-    pole_covariance: FloatArray
-    zeros: npt.NDArray[np.complex128]
+    poles: npt.NDArray[np.complex128]  # (n,)
+    pole_covariance: FloatArray  # (n, 2, 2): covariance of each pole's real and imaginary part; NaN where unknown
+    zeros: npt.NDArray[np.complex128]  # (m,)
     dc_gain: float
     dc_gain_std: float
     verdict: str
-    excited: bool
+    excited: bool  # see `Assessment`; False while the verdict is not known
     reasons: tuple[str, ...]
+    # fit in percent of the model, simulated from the input alone, over those samples of the window that the verdict
+    # uses
     simulated: float
-    residual_std: float
+    residual_std: float  # standard deviation of the residual by the noise model; NaN where there is none
+    # input_label, output_label: names of the mapped input and of the output, with their units where known
     input_label: str
     output_label: str
     window: Window
     bode: Bode
     step: Step
-    truth: Truth | None
+    truth: Truth | None  # None if the plant is not known
     history: Rows
-    model: Mapping[str, Any]
+    model: Mapping[str, Any]  # the model to be kept, as JSON; empty while there is none
 
     def unjudged(self, reason: str) -> View:
         """Return the view without a verdict, for a reason."""

@@ -62,31 +62,6 @@ def time_to_live(dt: float) -> float:
 class EstimateMessage:
     """The estimate after a sample, with the newest verdict and the newest standard deviations.
 
-    Attributes
-    ----------
-    timestamp : float
-        Rig time of the sample in s.
-    sequence : int or None
-        Number of the sample, where the device gives one.
-    samples : int
-        Accepted samples so far.
-    names : tuple of str
-        Names of the P parameters.
-    parameters : (P,) array
-        NaN until there is a first model.
-    std : (P,) array
-        Standard deviations.  They and the verdict may be tenths of a second older than the sample; NaN and "unknown"
-        where the estimate has moved since by more than they allow.
-    status : {"starting", "running", "diverged", "waiting", "ended"}
-        "waiting" while no sample is accepted, "ended" when the session is over.
-    verdict : str
-    excited : bool
-        See `Assessment`; False while the verdict is not known.
-    ttl : float
-        Seconds from the receipt of the message for which a controller may use the model; 0: it may not.
-    sent : float or None
-        Unix time in s at which the message was sent; None before that.
-
     Examples
     --------
     >>> import numpy as np
@@ -95,17 +70,22 @@ class EstimateMessage:
     b'{"schema_version":1,"timestamp":0.5,"samples":25,"a0":2.128,"std_a0":0.056,"trusted":1,"excited":1,"ttl":5.0,...'
     """
 
-    timestamp: float
-    sequence: int | None
-    samples: int
-    names: tuple[str, ...]
+    timestamp: float  # rig time of the sample in s
+    sequence: int | None  # number of the sample, where the device gives one
+    samples: int  # accepted samples so far
+    names: tuple[str, ...]  # names of the P parameters
+    # (P,): NaN until there is a first model
     parameters: FloatArray
+    # (P,): standard deviations.  They and the verdict may be tenths of a second older than the sample; NaN and
+    # "unknown" where the estimate has moved since by more than they allow
     std: FloatArray
+    # {"starting", "running", "diverged", "waiting", "ended"}: "waiting" while no sample is accepted, "ended" when the
+    # session is over
     status: str
     verdict: str
-    excited: bool = False
-    ttl: float = 0.0
-    sent: float | None = None
+    excited: bool = False  # see `Assessment`; False while the verdict is not known
+    ttl: float = 0.0  # seconds from the receipt of the message for which a controller may use the model; 0: it may not
+    sent: float | None = None  # Unix time in s at which the message was sent; None before that
 
     @property
     def trusted(self) -> bool:

@@ -115,29 +115,15 @@ LATEST = 1e300  # bound of every time in a checkpoint [s]
 
 @dataclass
 class Progress:
-    """How many samples a session has taken, and the state of its clock.
+    """How many samples a session has taken, and the state of its clock."""
 
-    Attributes
-    ----------
-    taken : int
-        Samples taken, rejected ones included.
-    at : float
-        Rig time of the newest sample in s: its stamp, or taken times dt.
-    sequence : int or None
-        Number of the newest sample, where the device gives one.
-    offset, candidate, alone
-        State of the device's clock, see `RigClock`.
-    earlier : dict
-        Counters of the sources before this resumption.
-    """
-
-    taken: int = 0
-    at: float = 0.0
-    sequence: int | None = None
-    offset: float = 0.0
+    taken: int = 0  # samples taken, rejected ones included
+    at: float = 0.0  # rig time of the newest sample in s: its stamp, or taken times dt
+    sequence: int | None = None  # number of the newest sample, where the device gives one
+    offset: float = 0.0  # offset, candidate, alone: state of the device's clock, see `RigClock`
     candidate: float | None = None
     alone: bool = False
-    earlier: dict[str, int] = field(default_factory=dict)
+    earlier: dict[str, int] = field(default_factory=dict)  # counters of the sources before this resumption
 
     def advance(self, batch: Batch, t: FloatArray | None, dt: float) -> FloatArray:
         """Count the samples of a batch and return their rig time (K,) in s."""
@@ -314,15 +300,6 @@ def resume(path: Path, request: Request) -> Loaded | None:
 class Limits:
     """The conditions under which a session ends by itself.
 
-    Attributes
-    ----------
-    seconds : float or None
-        The session ends after this real time.
-    samples : int or None
-        The session ends when this many samples have been taken; rejected samples and those before a resumption count.
-    until_trusted : bool
-        The session ends when the verdict is "trusted".
-
     Examples
     --------
     >>> limits = Limits(samples=1000)
@@ -330,9 +307,10 @@ class Limits:
     (100, False)
     """
 
-    seconds: float | None = None
+    seconds: float | None = None  # the session ends after this real time
+    # the session ends when this many samples have been taken; rejected samples and those before a resumption count
     samples: int | None = None
-    until_trusted: bool = False
+    until_trusted: bool = False  # the session ends when the verdict is "trusted"
 
     def left(self, samples: int) -> int | None:
         """Return how many samples may still be taken after ``samples``; None without a limit."""

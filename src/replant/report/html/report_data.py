@@ -45,23 +45,13 @@ class OverTime(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Material:
-    """A result and its record, which a report is made from.
-
-    Attributes
-    ----------
-    result : Result
-    log : Log
-    filter : StateVariableFilter or None
-        The filter of the regressors; without it the excitation is not known.
-    preprocess : Preprocess
-    truth : (P,) sequence or None
-        True parameters, of a simulated plant.
-    """
+    """A result and its record, which a report is made from."""
 
     result: Result
     log: Log
-    filter: StateVariableFilter | None
+    filter: StateVariableFilter | None  # the filter of the regressors; without it the excitation is not known
     preprocess: Preprocess
+    # (P,): true parameters, of a simulated plant
     truth: Sequence[float] | None = None
 
     @property
