@@ -15,8 +15,7 @@ from replant.errors import InvalidArgumentError
 from replant.live.observer.make_view import POINTS, EstimateHistory, make_view
 from replant.live.observer.terminal import render, report_of
 from replant.live.observer.view import SessionInfo, View
-from replant.live.outputs.message import DiskWriter, Notices
-from replant.live.outputs.parquet_recorder import ParquetRecorder
+from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
 from replant.live.session.progress import Progress, resume
 from support.live_fakes import DT, REQUEST, FakeSource, make, record
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from replant.report.diagnostics import excitation
+from replant.report.findings import excitation
 from replant.statistics.residuals import BAND_95, correlation_lags, correlations
 from support.cases import every
 

@@ -12,7 +12,6 @@ import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.model.noise import NoiseModel
 from replant.model.uncertainty import Uncertainty
-from replant.report.diagnostics import excitation
 from replant.report.figures import (
     draw_bode,
     draw_correlations,
@@ -26,6 +25,7 @@ from replant.report.figures import (
     style,
 )
 from replant.report.figures.responses import regions, zero_covariance
+from replant.report.findings import excitation
 from replant.statistics.residuals import BAND_95, BAND_99, correlations
 from support.builders import with_model
 

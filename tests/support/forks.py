@@ -1,7 +1,7 @@
 """Reading files in forks: as safe from crashes as the process that reads a file for a user, and far quicker.
 
 Lines on standard input name files; lines of JSON on standard output say what came of them.  Each fork has the limits of
-a process that reads a file (`replant.data.logs.reading`).
+a process that reads a file (`replant.data.logs.table`).
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from replant.data.logs import parser_process, read_columns, read_log, reading
+from replant.data.logs import parser_process, read_columns, read_log
+from replant.data.logs import table as reading
 from replant.errors import ReplantError
 
 WALL = 240  # s after which a fork hangs; its processor time is limited far below

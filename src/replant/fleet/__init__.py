@@ -3,8 +3,7 @@
 See docs/fleet.md.
 """
 
-from replant.fleet.fit import Fleet, fit, load
+from replant.fleet.fit import Fleet, Trial, fit, load, sweep
 from replant.fleet.page import write_page
-from replant.fleet.sweep import Trial, sweep
 
 __all__ = ["Fleet", "Trial", "fit", "load", "sweep", "write_page"]

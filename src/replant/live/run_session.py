@@ -17,8 +17,7 @@ from replant.live.observer.make_view import EstimateHistory, make_view
 from replant.live.observer.process import DashboardAddress, ObserverOptions
 from replant.live.observer.terminal import print_summary
 from replant.live.observer.view import UNNAMED, SignalNames
-from replant.live.outputs.message import DiskWriter, Notices, time_to_live
-from replant.live.outputs.parquet_recorder import ParquetRecorder
+from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder, time_to_live
 from replant.live.outputs.sinks import Sink, open_sink
 from replant.live.session.progress import CheckpointWriter, Limits, Progress, resume
 from replant.live.session.session import Session

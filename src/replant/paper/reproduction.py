@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any
 
-from replant.fleet.sweep import sweep
+from replant.fleet.fit import sweep
 from replant.paper.tables import Row, Table, run_seeds
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ import pytest
 import replant as rp
 from replant.data.logs import arrow, read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
-from replant.live.outputs.message import DiskWriter, Notices
-from replant.live.outputs.parquet_recorder import ParquetRecorder
+from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
 from replant.runs.full_trace import FullTrace
 
 

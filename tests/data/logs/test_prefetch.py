@@ -9,12 +9,12 @@ from functools import partial
 
 import pytest
 
-from replant.data.logs.reading import prefetch
+from replant.data.logs.table import prefetch
 from support.waiting import PATIENCE, wait_until
 
 ABANDONED = """
 import faulthandler, gc
-from replant.data.logs.reading import prefetch
+from replant.data.logs.table import prefetch
 faulthandler.dump_traceback_later(PATIENCE, exit=True)
 
 def refused():  # as a reader of the results does: the error's traceback keeps the frames, and the frames the error

@@ -11,7 +11,7 @@ import pytest
 
 from replant.data.logs import read_log
 from replant.data.logs.rasters import Channel, Signal, channel_table
-from replant.data.streams import open_source, replay
+from replant.data.streams import demo, open_source
 from replant.errors import InvalidArgumentError, LogError
 from support.cases import every
 from support.wires import Reading, csv
@@ -127,7 +127,7 @@ def test_signals_with_stamps_of_their_own_are_merged(
     t = np.arange(40) * 0.01
     signals = {"u": Signal(t[::4], t[::4]), "y": Signal(t, 2.0 * t)}
     table = channel_table(Path("log.ulg"), [Channel(name, lambda name=name: signals[name]) for name in signals])
-    monkeypatch.setattr(replay, "read_columns", lambda path: table)
+    monkeypatch.setattr(demo, "read_columns", lambda path: table)
     reading = read(open_source("log.csv"))
     reading.join()
     assert np.array_equal(reading.column("t"), t)

@@ -13,9 +13,8 @@ import pytest
 
 import replant as rp
 from replant.errors import LogError
-from replant.live.outputs import parquet_recorder as recording
-from replant.live.outputs.message import DiskWriter, EstimateMessage, Notices
-from replant.live.outputs.parquet_recorder import ParquetRecorder
+from replant.live.outputs import message as recording
+from replant.live.outputs.message import DiskWriter, EstimateMessage, Notices, ParquetRecorder
 from support.cases import every
 from support.full_disk import full_disk
 from support.live_fakes import DT, record

@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import reading
-from replant.data.logs.reading import damage_as_log_error, prefetch
-from replant.data.logs.table import Table, nth_row
+from replant.data.logs import table
+from replant.data.logs.table import Table, damage_as_log_error, nth_row, prefetch
 from replant.errors import LogError, MissingDependencyError, shown
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
@@ -211,7 +210,7 @@ def _opened(path: Path) -> Iterator[Any]:
             f"{path}: reading Feather and Arrow files needs pyarrow: pip install 'replant[parquet]'"
         ) from error
     with damage_as_log_error(path, "Feather or Arrow file", "write it again"), pyarrow.OSFile(str(path)) as file:
-        reading.allow(held=_UNPACKED * path.stat().st_size)  # a batch is held as a whole
+        table.allow(held=_UNPACKED * path.stat().st_size)  # a batch is held as a whole
         magic = file.read(len(_FILE_MAGIC))
         if magic.startswith(_OLD_MAGIC):
             raise LogError(f"{path}: a Feather file of version 1; write it again with a newer pyarrow")

@@ -22,10 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import reading
+from replant.data.logs import table as reading
 from replant.data.logs.rasters import Channel, Signal, channel_table
-from replant.data.logs.reading import DEFLATE_RATIO, damage_as_log_error
-from replant.data.logs.table import Table
+from replant.data.logs.table import DEFLATE_RATIO, Table, damage_as_log_error
 from replant.data.logs.text_cells import with_units
 from replant.errors import LogError, MissingDependencyError, shown
 

@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.reading import prefetch
-from replant.data.logs.table import Table
+from replant.data.logs.table import Table, prefetch
 from replant.data.logs.text_cells import (
     CellError,
     DecimalMark,

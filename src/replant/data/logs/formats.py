@@ -24,9 +24,9 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import arrow, channels, parser_child, parser_process, reading
-from replant.data.logs.reading import damage_as_log_error
-from replant.data.logs.table import Table, listed, unreadable_error
+from replant.data.logs import arrow, channels, parser_child, parser_process
+from replant.data.logs import table as reading
+from replant.data.logs.table import Table, damage_as_log_error, listed, unreadable_error
 from replant.errors import LogError, MissingDependencyError
 
 STANDARD_INPUT = Path("-")  # what stands for standard input

@@ -23,10 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import reading
+from replant.data.logs import table
 from replant.data.logs.npz import array_table, is_sampling_time, no_signal_error, places_of, stated_dt
-from replant.data.logs.reading import damage_as_log_error
-from replant.data.logs.table import Table
+from replant.data.logs.table import Table, damage_as_log_error
 from replant.errors import MissingDependencyError
 
 _MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"
@@ -99,8 +98,8 @@ def _table(path: Path, *, matlab: bool) -> Table:
                 signals += _signals_in(name, place, dataset, matlab=matlab)
                 if is_sampling_time(name, dataset.shape or (), dataset.dtype.kind):
                     scalars.append((name, float(np.asarray(dataset[()]).reshape(-1)[0])))
-            if len(signals) > reading.MOST_COLUMNS:
-                raise reading.too_many_error(path, "columns")
+            if len(signals) > table.MOST_COLUMNS:
+                raise table.too_many_error(path, "columns")
     left_out |= reasons(objects)
     if not signals:
         raise no_signal_error(path, left_out)
@@ -137,10 +136,10 @@ def _datasets(path: Path, file: Any) -> Iterator[tuple[str, Any]]:
     def visit(name: str, item: Any) -> None:  # links to other files are not followed
         nonlocal objects
         objects += 1
-        if objects > reading.MOST_COLUMNS:
-            raise reading.too_many_error(path, "groups and data sets")
+        if objects > table.MOST_COLUMNS:
+            raise table.too_many_error(path, "groups and data sets")
         if name.count("/") >= DEEPEST:
-            raise reading.too_many_error(path, "groups within each other", DEEPEST)
+            raise table.too_many_error(path, "groups within each other", DEEPEST)
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             found.append((name, item))
 
@@ -188,7 +187,7 @@ def _blocks(
         rows = {signal.rows for signal in chosen}
         step = max((_block_rows(file[signal.dataset], signal, matlab=matlab) for signal in chosen), default=1)
         if len(rows) != 1:  # which the caller says; none can be cut into blocks
-            reading.allow(held=8 * sum(signal.rows for signal in chosen))
+            table.allow(held=8 * sum(signal.rows for signal in chosen))
             step = max(rows, default=0)
         for begin in range(0, max(rows, default=0), max(1, step)):
             yield [_values(file, signal, slice(begin, begin + step), matlab=matlab) for signal in chosen]
@@ -201,7 +200,7 @@ def _block_rows(dataset: Any, signal: _Signal, *, matlab: bool) -> int:
     index = signal.index[::-1] if matlab else signal.index
     rows = next(length for length, one in zip(dataset.chunks, index, strict=True) if isinstance(one, slice))
     chunk, whole = math.prod(dataset.chunks), math.prod(dataset.shape)
-    reading.allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
+    table.allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
     return int(rows * max(1, BLOCK_ROWS // rows))
 
 
@@ -239,7 +238,7 @@ def _load(path: Path, head: bytes) -> dict[str, Any]:
     """Return the variables that may hold signals."""
     import scipy.io
 
-    sizes = list(reading.at_most(path, _sizes(path, head), "variables"))
+    sizes = list(table.at_most(path, _sizes(path, head), "variables"))
     chosen, held = None, sum(sizes)
     with warnings.catch_warnings(action="ignore"):  # SciPy warns about variables that are no signals
         with contextlib.suppress(TypeError):  # SciPy lists no objects of classes of MATLAB's
@@ -249,7 +248,7 @@ def _load(path: Path, head: bytes) -> dict[str, Any]:
             held = sum(
                 min(8 * math.prod(shape), 8 * of[at]) if kind in _NUMERIC else of[at] for at, _, shape, kind in chosen
             )
-        reading.allow(held=held)
+        table.allow(held=held)
         names = None if chosen is None else [name for _, name, *_ in chosen]
         contents: dict[str, Any] = scipy.io.loadmat(str(path), variable_names=names)
     return contents

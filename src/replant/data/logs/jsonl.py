@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs.csv import unended_line
-from replant.data.logs.reading import MOST_COLUMNS, too_many_error
-from replant.data.logs.table import Table
+from replant.data.logs.table import MOST_COLUMNS, Table, too_many_error
 from replant.data.logs.text_cells import quote
 from replant.data.logs.text_layout import MOST_LINES_ABOVE, lines_of
 from replant.data.logs.text_times import LocalClock, StampError, StampFormat, find_format

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from replant.data.logs import reading
-from replant.data.logs.reading import damage_as_log_error
-from replant.data.logs.table import Table
+from replant.data.logs import table
+from replant.data.logs.table import Table, damage_as_log_error
 from replant.errors import LogError
 
 SAMPLING_TIME = "Ts"  # name of a scalar, perhaps in a struct, that is the sampling time in s
@@ -162,7 +161,7 @@ def read(path: Path) -> Table:
     with _opened(path) as file:
         for array in _arrays(file):
             columns = ((name, _signal(array, index)) for name, index in places_of(array.name, array.shape))
-            signals.update(reading.at_most(path, columns, "columns"))
+            signals.update(table.at_most(path, columns, "columns"))
             if is_sampling_time(array.name, array.shape, array.dtype.kind):
                 (values,) = _blocks_of(file, _Signal(array, 0, 1, 1))
                 scalars.append((array.name, float(values[0])))
@@ -179,7 +178,7 @@ def read(path: Path) -> Table:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    with damage_as_log_error(path, ".npz archive", "save it with numpy.savez"), reading.opened(path) as file:
+    with damage_as_log_error(path, ".npz archive", "save it with numpy.savez"), table.opened(path) as file:
         yield file
 
 

@@ -34,7 +34,7 @@ def main() -> None:
     os.dup2(nowhere, 1)  # some libraries print what they cannot read
     sys.path += folders  # at the end, so that no module of the user hides one of Python
     sys.modules.update(dict.fromkeys(filter(None, absent.split(","))))  # type: ignore[arg-type]
-    from replant.data.logs import reading
+    from replant.data.logs import table as reading
 
     read = reader(function)
     for library in filter(None, libraries.split(",")):
@@ -89,7 +89,7 @@ def answers(table: Table, request: dict[str, Any]) -> Iterator[Answer]:
     """Yield what answers a request: blocks of rows, stamps of a column, or the words for a row."""
     import numpy as np
 
-    from replant.data.logs import reading
+    from replant.data.logs import table as reading
 
     if "row" in request:
         yield {"row": table.describe_row(request["row"])}, []
@@ -106,7 +106,7 @@ def answers(table: Table, request: dict[str, Any]) -> Iterator[Answer]:
 
 
 def _failure(error: Exception) -> dict[str, Any]:
-    from replant.data.logs import reading
+    from replant.data.logs import table as reading
     from replant.errors import ReplantError
 
     reading.allow(held=_TO_ANSWER)  # what the error still holds may be all that was allowed

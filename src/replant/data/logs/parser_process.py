@@ -245,7 +245,7 @@ def process_error(parser: Parser, path: Path, code: int) -> LogError:
 
     Examples
     --------
-    >>> str(process_error(PARSERS["xlsx"], Path("log.xlsx"), 3))
+    >>> str(process_error(PARSERS["xlsx.read"], Path("log.xlsx"), 3))
     'log.xlsx: the process that reads it was ended (code 3); free some memory, and try again'
     """
     name = signal.Signals(-code).name if -code in set(signal.Signals) else f"code {code}"

@@ -10,7 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.reading import MOST_COLUMNS
+from replant.data.logs.table import MOST_COLUMNS
 from replant.interop import unit_of
 
 MISSING = frozenset({"", "na", "n/a", "null"})  # NaN, as nan, inf and infinity are numbers that float() knows

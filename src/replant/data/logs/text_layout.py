@@ -10,8 +10,8 @@ from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 
-from replant.data.logs.reading import LONGEST_NAME, MOST_COLUMNS, too_many_error
 from replant.data.logs.sampling_time import time_candidates
+from replant.data.logs.table import LONGEST_NAME, MOST_COLUMNS, too_many_error
 from replant.data.logs.text_cells import (
     CellError,
     DecimalMark,

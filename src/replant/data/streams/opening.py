@@ -199,7 +199,7 @@ def _address_of(url: str) -> tuple[Address, str]:
     if not path:
         raise InvalidArgumentError(f"{url!r}: the source is missing; write {SCHEMES['tcp'][1]}, {_OTHERS}")
     address = Address(url, "", path=path, options=options_of(url, query))
-    return address, {"-": "lines.open_pipe", "demo": "demo.open_demo"}.get(path, "replay.open_replay")
+    return address, {"-": "lines.open_pipe", "demo": "demo.open_demo"}.get(path, "demo.open_replay")
 
 
 def _columns_of(address: Address) -> tuple[str, ...] | None:

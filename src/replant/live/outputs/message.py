@@ -1,16 +1,30 @@
-"""What goes out: an estimate as a message, notices, and the thread that waits for disks."""
+"""What goes out: an estimate as a message, notices, and records in folders of Parquet files.
+
+A Parquet file cannot be read before its end is written.  Therefore each part of the record is a small file, which is
+written under another name, forced to the disk and renamed: a crash loses at most the part that was being written.
+pandas, pyarrow, DuckDB and `replant run` read such a folder as one table.
+"""
 
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import json
 import math
+import os
 import queue
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
 
 from replant.arguments import FloatArray
+from replant.data.logs.arrow import CHECKED, check_rows, open_parquet
+from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.operating_system import Worker, one_line
 
 AGAIN = 60.0  # time until the next message about the same subject [s]
@@ -161,3 +175,156 @@ class DiskWriter:
         finally:
             self._jobs.task_done()
         return True
+
+
+ROWS = 200_000  # rows of a part: a few megabytes [rows]
+SECONDS = 30.0  # time after which a part is written even if it is short [s]
+PART = "part-{:08d}.parquet"
+
+Samples = tuple[npt.NDArray[np.int64] | None, dict[str, FloatArray]]  # the device's numbers, and the columns
+
+
+class ParquetRecorder:
+    """Records samples in FOLDER/samples and estimates in FOLDER/estimates.
+
+    Columns of samples: n (the device's number, or null), t [s], u, y and, where there is a reference, r.  Columns of
+    estimates: t, n, samples, each parameter and its standard deviation (std_...), status, verdict and excited.
+    """
+
+    name = "record"
+    interval = 0.1  # s of real time at the least between two recorded estimates
+    behind = False  # a record never waits for a receiver
+
+    def __init__(self, folder: Path, disk_writer: DiskWriter, *, go_on: bool = False) -> None:
+        if importlib.util.find_spec("pyarrow") is None:
+            raise MissingDependencyError("--record needs pyarrow: pip install 'replant[live]'")
+        self._disk_writer = disk_writer
+        self._samples = _Parts(folder / "samples", go_on=go_on)
+        self._estimates = _Parts(folder / "estimates", go_on=go_on)
+        self._last = self._samples.last_number()
+        self._clear()
+
+    def _clear(self) -> None:
+        self._samples_waiting: list[Samples] = []
+        self._rows = 0
+        self._estimates_waiting: list[EstimateMessage] = []
+        self._start = time.monotonic()
+
+    def add_samples(
+        self,
+        n: npt.NDArray[np.int64] | None,
+        t: FloatArray,
+        u: FloatArray,
+        y: FloatArray,
+        r: FloatArray | None = None,
+    ) -> None:
+        """Record samples."""
+        if n is not None and n[0] <= self._last:
+            new = int(np.searchsorted(n, self._last, side="right"))
+            n, t, u, y, r = n[new:], t[new:], u[new:], y[new:], None if r is None else r[new:]
+        self._samples_waiting.append((n, {"t": t, "u": u, "y": y} | ({} if r is None else {"r": r})))
+        self._rows += u.size
+        if self._rows >= ROWS or time.monotonic() - self._start >= SECONDS:
+            self.flush()
+
+    def send(self, estimate: EstimateMessage) -> None:
+        """Record an estimate."""
+        self._estimates_waiting.append(estimate)
+
+    def close(self) -> None:
+        """Have the last part written, in the background."""
+        self.flush()
+
+    def flush(self) -> None:
+        """Have the samples and estimates so far written as a part, in the background."""
+        samples, estimates = self._samples_waiting, self._estimates_waiting
+        self._clear()
+        if samples:
+            number = self._samples.next_number()
+            self._disk_writer.submit("record", lambda: self._samples.write(number, _samples_table(samples)))
+        if estimates:
+            place = self._estimates.next_number()
+            self._disk_writer.submit("record", lambda: self._estimates.write(place, _estimates_table(estimates)))
+
+
+class _Parts:
+    """A folder of Parquet files, numbered in their order."""
+
+    def __init__(self, folder: Path, *, go_on: bool) -> None:
+        self._folder = folder
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._found = sorted(folder.glob("part-*.parquet"))
+            for unfinished in folder.glob(".part-*"):
+                unfinished.unlink()
+        except OSError as error:
+            raise InvalidArgumentError(f"--record: {one_line(error)}; choose a folder that can be written") from None
+        if self._found and not go_on:
+            raise InvalidArgumentError(
+                f"--record: {folder} holds a record already; choose another folder, or go on with its --checkpoint"
+            )
+        self._number = int(self._found[-1].stem.removeprefix("part-")) if self._found else 0
+
+    def last_number(self) -> int:
+        """Return the largest number n in the newest part, or the least integer where there is none."""
+        import pyarrow.compute
+
+        last = None
+        if self._found:
+            with open_parquet(self._found[-1]) as part:
+                numbers = part.read(columns=["n"]).column("n")
+                check_rows(self._found[-1], part, len(numbers))
+            last = pyarrow.compute.max(numbers).as_py()
+        return int(np.iinfo(np.int64).min) if last is None else int(last)
+
+    def next_number(self) -> int:
+        """Return the number of a new part."""
+        self._number += 1
+        return self._number
+
+    def write(self, number: int, table: Any) -> None:
+        """Write a part under another name, force it to the disk and rename it."""
+        import pyarrow.parquet
+
+        path = self._folder / PART.format(number)
+        unfinished = path.with_name("." + path.name)
+        try:
+            with unfinished.open("wb") as file:
+                pyarrow.parquet.write_table(table, file, **CHECKED)
+                file.flush()
+                os.fsync(file.fileno())
+            unfinished.replace(path)
+        finally:
+            with contextlib.suppress(OSError):  # after a failure, such as a full disk, an unfinished file is useless
+                unfinished.unlink(missing_ok=True)
+
+
+def _samples_table(samples: list[Samples]) -> Any:
+    import pyarrow
+
+    numbers = [
+        pyarrow.nulls(signals["u"].size, pyarrow.int64()) if n is None else pyarrow.array(n, pyarrow.int64())
+        for n, signals in samples
+    ]
+    signals = {name: np.concatenate([entry[name] for _, entry in samples]) for name in samples[0][1]}
+    return pyarrow.table({"n": pyarrow.chunked_array(numbers, pyarrow.int64()), **signals})
+
+
+def _estimates_table(estimates: list[EstimateMessage]) -> Any:
+    import pyarrow
+
+    names = estimates[0].names
+    columns: dict[str, Any] = {
+        "t": pyarrow.array([entry.timestamp for entry in estimates], pyarrow.float64()),
+        "n": pyarrow.array([entry.sequence for entry in estimates], pyarrow.int64()),
+        "samples": pyarrow.array([entry.samples for entry in estimates], pyarrow.int64()),
+    }
+    for prefix, values in (
+        ("", np.array([entry.parameters for entry in estimates])),
+        ("std_", np.array([entry.std for entry in estimates])),
+    ):
+        columns |= {prefix + name: values[:, k] for k, name in enumerate(names)}
+    columns["status"] = [entry.status for entry in estimates]
+    columns["verdict"] = [entry.verdict for entry in estimates]
+    columns["excited"] = [entry.excited for entry in estimates]
+    return pyarrow.table(columns)

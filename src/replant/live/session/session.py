@@ -15,8 +15,7 @@ from replant.data.streams import Batch, Source
 from replant.errors import CheckpointError, InvalidArgumentError, SystemRefusedError
 from replant.live.observer.client import Observer
 from replant.live.observer.view import SessionInfo, View
-from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, time_to_live
-from replant.live.outputs.parquet_recorder import ParquetRecorder
+from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, ParquetRecorder, time_to_live
 from replant.live.outputs.sinks import Publisher, Sink
 from replant.live.session.progress import CheckpointWriter, Limits, Progress, Throughput, stop_on_signals
 from replant.online.identifier import Identifier

@@ -17,8 +17,8 @@ from replant.errors import InvalidArgumentError
 from replant.limits import duration
 from replant.plotting.diagrams import given_axes
 from replant.regressor.preprocess import accepted
-from replant.report.diagnostics import Excitation
 from replant.report.figures import style
+from replant.report.findings import Excitation
 from replant.runs.result import Clock, Result
 from replant.runs.thinning import Thinned, thin
 from replant.statistics.residuals import BAND_95, BAND_99, Correlations
@@ -306,7 +306,7 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, cl
     Parameters
     ----------
     found : Excitation or None
-        From `replant.report.diagnostics.excitation`.
+        From `replant.report.findings.excitation`.
     dt : float
         Sampling time in s.
     axes : two matplotlib axes, optional

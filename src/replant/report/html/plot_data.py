@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.report.diagnostics import Excitation
 from replant.report.figures import style
 from replant.report.figures.over_time import reach
+from replant.report.findings import Excitation
 from replant.report.html.report_data import Material
 from replant.report.number_format import complex_number, number, percent
 from replant.runs.result import Clock

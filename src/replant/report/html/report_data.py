@@ -19,9 +19,9 @@ from replant.offline.fit_result import FitResult
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
-from replant.report.diagnostics import Excitation, excitation, regressors_of
 from replant.report.figures import style
 from replant.report.figures.responses import usable_uncertainty
+from replant.report.findings import Excitation, excitation, regressors_of
 from replant.runs.result import Clock, Result
 from replant.settings import Settings
 from replant.statistics.autoregression import places_on_grid
