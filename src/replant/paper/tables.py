@@ -122,7 +122,6 @@ def run_seeds(
 def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> dict[str, float]:
     """Run an experiment; return its performance indices by name: "J_a0", ..., "J_sum".
 
-    >>> from replant.paper.tables.published import TABLES
     >>> indices = run(TABLES["table1"].row("Gradient, no buffer").experiment)
     >>> {name: f"{value:.2e}" for name, value in indices.items()}
     {'J_a0': '8.41e+02', 'J_b0': '1.64e+03', 'J_sum': '2.48e+03'}
