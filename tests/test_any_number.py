@@ -129,9 +129,9 @@ FUNCTIONS: dict[Callable[..., Any], dict[str, Any]] = {
 }
 #: Made by the package and never by a caller: their numbers are our own.
 RESULTS = {
-    "Assessment", "Verdict", "Simulation", "FitResult", "Trace", "Loaded", "Recording", "Table", "Batch", "Actuator",
-    "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication", "Stretch",
-    "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse", "Validation", "Inspection",
+    "Assessment", "Verdict", "Simulation", "FitResult", "RowFit", "Trace", "Loaded", "Recording", "Table", "Batch",
+    "Actuator", "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication",
+    "Stretch", "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse", "Validation", "Inspection",
     "ModelComparison",
     "Fleet", "Trial",
 }  # fmt: skip

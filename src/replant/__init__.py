@@ -58,6 +58,7 @@ __all__ = [
     "RefinedFilter",
     "ReplantError",
     "Replay",
+    "RowFit",
     "Scaling",
     "StateVariableFilter",
     "Structure",

@@ -26,6 +26,7 @@ from replant.data.logs import Log as Log, read_log as read_log
 from replant.identified.model import Model as Model, load_model as load_model
 from replant.identified.validation import Validation as Validation
 from replant.offline.fit import fit as fit
+from replant.offline.row_fit import RowFit as RowFit
 from replant.offline.fit_result import FitResult as FitResult
 from replant.optimizers import (
     AdaDelta as AdaDelta,

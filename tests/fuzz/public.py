@@ -20,6 +20,7 @@ from support.builders import identifier, record
 DT, SAMPLES = 0.1, 300
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
 U, Y = record(PLANT, 1, SAMPLES, DT, noise=0.01)
+TWO = np.column_stack([U, np.roll(U, 7)])
 T = DT * np.arange(SAMPLES) + 0.01 * np.sin(np.arange(SAMPLES))
 LOG = rp.Log(U, Y, DT, None, "u [V]", "y", Path("log.csv"))
 PAIR = [[1e-4, 0.0], [0.0, 1e-4]]
@@ -52,6 +53,11 @@ def folder() -> Path:
 @functools.cache
 def fitted() -> rp.FitResult:
     return rp.fit(U, Y, DT, poles=1)
+
+
+@functools.cache
+def row() -> rp.RowFit:
+    return rp.fit(TWO, Y, DT, poles=(1, 1))
 
 
 @functools.cache
@@ -256,6 +262,8 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "Trace.index": lambda: (ensemble().trace(U, Y)[0].index, {"true": [0.5, 2.0]}),
     "Trace.to_pandas": lambda: (ensemble().trace(U, Y)[0].to_pandas, {"dt": DT}),
     "Trace.to_xarray": lambda: (ensemble().trace(U, Y)[0].to_xarray, {"dt": DT}),
+    "fit of two inputs": lambda: (rp.fit, {"u": TWO, "y": Y, "dt": DT, "poles": (1, 1), "delay": (0.0, 0.1)}),
+    "RowFit.simulate": lambda: (row().simulate, {"u": TWO}),
     "FitResult.bridged": lambda: (fitted().bridged, {"y": Y}),
     "sklearn fit": lambda: (TransferFunctionRegressor(poles=1, dt=DT).fit, {"X": U[:, None], "y": Y}),
     "sklearn partial_fit": lambda: (TransferFunctionRegressor(poles=1, dt=DT).partial_fit, {"X": U[:, None], "y": Y}),
@@ -313,7 +321,7 @@ def missing() -> Iterator[str]:
 
 
 #: Made by the package and never by a caller: their numbers are our own.
-RESULTS = {"FitResult", "ModelComparison", "Trace", "Validation"}
+RESULTS = {"FitResult", "RowFit", "ModelComparison", "Trace", "Validation"}
 #: Of these functions every argument is an object of ours, a file or axes.
 TAKE_RESULTS = {
     "write_page", "draw_excitation", "draw_outputs", "draw_overlay", "draw_poles_and_zeros", "draw_responses",

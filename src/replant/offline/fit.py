@@ -6,7 +6,7 @@ import dataclasses
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -30,6 +30,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.offline.fit_result import FitResult
 from replant.offline.least_squares import choose_filter, least_squares
 from replant.offline.reference_use import ReferenceUse, use_of
+from replant.offline.row_fit import RowFit, fit_row, is_row
 from replant.offline.samples import Samples
 from replant.offline.solve import Solution, solve
 from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
@@ -43,8 +44,21 @@ from replant.statistics.linear_algebra import quiet
 METHODS = (AUTO, "srivc", "least_squares")
 
 
-@in_our_words
-@quiet
+@overload
+def fit(
+    u: Any,
+    y: Any,
+    dt: float | None = None,
+    structure: None = None,
+    *,
+    poles: tuple[int, ...],
+    zeros: int | tuple[int, ...] = 0,
+    delay: float | tuple[float, ...] = 0.0,
+    t: Any = None,
+) -> RowFit: ...
+
+
+@overload
 def fit(
     u: Any,
     y: Any = None,
@@ -55,13 +69,34 @@ def fit(
     zeros: int = 0,
     delay: float = 0.0,
     method: str = AUTO,
+    filter: Filter | str = AUTO,
+    preprocess: Preprocess | None = None,
+    t: Any = None,
+    reference: Any = None,
+    input: str | None = None,
+    output: str | None = None,
+) -> FitResult: ...
+
+
+@in_our_words
+@quiet
+def fit(
+    u: Any,
+    y: Any = None,
+    dt: float | None = None,
+    structure: Structure | None = None,
+    *,
+    poles: int | tuple[int, ...] | None = None,
+    zeros: int | tuple[int, ...] = 0,
+    delay: float | tuple[float, ...] = 0.0,
+    method: str = AUTO,
     filter: Filter | str = AUTO,  # noqa: A002 - the field's word
     preprocess: Preprocess | None = None,
     t: Any = None,
     reference: Any = None,
     input: str | None = None,  # noqa: A002 - the field's word
     output: str | None = None,
-) -> FitResult:
+) -> FitResult | RowFit:
     r"""Fit G(s) to a whole record.
 
     "srivc" is refined instrumental variables, see `replant.offline.srivc`.  It is consistent under output noise of any
@@ -71,19 +106,23 @@ def fit(
     :math:`\sum_k (y(t_k) - \theta_\lambda^T \varphi_{uy}(t_k))^2`, as the article does for its Table 6.  Measurement
     noise biases it, because the regressor contains the noisy output.
 
+    Of several inputs each has poles and a dead time of its own: the columns of ``u`` and an entry of ``poles`` for
+    each.  The row of transfer functions is found by maximum likelihood, with one noise model and one covariance.
+
     Parameters
     ----------
     u : (K,) array, Log, list of Log, or table
-        Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
+        Raw input, or (K, q) of q inputs; or a log with input, output and sampling time; or several logs of one rig,
+        which give one model.
     y : (K,) array
         Output; samples that are not finite are left out.
     dt : float
         Sampling time in s.
     structure : Structure
         Or ``poles``, ``zeros`` and ``delay`` in its place.
-    poles, zeros : int
-        Number of poles and of zeros.
-    delay : float
+    poles, zeros : int or tuple of int
+        Number of poles and of zeros; of several inputs an entry for each.
+    delay : float or tuple of float
         Dead time in s.
     method : {"auto", "srivc", "least_squares"}
         "auto" is "srivc", and least squares if that finds no model, for example if the input hardly moves.
@@ -106,8 +145,8 @@ def fit(
 
     Returns
     -------
-    FitResult
-        The model with its fits, verdict and settings.
+    FitResult or RowFit
+        The model with its fits, verdict and settings; a RowFit of several inputs.
 
     Raises
     ------
@@ -128,8 +167,27 @@ def fit(
     >>> found = fit(u, true.simulate(u, dt=0.1), dt=0.1, poles=1)
     >>> print(found.transfer_function, found.verdict.status)
     2 / (s + 0.5) trusted
+
+    Two inputs, the second with a dead time:
+
+    >>> second = TransferFunction([1.0], [1.0, 3.0], delay=0.3)
+    >>> both = np.column_stack([u, np.where(np.arange(400) // 30 % 2 == 0, 1.0, -1.0)])
+    >>> row = fit(both, true.simulate(u, 0.1) + second.simulate(both[:, 1], 0.1), 0.1, poles=(1, 1), delay=(0.0, 0.3))
+    >>> print(*row.transfer_functions, row.verdict.status, sep=", ")
+    2 / (s + 0.5), 1 / (s + 3) exp(-0.3 s), trusted
     """
-    structure = Structure.wanted(structure, poles, zeros, delay)
+    if is_row(u, poles, zeros, delay):
+        given = {
+            "structure": structure is not None, "method": method != AUTO, "filter": filter != AUTO,
+            "preprocess": preprocess is not None, "reference": reference is not None, "input": input is not None,
+            "output": output is not None,
+        }  # fmt: skip
+        for name, is_given in given.items():
+            if is_given:
+                raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
+        return fit_row(u, y, dt, poles, zeros, delay, t)
+    wanted: tuple[Any, Any, Any] = poles, zeros, delay
+    structure = Structure.wanted(structure, *wanted)
     return fit_samples(Samples.of(u, y, dt, t, reference, input, output), structure, method, filter, preprocess)
 
 
