@@ -180,8 +180,8 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
 
 
 MANY_INPUTS = (
-    "several inputs are not supported yet: name one of them, and read what `replant look` or the verdict says of the "
-    "others"
+    "several inputs are not supported yet on the command line: name one of them, or call replant.fit in Python, which "
+    "takes several"
 )
 MANY_OUTPUTS = "several outputs are not supported: identify them one after the other"
 
