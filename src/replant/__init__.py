@@ -59,6 +59,7 @@ __all__ = [
     "ReplantError",
     "Replay",
     "RowFit",
+    "RowModel",
     "Scaling",
     "StateVariableFilter",
     "Structure",

@@ -281,6 +281,13 @@ def of_control(system: Any) -> Polynomials:
     return _proper(system.num[0][0], system.den[0][0])
 
 
+def control_row(systems: Sequence[Any]) -> Any:
+    """Return `control.TransferFunction` systems of one input each as one of several inputs and one output."""
+    import control
+
+    return control.TransferFunction([[g.num[0][0] for g in systems]], [[g.den[0][0] for g in systems]])
+
+
 def of_scipy(system: Any) -> Polynomials:
     """Return num and den of a system of `scipy.signal`: TransferFunction, ZerosPolesGain or StateSpace.
 

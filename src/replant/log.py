@@ -60,6 +60,8 @@ class Log:
         Digest of the file, which a model keeps; empty where it is not known.
     others : mapping of str to float64 array, shape (K,)
         Further columns of the same rows.  The verdict of `fit` names one that explains what the model leaves.
+    more_inputs : tuple of str
+        Names of those of ``others`` that are inputs too, see `inputs`.
 
     Examples
     --------
@@ -84,6 +86,7 @@ class Log:
     input_hold: str = "zoh"
     sha256: str = ""
     others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    more_inputs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         keep(self, "input", vector)
@@ -97,6 +100,10 @@ class Log:
             keep(self, "reference", vector)
         others = {text("others", name): vector(name, each) for name, each in self.others.items()}
         object.__setattr__(self, "others", others)
+        object.__setattr__(self, "more_inputs", tuple(text("more_inputs", name) for name in self.more_inputs))
+        for name in self.more_inputs:
+            if name not in others or self.more_inputs.count(name) > 1:
+                raise InvalidArgumentError(f"more_inputs must be different names of others, got {name!r}")
         signals = (self.output, self.time, self.reference, *self.others.values())
         sizes = [self.input.size, *(each.size for each in signals if each is not None)]
         if min(sizes) != max(sizes):
@@ -117,10 +124,28 @@ class Log:
 
     def __repr__(self) -> str:
         clock = "irregular, usually " if self.stamps is not None else ""
-        signals = f"{self.input_name} -> {self.output_name}"
-        others = f", beside {', '.join(self.others)}" if self.others else ""
+        signals = f"{', '.join(self.input_names)} -> {self.output_name}"
+        rest = [name for name in self.others if name not in self.more_inputs]
+        others = f", beside {', '.join(rest)}" if rest else ""
         name = " ".join(filter(None, ("Log", self.path.name)))
         return f"<{name}: {signals}, {len(self):,} samples, {clock}dt {self.dt:g} s{others}>"
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of all inputs: `input_name`, then `more_inputs`."""
+        return self.input_name, *self.more_inputs
+
+    @property
+    def inputs(self) -> NDArray[np.float64]:
+        """All inputs, a column (K, q) each.
+
+        Examples
+        --------
+        >>> Log([0.0, 1.0], [0.0, 0.1], 0.5, others={"fan": [2.0, 3.0]}, more_inputs=("fan",)).inputs
+        array([[0., 2.],
+               [1., 3.]])
+        """
+        return np.column_stack([self.input, *(self.others[name] for name in self.more_inputs)])
 
     @cached_property
     def stamps(self) -> NDArray[np.float64] | None:
@@ -193,4 +218,5 @@ class Log:
     @property
     def _signals(self) -> dict[str, tuple[str, NDArray[np.float64]]]:
         signals = {"input": (self.input_name, self.input), "output": (self.output_name, self.output)}
+        signals |= {f"input_{i}": (name, self.others[name]) for i, name in enumerate(self.more_inputs, 2)}
         return signals if self.reference is None else signals | {"reference": (self.reference_name, self.reference)}

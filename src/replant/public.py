@@ -23,7 +23,8 @@ from replant.data.band import bandpass as bandpass
 from replant.data.conditioning import decimate as decimate, detrend as detrend, resample as resample
 from replant.data.conditioning import from_rest as from_rest
 from replant.data.logs import Log as Log, read_log as read_log
-from replant.identified.model import Model as Model, load_model as load_model
+from replant.identified.model import Model as Model
+from replant.identified.row_model import RowModel as RowModel, load_model as load_model
 from replant.identified.validation import Validation as Validation
 from replant.offline.fit import fit as fit
 from replant.offline.row_fit import RowFit as RowFit

@@ -4,10 +4,15 @@ import pytest
 
 from cli.test_commands import call, log  # noqa: F401 - a fixture
 
+COMMANDS = ("run", "compare", "look", "fleet")
 
-@pytest.mark.parametrize("command", ["fit", "run", "compare", "look", "fleet"])
+
 @pytest.mark.parametrize(
-    ("option", "words"), [("-i", "several inputs are not supported yet"), ("-o", "several outputs")]
+    ("command", "option", "words"),
+    [
+        *((command, "-i", "only replant fit and replant validate take several inputs") for command in COMMANDS),
+        *((command, "-o", "several outputs") for command in ("fit", *COMMANDS)),
+    ],
 )
 def test_a_second_column_is_an_error_of_one_line(capsys, log, command, option, words) -> None:  # noqa: F811
     code, out, err = call(capsys, command, log, option, "u", option, "t")

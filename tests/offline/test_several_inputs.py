@@ -86,9 +86,14 @@ def test_lost_outputs_inputs_and_a_gap_cost_what_they_told() -> None:
 def test_the_simulation_is_the_sum_of_the_branches() -> None:
     u = toggling(4)
     found = rp.fit(u, noisy(4, row_of(u, FAST, SLOW)), DT, **ASKED)
-    assert found.simulate(u) == pytest.approx(row_of(u, *found.transfer_functions))
-    with pytest.raises(rp.InvalidArgumentError, match="u must have 2 columns, got 3"):
-        found.simulate(toggling(0, inputs=3))
+    model = found.model
+    rest = model.output_level + sum(
+        g.dc_gain * (first - level)
+        for g, first, level in zip(model.transfer_functions, u[0], model.input_levels, strict=True)
+    )
+    assert model.simulate(u) == pytest.approx(rest + row_of(u - u[0], *found.transfer_functions))
+    with pytest.raises(rp.InvalidArgumentError, match="u must have a column for each of 2 inputs"):
+        model.simulate(toggling(0, inputs=3))
 
 
 def test_the_text_names_each_input_and_the_verdict() -> None:

@@ -15,9 +15,10 @@ from replant.cli.options import log_options, open_log, progress_bar
 from replant.cli.output import kept, make_folder, model_clock, whole_log, write_errors_reported
 from replant.cli.terminal import Choice
 from replant.data.logs import Log
-from replant.errors import InvalidArgumentError
-from replant.identified.model import load_model
+from replant.errors import InvalidArgumentError, ModelFileError
+from replant.identified.model import Model
 from replant.identified.model_file import holds_model
+from replant.identified.row_model import RowModel, load_model
 from replant.report.html.comparison import save_figures, write_comparison
 from replant.report.html.model_comparison import HEADINGS, ModelComparison, write_models
 from replant.report.html.model_comparison import compare as compare_saved
@@ -43,7 +44,7 @@ def compare_models(paths: Sequence[Path], options: dict[str, Any]) -> None:
         raise click.UsageError("name the log behind the models: replant compare MODEL.json MODEL2.json LOG")
     if options["poles"] is not None:
         raise click.UsageError("--poles makes models: it is of no use where saved models are compared")
-    models = {_name(each, saved): load_model(each) for each in saved}
+    models = {_name(each, saved): _of_one_input(each) for each in saved}
     first = next(iter(models.values()))
     columns = dict(options)
     columns["input_column"] = options["input_column"] or first.input_name
@@ -60,6 +61,13 @@ def compare_models(paths: Sequence[Path], options: dict[str, Any]) -> None:
     _print(comparison)
     for file in written:
         click.echo(f"wrote {file}")
+
+
+def _of_one_input(path: Path) -> Model:
+    model = load_model(path)
+    if isinstance(model, RowModel):
+        raise ModelFileError(f"{path}: it has several inputs, and compare takes models of one: use replant validate")
+    return model
 
 
 def _name(path: Path, saved: Sequence[Path]) -> str:

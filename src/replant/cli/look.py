@@ -9,16 +9,17 @@ from typing import Any
 
 import click
 
-from replant.cli.option_types import input_option, output_option
+from replant.cli.option_types import input_option, inputs_option, output_option
 from replant.cli.output import REQUIRE, check_required, make_folder, model_clock, validated, write_errors_reported
 from replant.data.inspection import inspect
 from replant.examples import NAMES, path_of
-from replant.identified.model import load_model
+from replant.identified.row_model import RowModel, load_model
 from replant.identified.validation import Validation
 from replant.report.terminal.comparison import print_validation
 from replant.report.terminal.comparison import validation_as_json as validation_as_json
 from replant.report.terminal.look import as_json as look_as_json
 from replant.report.terminal.look import print_look
+from replant.report.terminal.row import print_row
 from replant.report.terminal.summary import print_kept_model
 
 
@@ -88,13 +89,16 @@ def show_command(model: Path, as_json: bool) -> None:
     if as_json:
         click.echo(loaded.to_json(), nl=False)
         return
-    print_kept_model(Console(), loaded)
+    if isinstance(loaded, RowModel):
+        print_row(Console(), loaded)
+    else:
+        print_kept_model(Console(), loaded)
 
 
 @click.command(name="validate")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("logs", type=click.Path(path_type=Path), nargs=-1)
-@input_option("Column of the input.  [default: the model's]")
+@inputs_option("Column of the input, or of each of several.  [default: the model's]")
 @output_option("Column of the output.  [default: the model's]")
 @click.option("--reference", "reference_column", metavar="COL", help="Column of the reference, if there is one.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time.")

@@ -21,8 +21,14 @@ from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.settings import AUTO
 
 
+class Each(tuple[Any, ...]):
+    """Numbers of several inputs, in their order."""
+
+    __slots__ = ()
+
+
 class Range(click.ParamType[tuple[Any, ...]]):
-    """The type of options that are a number, or a range first:last or first:last:step."""
+    """The type of options that are a number, a range first:last or first:last:step, or a number for each input."""
 
     number: type = float
     example = ""
@@ -35,6 +41,8 @@ class Range(click.ParamType[tuple[Any, ...]]):
         """
         if isinstance(value, tuple):
             return value
+        if "," in str(value):
+            return Each(self._one(part, value, param, ctx) for part in str(value).split(","))
         try:
             parts = [self.number(part) for part in str(value).split(":")]
         except ValueError:
@@ -49,6 +57,13 @@ class Range(click.ParamType[tuple[Any, ...]]):
         count = int((last - first) / step * (1 + 1e-12)) + 1
         return tuple(self.number(first + k * step) for k in range(count))
 
+    def _one(self, part: str, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the number of one input."""
+        try:
+            return self.number(part)
+        except ValueError:
+            self.fail(f"{value!r} must be a {self.name} for each input, with commas between", param, ctx)
+
     def written(self, values: tuple[Any, ...]) -> str:
         """Return numbers as `convert` reads them.
 
@@ -56,7 +71,11 @@ class Range(click.ParamType[tuple[Any, ...]]):
         --------
         >>> Whole().written((2,)), Seconds().written(Seconds().convert("0:1:0.1", None, None))
         ('2', '0.0:1.0:0.1')
+        >>> Whole().written(Whole().convert("2,1", None, None))
+        '2,1'
         """
+        if isinstance(values, Each):
+            return ",".join(map(str, values))
         if len(values) == 1:
             return str(values[0])
         return f"{values[0]}:{values[-1]}:{(values[-1] - values[0]) / (len(values) - 1):.12g}"
@@ -179,16 +198,27 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
     return shlex.join(words)
 
 
-MANY_INPUTS = (
-    "several inputs are not supported yet on the command line: name one of them, or call replant.fit in Python, which "
-    "takes several"
-)
+MANY_INPUTS = "only replant fit and replant validate take several inputs: name one of them here"
 MANY_OUTPUTS = "several outputs are not supported: identify them one after the other"
 
 
 def column_option(*names: str, many: str, **options: Any) -> Callable[[Any], Any]:
     """Return an option that names one column, and says ``many`` where it is given more than once."""
     return click.option(*names, multiple=True, metavar="COL", callback=partial(_only, many), **options)
+
+
+def inputs_option(text: str) -> Callable[[Any], Any]:
+    """Return the option of one input or several, with its line of help: a name, or a tuple of several."""
+    return click.option("-i", "--input", "input_column", multiple=True, metavar="COL", callback=_one_or_all, help=text)
+
+
+def _one_or_all(
+    context: click.Context, option: click.Parameter, given: tuple[str, ...]
+) -> str | tuple[str, ...] | None:
+    twice = next((each for each in given if given.count(each) > 1), None)
+    if twice is not None and len(set(given)) > 1:
+        raise click.UsageError(f"{option.opts[0]} {twice} is given twice: name each input once", context)
+    return (given[0] if len(set(given)) == 1 else given) if given else None
 
 
 def input_option(text: str) -> Callable[[Any], Any]:
@@ -226,6 +256,11 @@ def check_complete(given: dict[str, Any]) -> None:
         raise click.UsageError(f"{absent}; see what is in one of the logs, and how it is identified: replant look LOG")
     if missing == ["--poles"]:
         searched = f"a range such as {RANGE} has it chosen" if _name() == "fit" else "`replant fit -p 1:4` chooses it"
+        inputs = given["input_column"]
+        if isinstance(inputs, tuple):
+            raise click.UsageError(
+                f"{absent}, a number for each input: {_completed(('-p', ','.join('1' * len(inputs))))}"
+            )
         raise click.UsageError(f"{absent}, the number of poles of G(s): {searched}; try: {_completed(('-p', '2'))}")
     raise click.UsageError(f"{absent}; {_look(given)}")
 
@@ -238,6 +273,8 @@ def _look(given: dict[str, Any]) -> str:
     from replant.report.terminal.look import print_findings
 
     columns = {name: given[f"{name}_column"] for name in ("input", "output", "time")}
+    if isinstance(columns["input"], tuple):
+        columns["input"] = columns["input"][0]
     try:
         found = inspect(Path(given["log"]), **columns)
     except LogError as problem:

@@ -12,10 +12,19 @@ from typing import Any
 import click
 
 from replant.cli.conditioning_options import CONDITIONING, STRETCHES, conditioned, input_hold_of, is_conditioned
-from replant.cli.option_types import OptimizerChoice, Seconds, Whole, check_complete, input_option, output_option
+from replant.cli.option_types import (
+    Each,
+    OptimizerChoice,
+    Seconds,
+    Whole,
+    check_complete,
+    input_option,
+    inputs_option,
+    output_option,
+)
 from replant.cli.terminal import Choice, is_quiet, note, silence
 from replant.data.inspection.inspect import with_others
-from replant.data.logs import Log, Recording, doubtful_unit, open_recording, stamped_interval
+from replant.data.logs import Log, Recording, doubtful_unit, open_recording, stamped_interval, with_inputs
 from replant.data.logs.sampling_time import COARSE
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
@@ -149,8 +158,15 @@ _STRUCTURE: list[Callable[[Any], Any]] = [
     click.option("--zeros", type=Whole(), metavar="M", help="Number of zeros.  [default: 0]"),
     click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s.  [default: 0]"),
 ]
+_INPUTS = inputs_option("Column of the input: name, or number from 0; of several inputs once for each.")
 _STRUCTURES: list[Callable[[Any], Any]] = [
-    click.option("-p", "--poles", type=Whole(), metavar="N", help="Number of poles, or a range such as 1:4."),
+    click.option(
+        "-p",
+        "--poles",
+        type=Whole(),
+        metavar="N",
+        help="Number of poles, or a range such as 1:4; of several inputs a number for each, as in 2,1.",
+    ),
     click.option(
         "--zeros",
         type=Whole(),
@@ -207,7 +223,7 @@ def log_options(
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options, where poles, zeros and dead time may be ranges, of any logs."""
-    return _decorated(command, [_LOGS, *_COLUMNS, *_STRUCTURES, *_CONDITION, *STRETCHES, *_REST])
+    return _decorated(command, [_LOGS, _INPUTS, *_COLUMNS[1:], *_STRUCTURES, *_CONDITION, *STRETCHES, *_REST])
 
 
 def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -286,6 +302,7 @@ def structure_of(options: dict[str, Any]) -> Structure:
 
 
 def _check_one_of_each(options: dict[str, Any]) -> None:
+    check_one_input(options)
     for name in ("poles", "zeros", "delay"):
         if len(options[name] or (0,)) > 1:
             raise InvalidArgumentError(f"--{name} must be one number here; `replant fit` searches a range")
@@ -293,6 +310,15 @@ def _check_one_of_each(options: dict[str, Any]) -> None:
     Structure(
         options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"]
     )  # raises if they are impossible
+
+
+def check_one_input(options: dict[str, Any]) -> None:
+    """Raise InvalidArgumentError where poles, zeros or dead time are those of several inputs."""
+    for name in ("poles", "zeros", "delay"):
+        if isinstance(options[name], Each):
+            raise InvalidArgumentError(
+                f"--{name} has {len(options[name])} numbers, and there is one input: name the others, each with -i"
+            )
 
 
 def preprocess_of(options: dict[str, Any]) -> Preprocess:
@@ -310,7 +336,10 @@ def read(options: dict[str, Any]) -> Log:
     """Read the log that the options name."""
     recording = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
     _note(options, recording)
-    log = conditioned(with_others(recording).held, options)
+    recording = with_others(recording)
+    if isinstance(options["input_column"], tuple):
+        recording = with_inputs(recording, options["input_column"][1:])
+    log = conditioned(recording.held, options)
     return replace(log, input_hold=input_hold_of(options))
 
 
@@ -333,8 +362,9 @@ def _note(options: dict[str, Any], recording: Recording) -> None:
 
 
 def _columns(options: dict[str, Any]) -> dict[str, Any]:
+    named = options["input_column"]
     return {
-        "input": options["input_column"],
+        "input": named[0] if isinstance(named, tuple) else named,
         "output": options["output_column"],
         "time": options["time_column"],
         "dt": options["dt"],

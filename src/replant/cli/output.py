@@ -28,6 +28,7 @@ from replant.data.logs.sampling_time import time_candidates
 from replant.errors import InvalidArgumentError
 from replant.identified.model import Model
 from replant.identified.model_file import check_target
+from replant.identified.row_model import RowModel
 from replant.identified.validation import Validation
 from replant.report.html.report_data import identifier_as_python
 from replant.report.terminal.comparison import print_validation
@@ -85,7 +86,7 @@ class Keeping:
                 raise InvalidArgumentError(f"--validate {path}: no such file")
         return cls(saved, logs, required, dict(options))
 
-    def validated(self, model: Model) -> list[tuple[str, Validation]]:
+    def validated(self, model: Model | RowModel) -> list[tuple[str, Validation]]:
         """Return the model's validation on each of the other logs, by the name of the log."""
         path: Path = self.columns["log"]
         stretches = []
@@ -100,7 +101,7 @@ class Keeping:
         return {**self.columns, **dict.fromkeys(STRETCH_NAMES)}
 
 
-def validated(model: Model, paths: Sequence[Path], columns: dict[str, Any]) -> list[tuple[str, Validation]]:
+def validated(model: Model | RowModel, paths: Sequence[Path], columns: dict[str, Any]) -> list[tuple[str, Validation]]:
     """Return a model's validation on logs, by their names, or by their paths where names repeat."""
     names = [path.name for path in paths]
     found = []

@@ -11,8 +11,10 @@ from typing import Any
 
 import click
 
+from replant.cli.fit_row import fit_several
 from replant.cli.options import (
     OPTIMIZER,
+    check_one_input,
     log_options,
     preprocess_of,
     progress_bar,
@@ -111,10 +113,17 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
     With a range of poles, zeros or dead times, the structure with the most evidence is chosen: the log-likelihood of
     all samples, less ln(K) / 2 for every number that is fitted to K samples (BIC).  Structures that cannot win are left
     early.  The dead time is found between the points of the grid.
+
+    Several inputs, each with -i, give a transfer function from each, with poles, zeros and a dead time of its own:
+    -p 2,1 --delay 0,0.3.
     """
     from rich.console import Console
 
     keeping, begun, found = Keeping.of(options), time.perf_counter(), None
+    if isinstance(options["input_column"], tuple):
+        fit_several(as_json, out, method, keeping, options)
+        return
+    check_one_input(options)
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
         if method == "least_squares":
             raise click.UsageError("a range of structures is searched by srivc: drop --method least_squares")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray, record, vector, whole
-from replant.errors import InvalidArgumentError, ModelFileError, shown
+from replant.errors import InvalidArgumentError, shown
 from replant.identified import model_file, model_json, notation
 from replant.identified.fields import ModelFields
 from replant.identified.model_file import AnyPath
@@ -331,32 +331,6 @@ class Model(ModelFields):
 
     def _repr_html_(self) -> str:
         return notation.html(self)
-
-
-def load_model(path: AnyPath) -> Model:
-    """Return the model in a file that `Model.save` or ``replant run --save`` has written.
-
-    Parameters
-    ----------
-    path : path
-        Of the JSON file.
-
-    Raises
-    ------
-    ModelFileError
-        If the file cannot be read, holds no model, or is of a newer version.
-
-    Examples
-    --------
-    >>> load_model("no-such-file.json")
-    Traceback (most recent call last):
-    replant.errors.ModelFileError: no-such-file.json: no such file
-    """
-    written = model_file.read(path)
-    try:
-        return Model.from_json(written)
-    except ModelFileError as error:
-        raise ModelFileError(f"{path}: {error}") from error
 
 
 def usual_interval(t: FloatArray, dt: float) -> float:

@@ -10,6 +10,8 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from typing import Any
 
@@ -32,6 +34,7 @@ LONGEST = 2**63  # whole number from which on none is read [number]
 LARGEST = 1 << 20  # longest text that is read as a model: a hundred times one of ten poles [characters]
 LONGEST_REASON = 250  # length of the reason for which a text is no model [characters]
 VERSION = 1  # version of the layout; raised where an entry changes its meaning or goes away [count]
+OF_SEVERAL = 2  # that of a model of several inputs, whose entries are lists [count]
 
 
 def dumps(model: ModelFields) -> str:
@@ -70,14 +73,14 @@ def as_object(model: ModelFields) -> dict[str, Any]:
             for name, value, each in zip(model.names, model.parameters.tolist(), std, strict=True)
         },
         "covariance": None if model.covariance is None else model.covariance.tolist(),
-        "poles": [_pole(pole) for pole in g.poles.tolist()],
+        "poles": [pole_object(pole) for pole in g.poles.tolist()],
         "zeros": [{"real": finite(zero.real), "imag": finite(zero.imag)} for zero in g.zeros.tolist()],
         "dc_gain": finite(g.dc_gain),
         "dt": model.dt,
         "input_hold": model.input_hold,
         "input": {"name": model.input_name, "map": model.input_map, "level": model.input_level},
         "output": {"name": model.output_name, "level": model.output_level},
-        "noise": None if model.noise is None else _noise(model.noise),
+        "noise": None if model.noise is None else noise_object(model.noise),
         "fit": {"one_step": finite(model.one_step_fit), "simulated": finite(model.simulated_fit)},
         "samples": model.provenance.samples,
         "rejected": dict(model.rejected),
@@ -98,6 +101,11 @@ def loads(written: str | bytes) -> dict[str, Any]:
     >>> loads(dumps(ModelFields(Structure(1), [1.0, 2.0], dt=0.1)))["parameters"]
     array([1., 2.])
     """
+    return fields_of(parsed(written))
+
+
+def parsed(written: str | bytes) -> Any:
+    """Return what a JSON text holds, without a check of its entries."""
     if not isinstance(written, str | bytes | bytearray):
         raise ArgumentTypeError(f"written must be the text of a model, got {type(written).__name__} {shown(written)}")
     if len(written) > LARGEST:
@@ -107,13 +115,20 @@ def loads(written: str | bytes) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:  # also of bytes that are no text
         at = f"line {error.lineno}, column {error.colno}" if isinstance(error, json.JSONDecodeError) else str(error)
         raise ModelFileError(_in_one_line(f"it is no model that --save has written: it is not JSON: {at}")) from error
-    return fields_of(read)
+    return read
 
 
 def fields_of(read: Any) -> dict[str, Any]:
     """Return the fields of the model in an object of JSON; entries that a model does not have are passed over."""
-    try:
+    with in_one_line():
         return _fields_of(read)
+
+
+@contextmanager
+def in_one_line() -> Iterator[None]:
+    """Say of an object of JSON in one line why it is no model."""
+    try:
+        yield
     except ReplantError as error:
         text = str(error) if isinstance(error, ModelFileError) else f"it holds no valid model: {error}"
         raise ModelFileError(_in_one_line(text)) from error
@@ -126,28 +141,35 @@ def _in_one_line(text: str) -> str:
 
 
 def _fields_of(read: Any) -> dict[str, Any]:
+    if layout_of(read) != VERSION:
+        raise ModelFileError("it holds a model of several inputs: read it by load_model, or RowModel.from_json")
+    found = _fields(read)
+    model = ModelFields(**found)
+    for name, expected in (("num", model.num), ("den", model.den)):
+        if not same(read.get(name), expected):
+            raise ModelFileError(f"'{name}' contradicts 'parameters': change both, or neither")
+    if real(read, "delay") != model.delay:
+        raise ModelFileError("'delay' contradicts 'structure': change both, or neither")
+    return found
+
+
+def layout_of(read: Any) -> int:
+    """Return the version of an object of JSON, which this replant reads."""
     if not isinstance(read, dict) or "den" not in read:
         raise ModelFileError("it holds no model: an object with 'num', 'den' and 'parameters' is expected")
     if "schema_version" not in read:
         raise ModelFileError(
             "it has no 'schema_version', and so no working point and no sampling time: identify again with --save"
         )
-    layout = _entry(read, "schema_version", int)
-    if layout > VERSION:
+    layout = entry(read, "schema_version", int)
+    if layout > OF_SEVERAL:
         raise ModelFileError(
-            f"its layout has version {layout}, this replant reads up to version {VERSION}: "
+            f"its layout has version {layout}, this replant reads up to version {OF_SEVERAL}: "
             f"install a newer replant (this is {version('replant')})"
         )
     if layout < 1:
         raise ModelFileError(f"schema_version must be 1 or more, got {layout}")
-    found = _fields(read)
-    model = ModelFields(**found)
-    for name, expected in (("num", model.num), ("den", model.den)):
-        if not _same(read.get(name), expected):
-            raise ModelFileError(f"'{name}' contradicts 'parameters': change both, or neither")
-    if _real(read, "delay") != model.delay:
-        raise ModelFileError("'delay' contradicts 'structure': change both, or neither")
-    return found
+    return int(layout)
 
 
 def verdict_object(verdict: Verdict) -> dict[str, Any]:
@@ -161,32 +183,32 @@ def finite(value: float) -> float | None:
 
 
 def _fields(read: dict[str, Any]) -> dict[str, Any]:
-    shape = _entry(read, "structure", dict)
-    structure = Structure(**{name: _entry(shape, name, *kinds) for name, kinds in STRUCTURE.items()})
-    values = _entry(read, "parameters", dict)
+    shape = entry(read, "structure", dict)
+    structure = Structure(**{name: entry(shape, name, *kinds) for name, kinds in STRUCTURE.items()})
+    values = entry(read, "parameters", dict)
     if set(values) != set(structure.names):
         raise ModelFileError(f"'parameters' must be {', '.join(structure.names)}, got {', '.join(values) or 'none'}")
-    entered, given = _entry(read, "input", dict), _entry(read, "output", dict)
-    fits, source = _entry(read, "fit", dict), _entry(read, "provenance", dict)
+    entered, given = entry(read, "input", dict), entry(read, "output", dict)
+    fits, source = entry(read, "fit", dict), entry(read, "provenance", dict)
     return {
         "structure": structure,
-        "parameters": np.array([_real(_entry(values, name, dict), "value") for name in structure.names]),
-        "dt": _real(read, "dt"),
-        "covariance": _matrix(read.get("covariance"), structure.size),
-        "noise": _noise_of(read.get("noise")),
-        "input_hold": _entry(read, "input_hold", str),
-        "input_map": _entry(entered, "map", str),
-        "input_level": _real(entered, "level"),
-        "output_level": _real(given, "level"),
-        "input_name": _entry(entered, "name", str),
-        "output_name": _entry(given, "name", str),
-        "simulated_fit": _perhaps(fits, "simulated"),
-        "one_step_fit": _perhaps(fits, "one_step"),
-        "rejected": tuple(_entry(read, "rejected", dict).items()),
-        "verdict": _verdict(_entry(read, "verdict", dict)),
+        "parameters": np.array([real(entry(values, name, dict), "value") for name in structure.names]),
+        "dt": real(read, "dt"),
+        "covariance": matrix_of(read.get("covariance"), structure.size),
+        "noise": noise_of(read.get("noise")),
+        "input_hold": entry(read, "input_hold", str),
+        "input_map": entry(entered, "map", str),
+        "input_level": real(entered, "level"),
+        "output_level": real(given, "level"),
+        "input_name": entry(entered, "name", str),
+        "output_name": entry(given, "name", str),
+        "simulated_fit": perhaps(fits, "simulated"),
+        "one_step_fit": perhaps(fits, "one_step"),
+        "rejected": tuple(entry(read, "rejected", dict).items()),
+        "verdict": verdict_of(entry(read, "verdict", dict)),
         "provenance": Provenance(
-            samples=_entry(read, "samples", int),
-            **{name: _entry(source, name, str) for name in ("method", "source", "sha256", "version", "date")},
+            samples=entry(read, "samples", int),
+            **{name: entry(source, name, str) for name in ("method", "source", "sha256", "version", "date")},
         ),
     }
 
@@ -200,7 +222,8 @@ STRUCTURE: dict[str, tuple[type, ...]] = {
 }
 
 
-def _entry(where: dict[str, Any], name: str, *kinds: type) -> Any:
+def entry(where: dict[str, Any], name: str, *kinds: type) -> Any:
+    """Return an entry of one of these kinds."""
     if name not in where:
         raise ModelFileError(f"the entry '{name}' is missing")
     value = where[name]
@@ -222,15 +245,17 @@ JSON_KINDS: dict[type, str] = {
 }
 
 
-def _real(where: dict[str, Any], name: str) -> float:
+def real(where: dict[str, Any], name: str) -> float:
+    """Return an entry that is a number."""
     try:
-        return float(_entry(where, name, float, int))
+        return float(entry(where, name, float, int))
     except OverflowError as error:
         raise ModelFileError(f"the entry '{name}' leaves float64") from error
 
 
-def _perhaps(where: dict[str, Any], name: str) -> float:
-    return math.nan if where.get(name) is None else _real(where, name)
+def perhaps(where: dict[str, Any], name: str) -> float:
+    """Return an entry that is a number; NaN where it is not known."""
+    return math.nan if where.get(name) is None else real(where, name)
 
 
 def _array(values: Any) -> FloatArray:
@@ -240,7 +265,8 @@ def _array(values: Any) -> FloatArray:
         raise ModelFileError("a number leaves float64") from error
 
 
-def _matrix(read: Any, size: int) -> FloatArray | None:
+def matrix_of(read: Any, size: int) -> FloatArray | None:
+    """Return a covariance, checked."""
     if read is None:
         return None
     rows = read if isinstance(read, list) else []
@@ -261,11 +287,13 @@ def _is_vector(read: Any, size: int | None = None) -> bool:
     return fits and all(isinstance(value, float | int) and not isinstance(value, bool) for value in read)
 
 
-def _same(read: Any, expected: FloatArray) -> bool:
+def same(read: Any, expected: FloatArray) -> bool:
+    """Return whether a list holds these numbers."""
     return _is_vector(read, expected.size) and np.array_equal(_array(read), expected)
 
 
-def _noise(noise: NoiseModel) -> dict[str, Any]:
+def noise_object(noise: NoiseModel) -> dict[str, Any]:
+    """Return a noise model as an object of JSON."""
     return {
         "coefficients": noise.coefficients.tolist(),
         "variance": noise.variance,
@@ -274,27 +302,30 @@ def _noise(noise: NoiseModel) -> dict[str, Any]:
     }
 
 
-def _noise_of(read: Any) -> NoiseModel | None:
+def noise_of(read: Any) -> NoiseModel | None:
+    """Return the noise model in an object of JSON."""
     if read is None:
         return None
-    where = _entry({"noise": read}, "noise", dict)
-    coefficients = _entry(where, "coefficients", list)
+    where = entry({"noise": read}, "noise", dict)
+    coefficients = entry(where, "coefficients", list)
     if not _is_vector(coefficients):
         raise ModelFileError("the entry 'coefficients' of the noise must be a list of numbers")
-    numbers = {name: _real(where, name) for name in ("variance", "residual_variance", "dt")}
+    numbers = {name: real(where, name) for name in ("variance", "residual_variance", "dt")}
     return NoiseModel(_array(coefficients), **numbers)
 
 
-def _verdict(where: dict[str, Any]) -> Verdict:
-    status, reasons = _entry(where, "status", str), _entry(where, "reasons", list)
+def verdict_of(where: dict[str, Any]) -> Verdict:
+    """Return the verdict in an object of JSON."""
+    status, reasons = entry(where, "status", str), entry(where, "reasons", list)
     if status not in STATUSES:
         raise ModelFileError(f"the verdict's status must be one of {', '.join(STATUSES)}, got {status!r}")
     if not all(isinstance(reason, str) for reason in reasons):
         raise ModelFileError("the verdict's reasons must be texts")
-    return Verdict(status, tuple(reasons), _entry(where, "excited", bool))
+    return Verdict(status, tuple(reasons), entry(where, "excited", bool))
 
 
-def _pole(pole: complex) -> dict[str, Any]:
+def pole_object(pole: complex) -> dict[str, Any]:
+    """Return a pole as an object of JSON."""
     magnitude = math.hypot(pole.real, pole.imag)  # abs() raises where it leaves float64
     return {
         "real": finite(pole.real),

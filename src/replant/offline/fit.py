@@ -47,7 +47,7 @@ METHODS = (AUTO, "srivc", "least_squares")
 @overload
 def fit(
     u: Any,
-    y: Any,
+    y: Any = None,
     dt: float | None = None,
     structure: None = None,
     *,
@@ -185,7 +185,7 @@ def fit(
         for name, is_given in given.items():
             if is_given:
                 raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
-        return fit_row(u, y, dt, poles, zeros, delay, t)
+        return fit_row(Samples.of(u, y, dt, t, None), poles, zeros, delay)
     wanted: tuple[Any, Any, Any] = poles, zeros, delay
     structure = Structure.wanted(structure, *wanted)
     return fit_samples(Samples.of(u, y, dt, t, reference, input, output), structure, method, filter, preprocess)

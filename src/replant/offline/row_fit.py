@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray, array_of_reals, iterable, vector
+from replant.arguments import FloatArray, array_of_reals, iterable, vector
 from replant.assessment import fit_percent
+from replant.assessment.row_tests import controlled, left_out
 from replant.assessment.verdict import Finding, Verdict
-from replant.engine.record import Record
-from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.errors import InvalidArgumentError, shown
+from replant.identified.provenance import Provenance
+from replant.identified.row_model import RowModel, one_step_percent
 from replant.limits import duration, increasing
+from replant.log import Log
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.row_start import start
-from replant.offline.row_steps import Point, Row, evaluate, noise_of, refine
-from replant.offline.row_verdict import controlled, judged
+from replant.offline.row_steps import refine
+from replant.offline.row_verdict import judged
+from replant.offline.samples import Samples
+from replant.simulation.row import Point, Row, RowRecord, noise_of
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import chi2_quantile, compose, factor_information, quiet
 from replant.statistics.projections import products
@@ -54,109 +59,89 @@ class RowFit:
 
     Attributes
     ----------
-    structures : tuple of Structure
-        One per input.
-    dt : float
-        Sampling time in s.
-    parameters : (P,) array
-        In physical units: a_{n-1} .. a_0, b_m .. b_0 of the first input, then of the next, see `names`.
-    covariance : (P, P) array
-        Of the parameters, jointly.
-    noise : NoiseModel
-        The autoregression of the residual; white where the noise model had to be given up, see `verdict`.
+    model : RowModel
+        What is worth keeping: each G(s), working point, names, joint uncertainty, noise model, fit and verdict.
     output : (K,) array
         Simulated from the inputs alone, offset and initial states estimated; NaN where an input cannot be used.
-    fit : float
-        Of ``output``, in percent.
-    samples : int
-        Outputs used.
-    verdict : Verdict
-        Whether to trust the row, and why in plain words.
     """
 
-    structures: tuple[Structure, ...]
-    dt: float
-    parameters: FloatArray
-    covariance: FloatArray
-    noise: NoiseModel
+    model: RowModel
     output: FloatArray
-    fit: float
-    samples: int
-    verdict: Verdict
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters in their order: those of the first input end in .u1, those of the second in .u2."""
-        return tuple(f"{name}.u{i}" for i, each in enumerate(self.structures, 1) for name in each.names)
 
     @property
     def transfer_functions(self) -> tuple[TransferFunction, ...]:
         """G(s) from each input."""
-        pairs = zip(self.structures, self._places, strict=True)
-        return tuple(each.transfer_function(self.parameters[rows]) for each, rows in pairs)
-
-    @cached_property
-    def uncertainty(self) -> tuple[Uncertainty, ...]:
-        """Standard deviations of each G(s): of its parameters, poles, gain and response."""
-        pairs = zip(self.structures, self._places, strict=True)
-        return tuple(Uncertainty(each, self.parameters[k], self.covariance[k, k]) for each, k in pairs)
+        return self.model.transfer_functions
 
     @property
-    def _places(self) -> list[slice]:
-        ends = np.cumsum([each.size for each in self.structures]).tolist()
-        return [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
+    def parameters(self) -> FloatArray:
+        """In physical units (P,): a_{n-1} .. a_0, b_m .. b_0 of the first input, then of the next."""
+        return self.model.parameters
 
-    def simulate(self, u: Any) -> FloatArray:
-        """Return the output (K,) of inputs (K, q) on the clock of the record, from rest and without the offset.
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in their order, each with that of its input."""
+        return self.model.names
 
-        Parameters
-        ----------
-        u : (K, q) array
-            A column per input, in the order of the fit.
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the parameters (P, P), jointly."""
+        assert self.model.covariance is not None, "a fit has a covariance"
+        return self.model.covariance
 
-        Raises
-        ------
-        InvalidArgumentError
-            If the inputs are not as many as in the fit.
+    @property
+    def uncertainty(self) -> tuple[Uncertainty, ...]:
+        """Standard deviations of each G(s): of its parameters, poles, gain and response."""
+        assert self.model.uncertainty is not None, "a fit has a covariance"
+        return self.model.uncertainty
 
-        Examples
-        --------
-        >>> u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], (60, 2)), 10, axis=0)
-        >>> plant = TransferFunction([2.0], [1.0, 0.5]), TransferFunction([1.0], [1.0, 3.0])
-        >>> y = sum(g.simulate(column, 0.1) for g, column in zip(plant, u.T))
-        >>> found = fit_row(u, y, 0.1, poles=(1, 1))
-        >>> bool(np.abs(found.simulate(u) - y).max() < 1e-6)
-        True
-        """
-        columns = _inputs(u)
-        if columns.shape[1] != len(self.structures):
-            raise InvalidArgumentError(f"u must have {len(self.structures)} columns, got {columns.shape[1]}")
-        each = zip(self.transfer_functions, columns.T, strict=True)
-        return np.asarray(sum(g.simulate(np.ascontiguousarray(u), self.dt) for g, u in each))
+    @property
+    def noise(self) -> NoiseModel:
+        """The autoregression of the residual; white where the noise model had to be given up, see `verdict`."""
+        assert self.model.noise is not None, "a fit has a noise model"
+        return self.model.noise
+
+    @property
+    def fit(self) -> float:
+        """Of ``output``, in percent."""
+        return self.model.simulated_fit
+
+    @property
+    def samples(self) -> int:
+        """Outputs used."""
+        return self.model.provenance.samples
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether to trust the row, and why in plain words."""
+        return self.model.verdict
 
     def __repr__(self) -> str:
-        lines = [f"  u{i}: {g}" for i, g in enumerate(self.transfer_functions, 1)]
+        pairs = zip(self.model.input_names, self.transfer_functions, strict=True)
         head = f"RowFit of {self.samples} samples, fit {self.fit:.2f} %, {self.verdict.status}"
-        return "\n".join([head, *lines, *(f"  {reason}" for reason in self.verdict.reasons)])
+        reasons = (f"  {reason}" for reason in self.verdict.reasons)
+        return "\n".join([head, *(f"  {name}: {g}" for name, g in pairs), *reasons])
 
 
 def is_row(u: Any, *orders: Any) -> bool:
-    """Return whether several inputs are asked for: columns of an array, or an entry for each of several inputs."""
+    """Return whether several inputs are asked for: by columns, by a log of several, or by an entry for each."""
     columns = isinstance(u, np.ndarray) and u.ndim == 2
-    return columns or any(isinstance(each, tuple) for each in orders)
+    logs = u if isinstance(u, list | tuple) else [u]
+    several = any(isinstance(each, Log) and each.more_inputs for each in logs)
+    return columns or several or any(isinstance(each, tuple) for each in orders)
 
 
 @quiet
-def fit_row(u: Any, y: Any, dt: Any, poles: Any, zeros: Any = 0, delay: Any = 0.0, t: Any = None) -> RowFit:
-    """Return the fit of a row to inputs (K, q) and an output (K,), see `replant.offline.fit.fit`."""
-    columns = _inputs(u)
-    if y is None or dt is None:
-        raise ArgumentTypeError("give inputs u, output y and sampling time dt: fit(u, y, dt, poles=(1, 1))")
-    output, dt = vector("y", y), duration("dt", dt)
+def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> RowFit:
+    """Return the fit of a row to samples of several inputs, see `replant.offline.fit.fit`."""
+    columns = _inputs(given.inputs)
+    output, dt = vector("y", given.y), duration("dt", given.dt)
     if output.size != len(columns):
         raise InvalidArgumentError(f"u has {len(columns)} rows and y {output.size} samples: give one row for each")
     structures = structures_of(columns.shape[1], poles, zeros, delay)
-    record, used, inputs, level = _record(columns, output, dt, t)
+    stamps = None if given.t is None else increasing(given.t, output.size)
+    ready = RowRecord.of(columns, output, dt, stamps, given.input_hold, given.begins)
+    record, inputs = ready.record, ready.inputs
     size = sum(each.size + each.poles for each in structures) + 1
     if record.count <= size:
         raise InvalidArgumentError(
@@ -171,23 +156,36 @@ def fit_row(u: Any, y: Any, dt: Any, poles: Any, zeros: Any = 0, delay: Any = 0.
     begins = start(structures, record, inputs)
     if not begins:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
-    row = Row(structures, record, inputs)
+    row = Row(structures, record, inputs, given.input_names)
     free, point, noise = _likeliest(row, begins, partial(start, structures, record, inputs))
     covariance, others = _covariance(row, point), list(controlled(row, point, noise))
+    rest = {name: signal[ready.used] for name, signal in given.others.items() if name not in given.more_inputs}
     # in feedback the estimate without a noise model is that which is off
     if not others and _differs(row, free, point):
         covariance = _covariance(row, free, noise_of(row, free))
         point, noise = free, Autoregression.white(1.0, row.count)
         others = [Finding("inconsistent", GIVEN_UP)]
-    simulated = np.full(output.size, np.nan)
-    simulated[used] = level + _simulated(row, point, noise, record)
-    innovation = point.cost / max(row.count - size, 1)
-    residual = point.power / max(row.count - size, 1)
-    model = NoiseModel(noise.coefficients, innovation, residual, dt)
-    verdict = judged(row, record, point, noise, covariance, others)
-    return RowFit(
-        structures, dt, point.theta, covariance, model, simulated, fit_percent(output, simulated), row.count, verdict
+    others += left_out(row, point, noise, rest)
+    simulated = ready.simulated(row, point, noise)
+    left = max(row.count - size, 1)
+    levels, level = ready.levels(row, point)
+    model = RowModel(
+        structures,
+        point.theta,
+        dt,
+        covariance=covariance,
+        noise=NoiseModel(noise.coefficients, point.cost / left, point.power / left, dt),
+        input_hold=given.input_hold,
+        input_names=row.names,
+        output_name=given.output_name,
+        input_levels=levels,
+        output_level=level,
+        simulated_fit=fit_percent(output, simulated),
+        one_step_fit=one_step_percent(row, point),
+        verdict=judged(row, record, point, noise, covariance, others),
+        provenance=Provenance("srivc", given.source, given.sha256, row.count),
     )
+    return RowFit(model, simulated)
 
 
 def structures_of(inputs: int, poles: Any, zeros: Any, delay: Any) -> tuple[Structure, ...]:
@@ -222,25 +220,6 @@ def _inputs(u: Any) -> FloatArray:
             f"u must have a column for each input, shape (K, q), got shape {shown(columns.shape)}"
         )
     return columns
-
-
-def _record(columns: FloatArray, y: FloatArray, dt: float, t: Any) -> tuple[Record, BoolArray, FloatArray, float]:
-    """Return the record made ready, which rows it has, the inputs in them, and the mean output taken off."""
-    stamps = None if t is None else increasing(t, y.size)
-    measured, used = np.isfinite(y), np.isfinite(columns).all(axis=1)
-    used &= np.logical_or.accumulate(measured) & np.logical_or.accumulate(measured[::-1])[::-1]
-    clock = np.arange(y.size) * dt if stamps is None else stamps
-    regular = stamps is None and bool(used.all())
-    if not used.any():
-        raise InvalidArgumentError("no row of u and y has all its numbers: there is nothing to fit")
-    intervals = np.array([dt]) if regular else np.diff(clock[used], prepend=clock[used][0] - dt)
-    measured = measured[used]
-    level = float(y[used][measured].mean())
-    output = np.where(measured, y[used] - level, 0.0)
-    record = Record(
-        columns[used][:, 0].copy(), output, intervals, usual=dt, measured=None if measured.all() else measured
-    )
-    return record, used, np.ascontiguousarray(columns[used]), level
 
 
 def _likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> _Estimates:
@@ -308,13 +287,3 @@ def _duration(point: Point) -> float:
     pairs = (sums[0 : sums.size // 2 : 2] + sums[1 : sums.size // 2 : 2]) / max(float(sums[0]), 1e-300)
     positive = int(np.argmax(pairs <= 0.0)) if (pairs <= 0.0).any() else pairs.size
     return 2.0 * float(pairs[:positive].sum()) - 1.0
-
-
-def _simulated(row: Row, point: Point, noise: Autoregression, record: Record) -> FloatArray:
-    """Return the output (K,) of a point over the rows of its record; NaN where it is not determined."""
-    output = np.full(record.u.size, np.nan)
-    done = evaluate(row, point.theta, noise, point)
-    for stretch, weights in zip(row.stretches, done.nuisances, strict=True):
-        outputs, _, free = row.signals(point.theta, stretch, weights[1:])
-        output[stretch.rows] = outputs.sum(axis=1) + free @ weights
-    return output

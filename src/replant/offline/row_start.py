@@ -15,7 +15,8 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.row_steps import Point, Row, evaluate, refine, solved
+from replant.offline.row_steps import refine, solved
+from replant.simulation.row import Point, Row, evaluate
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import least_norm, quiet, roots
 from replant.statistics.projections import WEAKEST

@@ -1,26 +1,17 @@
-r"""The joint steps of a row: y = sum_i B_i/A_i u_i + offset + free responses + noise, each input with poles of its own.
+"""The joint steps of a row: y = sum_i B_i/A_i u_i + offset + free responses + noise, each input with poles of its own.
 
-With x_i = B_i/A_i u_i the slopes are dx_i/da_k = -s^k/A_i x_i and dx_i/db_k = s^k/A_i u_i, exact for a held input.
-All branches share one error e.  Slopes and error are whitened by an autoregression D and freed, part by part, of what
-offset and initial states explain; then theta <- theta + (sum phi phi')^-1 sum phi D e, damped until the error falls.
-The fixed point is the maximum of likelihood.
+theta <- theta + (sum phi phi')^-1 sum phi D e, with whitened slopes phi, damped until the error falls.  The fixed
+point is the maximum of likelihood.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
-
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray, IntArray
-from replant.engine.record import Record
-from replant.model.structure import Structure
-from replant.simulation.auxiliary_model import AuxiliaryModel
-from replant.statistics.autoregression import LEAST, Autoregression, sums_of
-from replant.statistics.linear_algebra import least_norm, quiet, roots
-from replant.statistics.projections import lengths_of, orthogonal, products
+from replant.arguments import FloatArray
+from replant.simulation.row import Point, Row, evaluate
+from replant.statistics.autoregression import Autoregression
+from replant.statistics.linear_algebra import least_norm, quiet
 
 STEPS = 30  # at the most [count]
 
@@ -30,195 +21,6 @@ Derivation: of 10,000 samples it is a ten-thousandth of a unit of chi-square.
 """
 
 DAMPING = (1e-3, 6.0, 8)  # first damping [part of the diagonal], its growth after a step that fails, tries [ratios]
-
-
-@dataclass(frozen=True, eq=False)
-class Stretch:
-    """A stretch without a gap; the offset and the initial states in it are its own.
-
-    Attributes
-    ----------
-    rows : slice
-        Of the whole record.
-    inputs : tuple of Record
-        One per input, whose outputs are zero.
-    y : (K,) array
-        Zero where not measured.
-    measured : (K,) array of bool
-        Which outputs were measured, and answer to inputs of the stretch.
-    known : (K,) array of int
-        Predecessors of each, see `Record.predecessors`.
-    """
-
-    rows: slice
-    inputs: tuple[Record, ...]
-    y: FloatArray
-    measured: BoolArray
-    known: IntArray
-
-
-class Row:
-    """The structure of a row, one branch per input, and a record for it.
-
-    Attributes
-    ----------
-    structures : tuple of Structure
-    is_common : bool
-        Whether all branches share one denominator: theta then has it once.
-    record : Record
-    inputs : (K, q) array
-    stretches : tuple of Stretch
-    """
-
-    def __init__(self, structures: tuple[Structure, ...], record: Record, inputs: FloatArray, *, common: bool = False):
-        self.structures, self.is_common, self.record, self.inputs = structures, common, record, inputs
-        self.dt = float(np.median(record.intervals[-(record.intervals.size // 2 + 1) :]))
-        self._models = [AuxiliaryModel(each, self.dt, record.input_hold) for each in structures]
-        self._shared = AuxiliaryModel(replace(structures[0], zeros=structures[0].poles - 1, delay=0.0), self.dt)
-        self.nuisances = 1 + sum(each.poles for each in structures)
-        self.stretches = tuple(self._stretches())
-        counts = [each.poles for each in structures]
-        self._ends = np.cumsum([each.size for each in structures])[:-1].tolist()
-        self._state_ends = np.cumsum(counts)[:-1].tolist()
-
-    def _stretches(self) -> Iterator[Stretch]:
-        for rows in self.record.parts:
-            part = self.record.part(rows)
-            measured = part.is_measured.copy()
-            measured[: max(part.unknown(each.delay) for each in self.structures)] = False
-            if int(measured.sum()) <= self.nuisances:
-                continue  # its offset and initial states explain all of it
-            columns = self.inputs[rows] - self.inputs[rows][0]
-            none = np.zeros(part.u.size)
-            given = tuple(replace(part, u=np.ascontiguousarray(u), y=none, measured=None) for u in columns.T)
-            known = replace(part, measured=measured).predecessors
-            yield Stretch(rows, given, np.where(measured, part.y, 0.0), measured, known)
-
-    def of_inputs(self, chosen: list[int]) -> Row:
-        """Return the row with some of the inputs only."""
-        return Row(tuple(self.structures[i] for i in chosen), self.record, self.inputs[:, chosen])
-
-    @property
-    def count(self) -> int:
-        """How many outputs tell something."""
-        return sum(int(each.measured.sum()) for each in self.stretches)
-
-    def branches(self, theta: FloatArray) -> list[FloatArray]:
-        """Return the coefficients of each branch, a_{n-1} .. a_0, b_m .. b_0."""
-        if not self.is_common:
-            return np.split(theta, self._ends)
-        poles = self.structures[0].poles
-        sizes = np.cumsum([each.zeros + 1 for each in self.structures])[:-1].tolist()
-        return [np.concatenate([theta[:poles], b]) for b in np.split(theta[poles:], sizes)]
-
-    def is_stable(self, theta: FloatArray) -> bool:
-        """Whether all poles lie left of the imaginary axis."""
-        each = zip(self.structures, self.branches(theta), strict=True)
-        return bool(np.isfinite(theta).all()) and all(
-            float(roots(np.concatenate([[1.0], b[s.denominator]])).real.max()) < 0.0 for s, b in each
-        )
-
-    def signals(
-        self, theta: FloatArray, stretch: Stretch, states: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the outputs (K, q) of the branches from rest, the slopes (K, P) and the nuisances (K, N)."""
-        outputs, slopes, free = [], [], [np.ones((stretch.y.size, 1))]
-        parts = zip(
-            self._models, self.structures, self.branches(theta), np.split(states, self._state_ends), stretch.inputs,
-            strict=True,
-        )  # fmt: skip
-        for model, structure, coefficients, state, record in parts:
-            done = model.run(np.concatenate([coefficients, [0.0], state]), record)
-            responses = done.zeta[:, -structure.poles :]
-            outputs.append(done.output - responses @ state)
-            slopes.append(done.zeta[:, : structure.coefficients])
-            free.append(responses)
-        if self.is_common:
-            poles = self.structures[0].poles
-            slopes = [np.sum([each[:, :poles] for each in slopes], axis=0), *(each[:, poles:] for each in slopes)]
-        return np.column_stack(outputs), np.hstack(slopes), np.hstack(free)
-
-    def whitened(self, noise: Autoregression, signals: FloatArray, stretch: Stretch) -> FloatArray:
-        """Return D signals (K, ...) of a stretch; zero where nothing was measured."""
-        white = noise.whiten_known(signals, stretch.known)
-        rows = stretch.measured if signals.ndim == 1 else stretch.measured[:, None]
-        return np.asarray(np.where(rows, white, 0.0))
-
-    def filtered(self, theta: FloatArray, stretch: Stretch, error: FloatArray) -> FloatArray:
-        """Return s^k/A e (K, n), k = n - 1 .. 0, of the common denominator: what is added to a model's slopes."""
-        poles = self.structures[0].poles
-        model = np.concatenate([theta[:poles], np.zeros(2 * poles + 1)])
-        return self._shared.run(model, replace(stretch.inputs[0], u=error)).zeta[:, poles : 2 * poles]
-
-
-@dataclass(frozen=True, eq=False)
-class Point:
-    """A model of a row and what it leaves.
-
-    Attributes
-    ----------
-    theta : (P,) array
-    error, phi : list of (K,) and (K, P) arrays
-        Whitened, free of offset and initial states; zero where nothing was measured.
-    residual : list of (K,) arrays
-        Not whitened; zero where nothing was measured.
-    nuisances : list of (N,) arrays
-        Offset and initial states of each stretch.
-    cost : float
-        Sum of squares of ``error``.
-    """
-
-    theta: FloatArray
-    error: list[FloatArray]
-    phi: list[FloatArray]
-    residual: list[FloatArray]
-    nuisances: list[FloatArray]
-    cost: float
-
-    @property
-    def information(self) -> FloatArray:
-        """Sum of phi phi' (P, P)."""
-        return np.asarray(sum(products(phi, phi) for phi in self.phi))
-
-    @property
-    def power(self) -> float:
-        """Sum of squares of ``residual``."""
-        return float(sum(each @ each for each in self.residual))
-
-
-@quiet
-def evaluate(
-    row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, *, pulled: bool = False
-) -> Point:
-    """Return the point of a model; ``pulled`` takes the slopes of a common denominator from the measured output."""
-    error, phi, residual, nuisances = [], [], [], []
-    for number, stretch in enumerate(row.stretches):
-        states = np.zeros(row.nuisances - 1) if before is None else before.nuisances[number][1:]
-        outputs, slopes, free = row.signals(theta, stretch, states)
-        left = stretch.y - outputs.sum(axis=1)
-        basis, back = _basis(row.whitened(noise, free, stretch))
-        weights = back @ (basis.T @ row.whitened(noise, left, stretch))
-        e = np.where(stretch.measured, left - free @ weights, 0.0)
-        if pulled:
-            slopes = slopes.copy()
-            poles = row.structures[0].poles
-            slopes[:, :poles] -= row.filtered(theta, stretch, e)
-        made = row.whitened(noise, np.column_stack([slopes, e]), stretch)
-        made = made - basis @ products(basis, made) if basis.shape[1] else made
-        error.append(made[:, -1])
-        phi.append(made[:, :-1])
-        residual.append(e)
-        nuisances.append(weights)
-    cost = float(sum(each @ each for each in error))
-    return Point(theta, error, phi, residual, nuisances, cost if math.isfinite(cost) else math.inf)
-
-
-def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return an orthonormal basis (K, R) of columns (K, N), and the map (N, R) from its weights to theirs."""
-    lengths = lengths_of(columns)
-    scaled = columns / lengths
-    turned = orthogonal(products(scaled, scaled))
-    return scaled @ turned, turned / lengths[:, None]
 
 
 def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
@@ -253,12 +55,3 @@ def refine(
         if done:
             break
     return point
-
-
-def noise_of(row: Row, point: Point) -> Autoregression:
-    """Return the autoregression of a point's residual, one for all stretches."""
-    told = [sums_of(each, stretch.known) for each, stretch in zip(point.residual, row.stretches, strict=True)]
-    count = sum(number for _, number in told)
-    if count < LEAST:
-        return Autoregression.white(point.power, row.count)
-    return Autoregression.of_sums(np.asarray(sum(sums for sums, _ in told)), count)

@@ -48,6 +48,8 @@ class Samples:
     begins : tuple of int
         Samples at which another log begins: its offset and initial state are its own.
     reference_name : str
+    more_inputs : tuple of str
+        Names of those of ``others`` that are inputs too.
     """
 
     u: Any
@@ -64,6 +66,7 @@ class Samples:
     others: Mapping[str, FloatArray] = field(default_factory=dict)
     begins: tuple[int, ...] = ()
     reference_name: str = ""
+    more_inputs: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -94,7 +97,7 @@ class Samples:
                 )
             return cls(
                 u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
-                u.input_hold, u.sha256, u.others,
+                u.input_hold, u.sha256, u.others, more_inputs=u.more_inputs,
             )  # fmt: skip
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
@@ -112,7 +115,7 @@ class Samples:
         for number, log in enumerate(logs):
             if not log.input.size:
                 raise InvalidArgumentError(f"log {number} has no samples; leave it out")
-            for what in ("input_name", "output_name", "reference_name", "input_hold"):
+            for what in ("input_names", "output_name", "reference_name", "input_hold"):
                 if getattr(log, what) != getattr(first, what):
                     raise InvalidArgumentError(
                         f"log {number} differs in its {what}: {getattr(log, what)!r}, the first has "
@@ -136,9 +139,20 @@ class Samples:
         source = ", ".join(log.path.name for log in logs)
         return cls(
             u, y, first.dt, np.concatenate(stamps), r, first.input_name, first.output_name, source, True,
-            first.input_hold, others=others, begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
+            first.input_hold, others=others, more_inputs=first.more_inputs,
+            begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
             reference_name=first.reference_name,
         )  # fmt: skip
+
+    @property
+    def inputs(self) -> Any:
+        """Raw inputs (K, q), where there are several."""
+        return np.column_stack([self.u, *(self.others[name] for name in self.more_inputs)]) if self.is_log else self.u
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs of a log; none of arrays."""
+        return (self.input_name, *self.more_inputs) if self.is_log else ()
 
     @property
     def preprocess(self) -> Preprocess:

@@ -6,6 +6,7 @@ from replant.data.logs.read import (
     open_recording,
     read_log,
     stamped_interval,
+    with_inputs,
 )
 from replant.data.logs.recording import Recording
 from replant.data.logs.table import Table
@@ -20,4 +21,5 @@ __all__ = [
     "read_columns",
     "read_log",
     "stamped_interval",
+    "with_inputs",
 ]

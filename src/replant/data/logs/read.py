@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from replant.arguments import iterable
 from replant.data.logs.formats import read_columns
 from replant.data.logs.rasters import on_one_clock
 from replant.data.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
@@ -30,13 +31,14 @@ from replant.errors import InvalidArgumentError, LogError, shown
 from replant.limits import file_path
 from replant.log import Log
 
+_ROLES = ("an input", "the output", "the reference")
 _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
 
 
 def read_log(
     path: str | os.PathLike[str],
     *,
-    input: str | int,  # noqa: A002 - the field's word
+    input: str | int | Sequence[str | int],  # noqa: A002 - the field's word
     output: str | int,
     time: str | int | None = None,
     dt: float | None = None,
@@ -57,8 +59,9 @@ def read_log(
         (.gz, .zip, .zst); a folder of Parquet files, the parts of one log in the order of their names, or of a ROS 2
         bag; or ``-``, standard input.
     input, output : str or int
-        The columns, by name (a unit at its end may be left out) or 0-based number.  In .mat and .npz files also
-        ``udat[:,0]`` and ``data.udat[:,0]``.  Columns with stamps of their own are merged, see `merge_rasters`.
+        The columns, by name (a unit at its end may be left out) or 0-based number; of several inputs a list.  In .mat
+        and .npz files also ``udat[:,0]`` and ``data.udat[:,0]``.  Columns with stamps of their own are merged, see
+        `merge_rasters`.
     time : str or int, optional
         The column of time stamps: dates, clock times, or numbers in seconds or the unit that its name states
         (``t [ms]``).  They must increase; the stamps of an irregular clock count, see `Log.stamps`.
@@ -95,12 +98,41 @@ def read_log(
     >>> log.dt, log.output
     (0.1, array([0.  , 0.5 , 0.75]))
     """
-    columns: dict[str, Any] = {"input": input, "output": output, "time": time, "dt": dt, "reference": reference}
+    several: list[Any] = [input] if isinstance(input, str | int) or not iterable(input) else list(input)
+    if not several:
+        raise InvalidArgumentError("input must name a column, got an empty list")
+    first, *more = several
+    columns: dict[str, Any] = {"input": first, "output": output, "time": time, "dt": dt, "reference": reference}
     recording = open_recording(file_path("path", path), **columns, begin=begin, end=end, most_held=sys.maxsize)
     for note in recording.table.notes:
         warnings.warn(note, stacklevel=2)
-    assert recording.held is not None
-    return replace(recording.held, sha256=digest(recording.path))
+    log = with_inputs(recording, more).held
+    assert log is not None
+    return replace(log, sha256=digest(recording.path))
+
+
+def with_inputs(recording: Recording, more: Sequence[str | int]) -> Recording:
+    """Return a recording whose log, which is held in memory, has further columns as inputs."""
+    log, table = recording.held, recording.table
+    assert log is not None
+    numbers = [table.find(key) for key in more]
+    taken = {table.names[column]: role for column, role in zip(recording.columns, _ROLES, strict=False)}
+    for number in numbers:
+        name = table.names[number]
+        if name in taken:
+            raise LogError(f"{table.path}: column {shown(name)} is {taken[name]} and an input: name each column once")
+        if number in table.in_seconds:
+            raise LogError(f"{table.path}: column {shown(name)} holds dates or times, no samples; choose another input")
+        taken[name] = "an input"
+    signals = {table.names[number]: signal for number, signal in zip(numbers, table.columns(numbers), strict=True)}
+    for name, signal in signals.items():
+        if signal.size != log.input.size:
+            raise LogError(
+                f"{table.path}: column {shown(name)} has {signal.size:,} rows and {shown(log.input_name)} "
+                f"{log.input.size:,}: inputs need one clock; resample them (merge_rasters)"
+            )
+    log = replace(log, others={**log.others, **signals}, more_inputs=tuple(signals))
+    return replace(recording, held=log)
 
 
 def open_recording(

@@ -132,7 +132,8 @@ def wrapped(text: str, width: int) -> list[str]:
     return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
-def _table(*headings: str) -> Any:
+def table(*headings: str) -> Any:
+    """Return an empty table whose columns are flush right."""
     from rich.table import Table
     from rich.text import Text
 
@@ -146,31 +147,31 @@ def _parameter_table(model: Model, truth: TransferFunction | None) -> Any:
     """Return the table of coefficients, with standard deviations and true values if known."""
     known = model.uncertainty is not None
     headings = ["coefficient", "identified", *(["std"] if known else []), *(["true", "off by"] if truth else [])]
-    table = _table(*headings)
+    shown = table(*headings)
     true = true_parameters(truth) if truth else [math.nan] * model.structure.size
     for name, value, std, target in zip(model.structure.names, model.parameters, _stds(model), true, strict=False):
         cells = [name, f"{value:.4g}", *([std_alone(std)] if known else [])]
         if truth:
             cells += [f"{target:.4g}", off_by(value, target)]
-        table.add_row(*cells)
-    return table
+        shown.add_row(*cells)
+    return shown
 
 
 def _mode_table(model: Model) -> Any:
     """Return the table of poles: frequency, damping and time constant, with standard deviations if known."""
-    table = _table("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
+    shown = table("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
     uncertain = model.uncertainty.modes if model.uncertainty else None
     for i, mode in enumerate(model.transfer_function.modes):
         stds = (
             (uncertain[i].frequency_std, uncertain[i].damping_std, uncertain[i].time_constant_std) if uncertain else ()
         )
         figures = (mode.frequency, mode.damping, mode.time_constant)
-        shown = [with_std(figure, stds[k] if stds else math.nan) for k, figure in enumerate(figures)]
+        cells = [with_std(figure, stds[k] if stds else math.nan) for k, figure in enumerate(figures)]
         pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
         if not mode.pole.imag:
-            shown[1] = f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
-        table.add_row(pole, *shown)
-    return table
+            cells[1] = f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
+        shown.add_row(pole, *cells)
+    return shown
 
 
 def fraction(model: TransferFunction) -> list[str]:

@@ -1,0 +1,111 @@
+"""`replant fit` of several inputs: a model of each log that it takes, and one line for each mistake."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from cli.test_commands import call
+from support.cases import every
+
+DT = 0.1
+FIRST, SECOND = rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([0.5], [1.0, 0.2], delay=0.3)
+NAMED = ("-i", "Q1", "-i", "Q2", "-o", "T1")
+
+
+def written(path: Path, seed: int) -> Path:
+    rng = np.random.default_rng(seed)
+    u = rng.choice([-1.0, 1.0], (150, 2)).repeat(10, axis=0)
+    y = FIRST.simulate(u[:, 0].copy(), DT) + SECOND.simulate(u[:, 1].copy(), DT) + 0.1 * rng.standard_normal(1500)
+    rows = np.column_stack([DT * np.arange(1500), u, y + 20.0])
+    np.savetxt(path, rows, "%.6g", ",", header="t,Q1 [%],Q2 [%],T1 [degC]", comments="")
+    return path
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: Any) -> Path:
+    return written(tmp_path_factory.mktemp("heaters") / "first.csv", 0)
+
+
+def test_the_model_is_printed_saved_shown_and_validated(capsys: Any, log: Path, tmp_path: Path) -> None:
+    saved, other = tmp_path / "row.json", written(tmp_path / "second.csv", 1)
+    asked = (*NAMED, "-p", "1,1", "--delay", "0,0.3")
+    code, out, err = call(capsys, "fit", log, *asked, "--save", saved, "--validate", other, "--require", "trusted")
+    assert (code, err) == (0, "")
+    for words in (
+        "From Q1 [%] to T1 [degC]",
+        "From Q2 [%] to T1 [degC]",
+        "exp(-0.3 s)",
+        "On second.csv",
+        f"wrote {saved}",
+    ):
+        assert words in out
+    model = rp.load_model(saved)
+    assert isinstance(model, rp.RowModel)
+    direct = rp.fit(rp.read_log(log, input=["Q1", "Q2"], output="T1"), poles=(1, 1), delay=(0.0, 0.3)).model
+    assert (model.parameters == direct.parameters).all()
+    assert model.provenance.source == "first.csv" != ""
+    assert len(model.provenance.sha256) == 64
+    code, out, _ = call(capsys, "show", saved)
+    assert code == 0
+    assert "Made of  first.csv" in out
+    code, out, _ = call(capsys, "validate", saved, other, "--json")
+    assert code == 0
+    assert json.loads(out)[0]["verdict"]["status"] == "trusted"
+
+
+def test_the_json_is_that_of_the_model(capsys: Any, log: Path) -> None:
+    code, out, _ = call(capsys, "fit", log, *NAMED, "-p", "1,1", "--delay", "0,0.3", "--json")
+    whole = json.loads(out)
+    assert code == 0
+    assert whole["schema_version"] == 2
+    assert [each["name"] for each in whole["input"]] == ["Q1 [%]", "Q2 [%]"]
+    assert whole["den"][0][1] == pytest.approx(1.0, rel=0.1)
+    assert whole["delay"] == [0.0, 0.3]
+
+
+def test_two_logs_give_one_model_and_decimated_inputs_run_straight(capsys: Any, log: Path, tmp_path: Path) -> None:
+    other = written(tmp_path / "second.csv", 1)
+    code, out, _ = call(capsys, "fit", log, other, *NAMED, "-p", "1,1", "--delay", "0,0.3", "--decimate", "2", "--json")
+    whole = json.loads(out)
+    assert code == 0
+    assert whole["input_hold"] == "foh"
+    assert whole["samples"] > 1400
+    assert whole["dc_gain"] == pytest.approx([2.0, 2.5], rel=0.1)
+
+
+@every(
+    "words, asked",
+    [
+        ("--poles must have a number for each of 2 inputs (Q1, Q2), as in 1,1: got one", [*NAMED, "-p", 2]),
+        ("got one number or a range", [*NAMED, "-p", "1:2"]),
+        ("got 3 numbers", [*NAMED, "-p", "1,1,1"]),
+        ("--delay must have a number for each", [*NAMED, "-p", "1,1", "--delay", 0.3]),
+        ("'1,x' must be a whole number for each input", [*NAMED, "-p", "1,x"]),
+        ("--poles has 2 numbers, and there is one input", ["-i", "Q1", "-o", "T1", "-p", "1,1"]),
+        ("column 'T1 [degC]' is the output and an input", ["-i", "Q1", "-i", "T1", "-o", "T1", "-p", "1,1"]),
+        ("-i Q1 is given twice", ["-i", "Q1", "-i", "Q2", "-i", "Q1", "-o", "T1", "-p", "1,1,1"]),
+        ("no column 'Q3'", ["-i", "Q1", "-i", "Q3", "-o", "T1", "-p", "1,1"]),
+        ("missing --poles, a number for each input", list(NAMED)),
+        ("several inputs take no --bias yet", [*NAMED, "-p", "1,1", "--bias"]),
+        ("several inputs take no --out yet", [*NAMED, "-p", "1,1", "--out", "plots"]),
+        ("several inputs take no --reference yet", [*NAMED, "-p", "1,1", "--reference", "t"]),
+    ],
+)
+def test_a_mistake_is_one_line(capsys: Any, log: Path, words: str, asked: list[Any]) -> None:
+    code, out, err = call(capsys, "fit", log, *asked)
+    assert (code, out, err.count("\n")) == (2, "", 1), err
+    assert words in err
+
+
+def test_compare_names_the_command_for_a_model_of_several_inputs(capsys: Any, log: Path, tmp_path: Path) -> None:
+    saved = tmp_path / "row.json"
+    call(capsys, "fit", log, *NAMED, "-p", "1,1", "--save", saved)
+    code, _, err = call(capsys, "compare", saved, log)
+    assert code == 2
+    assert "it has several inputs, and compare takes models of one" in err
