@@ -36,6 +36,7 @@ from replant.errors import LONGEST
 from replant.fleet.job import Job
 from replant.identified.fields import ModelFields
 from replant.identified.provenance import Provenance
+from replant.identified.row_fields import RowFields
 from replant.model.response import Response
 from replant.rigs import Rig
 from replant.settings import Request, Settings
@@ -80,6 +81,10 @@ MODEL: dict[str, Any] = {
     "provenance": Provenance("given", date="2026-01-01"),
 }  # fmt: skip
 #: How each class is built of plain numbers, each small and whole, so that every type can hold it.
+ROW: dict[str, Any] = {
+    "structures": (rp.Structure(1), rp.Structure(1)), "parameters": [0.5, 2.0, 3.0, 4.0], "dt": 2.0,
+    "covariance": np.eye(4).tolist(), "input_levels": [1.0, 2.0], "output_level": 3.0,
+}  # fmt: skip
 EXAMPLES: dict[type, dict[str, Any]] = {
     Job: {"input": "u", "output": "y", "structure": rp.Structure(2), "dt": 2.0, "begin": 1.0, "end": 3.0},
     rp.Structure: {"poles": 5, "zeros": 2, "delay": 2.0, "bias": True, "feedthrough": False},
@@ -105,6 +110,8 @@ EXAMPLES: dict[type, dict[str, Any]] = {
     },
     rp.Model: MODEL,
     ModelFields: MODEL,
+    RowFields: ROW,
+    rp.RowModel: ROW,
     Provenance: {"method": "given", "samples": 3, "date": "2026-01-01"},
     Request: {"structure": STRUCTURE, "dt": 2.0, "startup": 100, "history": 100},
     Settings: {

@@ -32,6 +32,11 @@ MODEL_FIELDS: dict[str, Any] = {
     "provenance": Provenance("given", date="2026-01-01"),
 }  # fmt: skip
 
+ROW: dict[str, Any] = {
+    "structures": (rp.Structure(1), rp.Structure(1)), "parameters": [0.5, 2.0, 3.0, 4.0], "dt": DT, "noise": NOISE,
+    "covariance": np.eye(4).tolist(), "input_names": ("a", "b"), "input_levels": [1.0, 2.0], "output_level": 3.0,
+}  # fmt: skip
+
 Call = tuple[Callable[..., Any], dict[str, Any]]
 
 
@@ -108,6 +113,7 @@ CLASSES: dict[Callable[..., Any], dict[str, Any]] = {
     rp.Structure: {"poles": 3, "zeros": 1, "delay": 0.2, "bias": True, "feedthrough": False},
     rp.Replay: {"capacity": 100, "batch_size": 7, "warmup": 3, "seed": 5},
     rp.NoiseModel: {"coefficients": [1.0, -0.5], "variance": 1.0, "residual_variance": 2.0, "dt": DT},
+    rp.RowModel: ROW,
     rp.Scaling: {"output": 2.0, "regressor": (1.0, 2.0, 3.0)},
     rp.Preprocess: {"input_map": "square", "input_offset": 2.0, "output_offset": 3.0},
     rp.StateVariableFilter: {"cutoff": 2.0, "method": "exact", "input_hold": "zoh", "alpha": 0.5},
@@ -263,9 +269,6 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "Trace.to_pandas": lambda: (ensemble().trace(U, Y)[0].to_pandas, {"dt": DT}),
     "Trace.to_xarray": lambda: (ensemble().trace(U, Y)[0].to_xarray, {"dt": DT}),
     "fit of two inputs": lambda: (rp.fit, {"u": TWO, "y": Y, "dt": DT, "poles": (1, 1), "delay": (0.0, 0.1)}),
-    "RowModel": lambda: (
-        rp.RowModel, {"structures": (rp.Structure(1), rp.Structure(1)), "parameters": [0.5, 2.0, 3.0, 4.0], "dt": DT},
-    ),
     "RowModel.of_input": lambda: (row().model.of_input, {"which": 1}),
     "RowModel.of_log": lambda: (
         row().model.of_log, {"input_names": ("a", "b"), "output_name": "y", "source": "log.csv", "sha256": ""},

@@ -54,6 +54,8 @@ class RowFields:
             put(self, "covariance", covariance if np.isfinite(covariance).all() else None)
         keep(self, "noise", instance, NoiseModel, None)
         keep(self, "input_hold", one_of, ("zoh", "foh"))
+        if not iterable(self.input_names):
+            raise ArgumentTypeError(f"input_names must be a name for each input, got {shown(self.input_names)}")
         names = tuple(self.input_names) or tuple(f"u{i}" for i in range(1, count + 1))
         put(self, "input_names", tuple(text("input_names", name) for name in names))
         if len(set(names)) != count or len(names) != count:

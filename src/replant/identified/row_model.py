@@ -156,6 +156,11 @@ class RowModel(RowFields):
         t : (K,) array, optional
             Time stamps in s, where ``log`` is an array; without them samples are `dt` apart.
 
+        Returns
+        -------
+        Validation
+            Without correlations and error by frequency.
+
         Raises
         ------
         InvalidArgumentError

@@ -114,6 +114,8 @@ def read_log(
 def with_inputs(recording: Recording, more: Sequence[str | int]) -> Recording:
     """Return a recording whose log, which is held in memory, has further columns as inputs."""
     log, table = recording.held, recording.table
+    if not more:
+        return recording
     assert log is not None
     numbers = [table.find(key) for key in more]
     taken = {table.names[column]: role for column, role in zip(recording.columns, _ROLES, strict=False)}
