@@ -82,7 +82,7 @@ MODEL: dict[str, Any] = {
 }  # fmt: skip
 #: How each class is built of plain numbers, each small and whole, so that every type can hold it.
 ROW: dict[str, Any] = {
-    "structures": (rp.Structure(1), rp.Structure(1)), "parameters": [0.5, 2.0, 3.0, 4.0], "dt": 2.0,
+    "structures": (rp.Structure(1), rp.Structure(1)), "parameters": [5.0, 2.0, 3.0, 4.0], "dt": 2.0,
     "covariance": np.eye(4).tolist(), "input_levels": [1.0, 2.0], "output_level": 3.0,
 }  # fmt: skip
 EXAMPLES: dict[type, dict[str, Any]] = {
