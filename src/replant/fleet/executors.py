@@ -35,13 +35,7 @@ R = TypeVar("R")
 
 
 def carried_out(workers: Workers, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[tuple[int, R]]:
-    """Yield the number of each task and what came of it, in the order in which they end.
-
-    >>> from replant.fleet.executors import workers
-    >>> with workers(None) as found:
-    ...     list(carried_out(found, abs, [-1, -2]))
-    [(0, 1), (1, 2)]
-    """
+    """Yield the number of each task and what came of it, in the order in which they end."""
     queue = enumerate(tasks)
     again: list[tuple[int, T]] = []
     running: dict[Future[R], tuple[int, T]] = {}
@@ -143,13 +137,7 @@ class Workers:
 
 
 class InThisThread(Executor):
-    """Runs each task at once where it is submitted.
-
-    Examples
-    --------
-    >>> InThisThread().submit(pow, 2, 3).result()
-    8
-    """
+    """Runs each task at once where it is submitted."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run a function, and return its result as a future."""
@@ -163,12 +151,7 @@ class InThisThread(Executor):
 
 @contextmanager
 def workers(on: Executor | str | None) -> Iterator[Workers]:
-    """Open an executor for the ``with`` block; one that the caller gives stays open.
-
-    >>> with workers("threads:2") as found:
-    ...     found.executor.submit(pow, 2, 3).result()
-    8
-    """
+    """Open an executor for the ``with`` block; one that the caller gives stays open."""
     if on is None:
         yield Workers(InThisThread())
         return
@@ -204,11 +187,7 @@ def workers(on: Executor | str | None) -> Iterator[Workers]:
 
 
 def parsed(on: str) -> tuple[str, str]:
-    """Return the kind of an executor, and the number of its workers or the address of its scheduler.
-
-    >>> parsed("processes:4"), parsed("dask://localhost:8786")
-    (('processes', '4'), ('dask', 'localhost:8786'))
-    """
+    """Return the kind of an executor, and the number of its workers or the address of its scheduler."""
     kind, _, rest = on.partition(":")
     if kind in ("threads", "processes") and rest.isdecimal() and int(rest) > 0:
         return kind, rest

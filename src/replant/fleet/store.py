@@ -238,13 +238,7 @@ def table_of(rows: Sequence[Row], structure: Structure) -> Any:
 
 
 def schema(structure: Structure) -> Any:
-    """Return the columns of the table of results as a `pyarrow.Schema`.
-
-    Examples
-    --------
-    >>> [name for name in schema(Structure(1)).names if "b0" in name or "pole" in name]
-    ['b0', 'b0_std', 'pole1_real', 'pole1_imag']
-    """
+    """Return the columns of the table of results as a `pyarrow.Schema`."""
     import pyarrow
 
     text, number, count = pyarrow.string(), pyarrow.float64(), pyarrow.int64()

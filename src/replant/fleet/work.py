@@ -173,14 +173,7 @@ class Task:
 
 
 def work_of(rig: Rig) -> int:
-    """Return how long a rig takes, in samples that take as long.
-
-    Examples
-    --------
-    >>> from replant.fleet.job import Piece
-    >>> work_of(Rig("a", (Piece("a.csv", "a.csv", size=2_400_000, modified=0),)))
-    200000
-    """
+    """Return how long a rig takes, in samples that take as long."""
     rows = 0
     for piece in rig.pieces:
         suffix = Path(piece.path).suffix.lower()
@@ -190,15 +183,7 @@ def work_of(rig: Rig) -> int:
 
 
 def planned(job: Job, rigs: Sequence[Rig], folder: Path) -> list[Task]:
-    """Return the tasks for rigs, which are sorted by name; those with the most work first.
-
-    Examples
-    --------
-    >>> from replant.model.structure import Structure
-    >>> tasks = planned(Job("u", "y", Structure(1)), [Rig(f"{k:03}", ()) for k in range(128)], Path("out"))
-    >>> len(tasks), [rig.name for rig in tasks[0].rigs]
-    (64, ['000', '001'])
-    """
+    """Return the tasks for rigs, which are sorted by name; those with the most work first."""
     share = min(LARGEST, sum(map(work_of, rigs)) / FEWEST)
     tasks = [Task(job, tuple(group), str(folder)) for group in _grouped(rigs, share)]
     return sorted(tasks, key=lambda task: -task.work)
