@@ -63,7 +63,7 @@ def test_rigs_of_a_folder(tmp_path: Path) -> None:
 
 def test_tasks_are_of_equal_work() -> None:
     assert work_of(Rig("a", (PIECE,))) == 200_000
-    tasks = planned(Job("u", "y", Structure(1)), [Rig(f"{k:03}", ()) for k in range(128)], Path("out"))
+    tasks = planned(Job("u", "y", Structure(1)), [Rig(f"{k:03}", ()) for k in range(128)])
     assert len(tasks) == 64
     assert [rig.name for rig in tasks[0].rigs] == ["000", "001"]
 

@@ -25,7 +25,7 @@ from replant.regressor.preprocess import Preprocess
 from replant.settings import AUTO, Request
 
 METHODS = ("run", "fit")
-FORMAT = 1  # version of the files that a fleet writes; those of another version are made anew [number]
+FORMAT = 2  # version of the files that a fleet writes; those of another version are made anew [number]
 
 
 @dataclass(frozen=True)
@@ -150,20 +150,20 @@ def printable(text: str) -> str:
 
 
 TABLE, TIMING, MODELS, ABOUT = "rigs.parquet", "timing.parquet", "models.jsonl", "fleet.json"
-PARTS, MANIFEST, REPORTS = "parts", "manifest", "reports"
-MARK = ".lock"  # A file in the manifest that every run makes first: where it is, a fleet has written
+STORE, REPORTS = "fleet.sqlite", "reports"
+BEFORE = Path("manifest", ".lock")  # what a fleet wrote in place of `STORE` before replant had that
 
 
 def is_results(folder: Path) -> bool:
     """Return whether a fleet has written into a folder, be it done or not."""
-    return (folder / ABOUT).is_file() or (folder / MANIFEST / MARK).is_file()
+    return any((folder / name).is_file() for name in (ABOUT, STORE, BEFORE))
 
 
 def foreign(folder: Path) -> list[str]:
     """Return the names in a folder under which a fleet would write, although no fleet has written there."""
     if is_results(folder):
         return []
-    return [name for name in (TABLE, TIMING, MODELS, PARTS, MANIFEST, REPORTS) if (folder / name).exists()]
+    return [name for name in (TABLE, TIMING, MODELS, REPORTS) if (folder / name).exists()]
 
 
 def report_path(rig: str) -> str:
