@@ -43,13 +43,7 @@ def ask() -> None:
 
 
 def is_asked_for() -> bool:
-    """Return whether the command that is running was called with --progress.
-
-    Examples
-    --------
-    >>> is_asked_for()
-    False
-    """
+    """Return whether the command that is running was called with --progress."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(ASKED))
 
@@ -322,13 +316,7 @@ def check_one_input(options: dict[str, Any]) -> None:
 
 
 def preprocess_of(options: dict[str, Any]) -> Preprocess:
-    """Return input map and working point, which is the record's mean: a rig is rarely at rest at zero.
-
-    Examples
-    --------
-    >>> preprocess_of({"input_map": "square"})
-    Preprocess(input_map='square', input_offset='mean', output_offset='mean')
-    """
+    """Return input map and working point, which is the record's mean: a rig is rarely at rest at zero."""
     return Preprocess(options["input_map"], "mean", "mean")
 
 
