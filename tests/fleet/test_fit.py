@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import sqlite3
 from pathlib import Path
 
 import duckdb
@@ -19,6 +21,7 @@ from replant.errors import InvalidArgumentError, LogError, SystemRefusedError
 from replant.fleet import work
 from replant.fleet.job import Job
 from replant.fleet.store import Store
+from replant.operating_system import ENDING
 from replant.runs.run import run_source
 from replant.runs.thinning import Arrays
 from replant.settings import Request
@@ -250,23 +253,39 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, counted: list[str]) -> N
     counted.clear()
     fitted(logs, out, poles=1)
     assert sorted(counted) == ["new.csv", "rig1.csv", "rig2.csv"]
-    assert len(list((out / "parts").iterdir())) == len(list((out / "manifest").glob("*.json"))) == 3
+    with contextlib.closing(sqlite3.connect(out / "fleet.sqlite")) as store:
+        assert store.execute("SELECT count(*) FROM rig").fetchone() == (3,)
 
 
-@pytest.mark.parametrize("lost", ["parts", "manifest"])
-def test_a_part_without_its_entry_and_an_entry_without_its_part_are_done_again(
-    tmp_path: Path, counted: list[str], lost: str
+@pytest.mark.parametrize("where", [0.0, 0.3, 0.5, 0.9])
+def test_what_a_damaged_file_does_not_tell_for_sure_is_done_again(
+    tmp_path: Path, counted: list[str], where: float
 ) -> None:
     logs, out = small_fleet(tmp_path / "logs", 3), tmp_path / "out"
     fitted(logs, out)
     first = bytes_of(out)
-    next(path for path in sorted((out / lost).iterdir()) if not path.name.startswith(".")).unlink()
-    (out / "parts" / ".half.parquet.new").write_bytes(b"half")
+    stored = bytearray((out / "fleet.sqlite").read_bytes())
+    stored[int(where * len(stored)) : int(where * len(stored)) + 200] = b"x" * 200
+    (out / "fleet.sqlite").write_bytes(stored)
+    (out / f".half{ENDING}").write_bytes(b"half")
     counted.clear()
     fitted(logs, out)
-    assert len(counted) == 1
     assert bytes_of(out) == first
-    assert not list((out / "parts").glob(".*"))
+    assert set(counted) <= {"rig0.csv", "rig1.csv", "rig2.csv"}
+    assert not list(out.glob(".*"))
+
+
+def test_a_cell_that_is_damaged_is_done_again(tmp_path: Path, counted: list[str]) -> None:
+    logs, out = small_fleet(tmp_path / "logs", 3), tmp_path / "out"
+    fitted(logs, out)
+    first = bytes_of(out)
+    with contextlib.closing(sqlite3.connect(out / "fleet.sqlite")) as store, store:
+        store.execute(
+            "UPDATE rig SET cells = CAST(substr(cells, 1, 300) || x'00' || substr(cells, 302) AS BLOB) WHERE rowid = 2"
+        )
+    counted.clear()
+    fitted(logs, out)
+    assert (len(counted), bytes_of(out)) == (1, first)
 
 
 def test_a_full_disk_ends_the_run_and_the_next_one_goes_on(tmp_path: Path, counted: list[str]) -> None:

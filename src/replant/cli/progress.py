@@ -25,13 +25,7 @@ def ask() -> None:
 
 
 def is_asked_for() -> bool:
-    """Return whether the command that is running was called with --progress.
-
-    Examples
-    --------
-    >>> is_asked_for()
-    False
-    """
+    """Return whether the command that is running was called with --progress."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(ASKED))
 
@@ -109,13 +103,7 @@ class Bar(Progress):
 
 
 def clock(seconds: float) -> str:
-    """Return a time as hours, minutes and seconds.
-
-    Examples
-    --------
-    >>> clock(75.2)
-    '0:01:15'
-    """
+    """Return a time as hours, minutes and seconds."""
     return str(timedelta(seconds=int(seconds)))
 
 

@@ -331,7 +331,7 @@ def fit(
 def _identify_all(
     store: Store, missing: list[Any], rigs: int, on: Executor | str | None, progress: Callable[[Progress], None]
 ) -> None:
-    tasks = planned(store.job, missing, store.folder) if missing else []
+    tasks = planned(store.job, missing) if missing else []
     work, ended, failed, samples = sum(task.work for task in tasks), 0, 0, 0
     count = rigs - len(missing)
     progress(Progress(rigs, count, 0, 0, 0.0 if tasks else 1.0))
@@ -340,7 +340,8 @@ def _identify_all(
     with workers(on) as found, one_thread():
         for number, done in carried_out(found, carry_out, tasks):
             ended += tasks[number].work
-            count, failed, samples = count + done.rigs, failed + done.failed, samples + done.samples
+            store.add(tasks[number].rigs, done.cells)
+            count, failed, samples = count + len(done.cells), failed + done.failed, samples + done.samples
             progress(Progress(rigs, count, failed, samples, ended / work))
 
 

@@ -25,16 +25,12 @@ from replant.regressor.preprocess import Preprocess
 from replant.settings import AUTO, Request
 
 METHODS = ("run", "fit")
-FORMAT = 1  # version of the files that a fleet writes; those of another version are made anew [number]
+FORMAT = 2  # version of the files that a fleet writes; those of another version are made anew [number]
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all.
-
-    >>> Job("u", "y", Structure(2)).key == Job("u", "y", Structure(3)).key
-    False
-    """
+    """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all."""
 
     input: str | int
     output: str | int
@@ -108,30 +104,15 @@ class Piece:
 
 @dataclass(frozen=True)
 class Rig:
-    """A rig: its name, and the files with its samples.
-
-    Attributes
-    ----------
-    name : str
-    pieces : tuple of Piece
-    problem : str
-        Why it cannot be identified, where that is known beforehand.
-    """
+    """A rig: its name, and the files with its samples."""
 
     name: str
     pieces: tuple[Piece, ...] = field(repr=False)
-    problem: str = ""
+    problem: str = ""  # why it cannot be identified, where that is known beforehand
 
     @property
     def fingerprint(self) -> str:
-        """Digest of names, sizes and times of its files: another one means that the rig is done again.
-
-        Examples
-        --------
-        >>> piece = Piece("/logs/a.csv", "a.csv", size=10, modified=5)
-        >>> Rig("a.csv", (piece,)).fingerprint == Rig("a.csv", (piece,)).fingerprint
-        True
-        """
+        """Digest of names, sizes and times of its files: another one means that the rig is done again."""
         told = [(one.name, one.size, one.modified, one.groups, one.column, one.key) for one in self.pieces]
         return digest(sorted(map(repr, told)))
 
@@ -142,13 +123,7 @@ def _column(name: str, value: Any) -> str | int:
 
 
 def digest(*told: object) -> str:
-    """Return a digest of values by what they show.
-
-    Examples
-    --------
-    >>> digest(1, "a") == digest(1, "a"), digest(1) == digest(2), len(digest(1))
-    (True, False, 20)
-    """
+    """Return a digest of values by what they show."""
     return hashlib.sha256(repr(told).encode()).hexdigest()[:20]
 
 
@@ -170,50 +145,28 @@ def clear(folder: Path) -> None:
 
 
 def printable(text: str) -> str:
-    r"""Return a text with the bytes of a file's name that are no UTF-8 written out: tables and pages hold text alone.
-
-    Examples
-    --------
-    >>> print(printable("rig \udcff.csv"))
-    rig \udcff.csv
-    """
+    """Return a text with the bytes of a file's name that are no UTF-8 written out: tables hold text alone."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 TABLE, TIMING, MODELS, ABOUT = "rigs.parquet", "timing.parquet", "models.jsonl", "fleet.json"
-PARTS, MANIFEST, REPORTS = "parts", "manifest", "reports"
-MARK = ".lock"  # A file in the manifest that every run makes first: where it is, a fleet has written
+STORE, REPORTS = "fleet.sqlite", "reports"
+BEFORE = Path("manifest", ".lock")  # what a fleet wrote in place of `STORE` before replant had that
 
 
 def is_results(folder: Path) -> bool:
-    """Return whether a fleet has written into a folder, be it done or not.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     before = is_results(Path(folder))
-    ...     _ = Path(folder, ABOUT).write_text("{}")
-    ...     before, is_results(Path(folder))
-    (False, True)
-    """
-    return (folder / ABOUT).is_file() or (folder / MANIFEST / MARK).is_file()
+    """Return whether a fleet has written into a folder, be it done or not."""
+    return any((folder / name).is_file() for name in (ABOUT, STORE, BEFORE))
 
 
 def foreign(folder: Path) -> list[str]:
     """Return the names in a folder under which a fleet would write, although no fleet has written there."""
     if is_results(folder):
         return []
-    return [name for name in (TABLE, TIMING, MODELS, PARTS, MANIFEST, REPORTS) if (folder / name).exists()]
+    return [name for name in (TABLE, TIMING, MODELS, REPORTS) if (folder / name).exists()]
 
 
 def report_path(rig: str) -> str:
-    """Return the path of a rig's report, from the folder of the fleet on; rigs with like names have different ones.
-
-    Examples
-    --------
-    >>> report_path("hall 2/rig 7.csv")
-    'reports/hall-2-rig-7-csv-5b25fc.html'
-    """
+    """Return the path of a rig's report, from the folder of the fleet on; rigs with like names have different ones."""
     plain = re.sub(r"[^A-Za-z0-9]+", "-", rig).strip("-")[:60]
     return f"{REPORTS}/{plain}-{digest(rig)[:6]}.html"

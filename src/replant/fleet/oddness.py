@@ -172,13 +172,7 @@ def _of_signals(table: Any, verdicts: Any) -> dict[int, str]:
 
 
 def _least_fit(trusted: FloatArray) -> float:
-    """Return the fit in percent below which the model leaves `UNEXPLAINED` times as much as it usually does at most.
-
-    Examples
-    --------
-    >>> _least_fit(np.full(20, 95.0)), _least_fit(np.array([]))
-    (80.0, -inf)
-    """
+    """Return the fit in percent below which the model leaves `UNEXPLAINED` times as much as it usually does at most."""
     known = trusted[np.isfinite(trusted)]
     if known.size < FEWEST:
         return -math.inf
@@ -197,11 +191,7 @@ def compared(
     sure: float = 0.0,
     beside: str = MEDIAN,
 ) -> str:
-    """Return a quantity beside another value of it in words.
-
-    >>> compared(Quantity("time constant", ()), math.log(2.1), math.log(2.1) / 14)
-    "time constant 2.1 times the fleet's median, 14 standard deviations"
-    """
+    """Return a quantity beside another value of it in words."""
     times = _ratio(math.exp(min(max(log_ratio, -700.0), 700.0)))
     if is_reversed:
         return f"{quantity.name} of the opposite sign, {times} times {beside}, {sure:,.0f} standard deviations"
@@ -209,13 +199,7 @@ def compared(
 
 
 def _ratio(value: float) -> str:
-    """Return a ratio with two digits, near one with three.
-
-    Examples
-    --------
-    >>> _ratio(2.143), _ratio(1.052), _ratio(1234.0)
-    ('2.1', '1.05', '1,234')
-    """
+    """Return a ratio with two digits, near one with three."""
     if 0.9 < value < 1.1:
         return f"{value:.3g}"
     return f"{value:.2g}" if value < 100.0 else f"{value:,.0f}" if value < 1e6 else f"{value:.1e}"

@@ -54,13 +54,6 @@ def located(x: FloatArray, covariances: FloatArray) -> Location:
     The iteration is that of expectation and maximization, over the rigs within the quantile `KEPT`.  The scale makes
     two quantiles of the squared distances at most those of the distribution that they should have: where
     covariances are too small, or the fleet is no normal one, fewer rigs are odd.
-
-    >>> rng = np.random.default_rng(0)
-    >>> x = rng.normal(5.0, 2.0, (500, 1)) + rng.normal(0.0, 1.0, (500, 1))
-    >>> x[:20] = 100.0
-    >>> found = located(x, np.ones((500, 1, 1)))
-    >>> found.centre.round(0), np.sqrt(found.spread).round(0)
-    (array([5.]), array([[2.]]))
     """
     from scipy.stats import chi2
 
@@ -118,33 +111,15 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Figures:
-    """The coefficients of a fleet, as they are compared.
+    """The coefficients of a fleet, as they are compared."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        The p coefficients.
-    x : (N, p) array
-        Their logarithms; of one whose sign is not the same in the fleet itself.
-    covariances : (N, p, p) array
-        To first order.
-    signs : (p,) array
-        The fleet's sign of each coefficient; 0 where it is not the same.
-    reversed : (N, p) array of bool
-        Which coefficients have the other sign.
-    certainty : (N, p) array
-        Coefficients over their standard deviations, without sign.
-    known : (N,) array of bool
-        Which rigs have finite figures at all.
-    """
-
-    names: tuple[str, ...]
-    x: FloatArray
-    covariances: FloatArray
-    signs: FloatArray
-    reversed: BoolArray
-    certainty: FloatArray
-    known: BoolArray
+    names: tuple[str, ...]  # of the p coefficients
+    x: FloatArray  # (N, p): their logarithms; of one whose sign is not the same in the fleet itself
+    covariances: FloatArray  # (N, p, p): to first order
+    signs: FloatArray  # (p,): the fleet's sign of each coefficient; 0 where it is not the same
+    reversed: BoolArray  # (N, p): which coefficients have the other sign
+    certainty: FloatArray  # (N, p): coefficients over their standard deviations, without sign
+    known: BoolArray  # (N,): which rigs have finite figures at all
 
     def weights(self, quantity: Quantity) -> FloatArray | None:
         """Return the weights (p,) of a quantity; None where a coefficient of it has no common sign."""
@@ -182,13 +157,7 @@ def figures_of(table: Any, structure: Structure, usual: BoolArray | None = None)
 
 
 def quantities_of(structure: Structure, input_name: str = "u", output_name: str = "y") -> list[Quantity]:
-    """Return the physical quantities of a structure.
-
-    Examples
-    --------
-    >>> [each.name for each in quantities_of(Structure(2, 1))]
-    ['gain', 'natural frequency', 'damping', 'zero']
-    """
+    """Return the physical quantities of a structure."""
     n, m = structure.poles, structure.zeros
     found = [Quantity("gain", (("b0", 1.0), ("a0", -1.0)))]
     if n == 1:
@@ -268,17 +237,7 @@ def unit_factor(usual: Sequence[tuple[Quantity, float, float]], figures: Figures
 
 
 def _nearest(log_ratio: float, std: float, is_reversed: bool) -> str:
-    """Return the factor nearest to a ratio, in words.
-
-    Examples
-    --------
-    >>> _nearest(math.log(0.001003), 0.01, False)
-    "the gain is 1/1000 of the fleet's, nearly: a power of ten"
-    >>> _nearest(math.log(57.4), 0.01, False)
-    "the gain is 57.3 times the fleet's, nearly: degrees beside radians"
-    >>> _nearest(math.log(0.53), 0.1, False)
-    ''
-    """
+    """Return the factor nearest to a ratio, in words."""
     if std > WIDEST or is_reversed:
         return ""
     tried = [(abs(abs(log_ratio) - math.log(each)), each, what) for what, of in FACTORS.items() for each in of]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
 import time
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
@@ -14,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from replant.data.logs import Recording
-from replant.data.logs.arrow import CHECKED, SUFFIXES
+from replant.data.logs.arrow import SUFFIXES
 from replant.errors import ReplantError, SystemRefusedError
-from replant.fleet.job import MANIFEST, PARTS, Job, Rig, digest, printable, replacing
+from replant.fleet.job import Job, Rig, printable
 from replant.fleet.records import Watched, begin_of, opened
-from replant.fleet.store import FAILED, Row, table_of
+from replant.fleet.store import FAILED, Row, cells_of
 from replant.identified.model import Model
 from replant.offline.fit import fit
 from replant.operating_system import refusal
@@ -100,31 +99,19 @@ def _named(model: Model, recording: Recording) -> Model:
 class Done:
     """What a task reports."""
 
-    key: str  # of the task
-    rigs: int
+    cells: tuple[str, ...]  # of each rig, see `cells_of`
     failed: int
     samples: int
-    seconds: float  # time that the worker spent on the rigs
 
 
 def carry_out(task: Task) -> Done:
-    """Identify the rigs of a task, and write their results; this is what an executor calls."""
-    from pyarrow import parquet
-
+    """Identify the rigs of a task; this is what an executor calls."""
     with one_thread():
         rows = [identify(rig, task.job) for rig in task.rigs]
-    folder = Path(task.folder)
-    with replacing(folder / PARTS / f"{task.key}.parquet") as new:
-        parquet.write_table(table_of(rows, task.job.structure), new, **CHECKED)
-    entry = {"job": task.job.key, "rigs": {rig.name: rig.fingerprint for rig in task.rigs}}
-    with replacing(folder / MANIFEST / f"{task.key}.json") as new:
-        new.write_text(json.dumps(entry), encoding="utf-8")
     return Done(
-        task.key,
-        len(rows),
+        tuple(cells_of(row, task.job.structure) for row in rows),
         sum(row.verdict == FAILED for row in rows),
         sum(row.samples for row in rows),
-        sum(row.seconds for row in rows),
     )
 
 
@@ -159,12 +146,6 @@ class Task:
 
     job: Job
     rigs: tuple[Rig, ...]
-    folder: str  # where its part of the results is written, as every worker finds it
-
-    @property
-    def key(self) -> str:
-        """Name of its part of the results: the same for the same rigs, files and options."""
-        return digest(self.job.key, [(rig.name, rig.fingerprint) for rig in self.rigs])
 
     @property
     def work(self) -> int:
@@ -173,14 +154,7 @@ class Task:
 
 
 def work_of(rig: Rig) -> int:
-    """Return how long a rig takes, in samples that take as long.
-
-    Examples
-    --------
-    >>> from replant.fleet.job import Piece
-    >>> work_of(Rig("a", (Piece("a.csv", "a.csv", size=2_400_000, modified=0),)))
-    200000
-    """
+    """Return how long a rig takes, in samples that take as long."""
     rows = 0
     for piece in rig.pieces:
         suffix = Path(piece.path).suffix.lower()
@@ -189,18 +163,10 @@ def work_of(rig: Rig) -> int:
     return FIXED + rows
 
 
-def planned(job: Job, rigs: Sequence[Rig], folder: Path) -> list[Task]:
-    """Return the tasks for rigs, which are sorted by name; those with the most work first.
-
-    Examples
-    --------
-    >>> from replant.model.structure import Structure
-    >>> tasks = planned(Job("u", "y", Structure(1)), [Rig(f"{k:03}", ()) for k in range(128)], Path("out"))
-    >>> len(tasks), [rig.name for rig in tasks[0].rigs]
-    (64, ['000', '001'])
-    """
+def planned(job: Job, rigs: Sequence[Rig]) -> list[Task]:
+    """Return the tasks for rigs, which are sorted by name; those with the most work first."""
     share = min(LARGEST, sum(map(work_of, rigs)) / FEWEST)
-    tasks = [Task(job, tuple(group), str(folder)) for group in _grouped(rigs, share)]
+    tasks = [Task(job, tuple(group)) for group in _grouped(rigs, share)]
     return sorted(tasks, key=lambda task: -task.work)
 
 

@@ -46,6 +46,10 @@ def test_words_stay_whole_where_they_fit_into_a_line() -> None:
     assert lines == ["a fit of", "83.0", "percent,", "incomprehens", "ibilities"]
 
 
+def test_wide_characters_take_two_columns_and_marks_above_none() -> None:
+    assert [cells(text) for text in ("Döner", "Do\u0308ner", "温度")] == [5, 5, 4]
+
+
 def test_each_part_keeps_its_style_through_a_break() -> None:
     lines = Text("Verdict  ", ("not trusted", "bold red"), ": no").lines(14)
     assert [line.parts for line in lines] == [

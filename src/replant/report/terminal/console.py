@@ -38,13 +38,7 @@ class Text:
         return cls(*((part, f"{own} {style}".strip()) for part, own in text.parts), cut=text.cut)
 
     def lines(self, width: int | None = None) -> list[Text]:
-        """Return its lines, broken between words at a width, without blanks at their ends.
-
-        Examples
-        --------
-        >>> [str(line) for line in Text("a model of ", ("two poles", "bold")).lines(12)]
-        ['a model of', 'two poles']
-        """
+        """Return its lines, broken between words at a width, without blanks at their ends."""
         begin, found = 0, []
         for line in str(self).split("\n"):
             if self.cut and width is not None and cells(line) > width:
@@ -77,13 +71,7 @@ def _coded(text: str, style: str) -> str:
 
 
 def cells(text: str) -> int:
-    """Return the columns of a terminal that a text takes.
-
-    Examples
-    --------
-    >>> cells("Döner"), cells("温度")
-    (5, 4)
-    """
+    """Return the columns of a terminal that a text takes."""
     return len(text) if text.isascii() else sum(map(_width, text))
 
 
