@@ -249,7 +249,7 @@ def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
     total = moments.sum(axis=0)
     chance = float(chi2.sf(total @ pseudo_inverse(moments.T @ moments, 1e-12) @ total, ANSWERS + 1))
     gains = np.linalg.lstsq(told, now, rcond=1e-12)[0]
-    own = np.linalg.lstsq(upper, along - basis.T @ (lagged @ gains), rcond=1e-12)[0]
+    own = np.asarray(np.linalg.lstsq(upper, along - basis.T @ (lagged @ gains), rcond=1e-12)[0])
     sizes = float(np.linalg.norm(now) * np.linalg.norm(told[:, 0]))
     at_once = math.sqrt(rows.size) * float(total[0]) / sizes if sizes > 0.0 else 0.0
     return _carried(np.convolve(w, gains)[: u.size], own[1:], u), chance, at_once
