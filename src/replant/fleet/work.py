@@ -24,7 +24,7 @@ from replant.offline.fit import fit
 from replant.operating_system import refusal
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source
-from replant.simulation.score import FITTED
+from replant.simulation.fitted_run import FITTED
 
 
 def identify(rig: Rig, job: Job) -> Row:
