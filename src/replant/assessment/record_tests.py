@@ -142,9 +142,11 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -
         visits = int(np.count_nonzero(np.diff(there, prepend=False) & there))
         chance = MOVED_SIGMAS * robust_std(modelled[inside] - usual(y[inside])) / math.sqrt(visits)
         if beyond > max(chance, 0.5 * usual_step(y), ROUNDING * float(y.std())):  # a rounded output is half a step off
-            reason = f"{percent(float(there.mean()))} of the newest {y.size} samples lie exactly at an extreme of the"
-            reason += f" output, and the model's output {beyond * unit:.3g} beyond: a sensor at its limit"
-            return [Finding("inconsistent", reason)]
+            share = (
+                f"{percent(float(there.mean()))} of the newest {y.size} samples lie exactly at an extreme of the output"
+            )
+            far = f"the model's output {beyond * unit:.3g} beyond: a sensor at its limit"
+            return [Finding("inconsistent", f"{share}, and {far}")]
     return []
 
 
@@ -182,9 +184,9 @@ def stuck_finding(
         if moved > least:
             lasted = float(seconds[end - 1] - seconds[begin])
             now = "is" if end == y.size else "was"
-            reason = f"the output {now} constant to the bit for {duration(lasted)} while the model's output moved"
-            reason += f" by {moved * unit:.3g}: a stuck or saturated sensor, a cable off, or friction"
-            return [Finding("inconsistent", reason)]
+            reason = f"the output {now} constant to the bit for {duration(lasted)} while the model's output moved by"
+            size = f"{moved * unit:.3g}: a stuck or saturated sensor, a cable off, or friction"
+            return [Finding("inconsistent", f"{reason} {size}")]
     return []
 
 

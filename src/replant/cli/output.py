@@ -33,6 +33,7 @@ from replant.identified.validation import Validation
 from replant.report.html.report_data import identifier_as_python
 from replant.report.terminal.comparison import print_validation
 from replant.report.terminal.comparison import validation_as_json as validation_as_json
+from replant.report.terminal.console import Console
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.terminal.summary import print_result, record_line
 from replant.runs.result import Result
@@ -152,8 +153,6 @@ def deliver(
     **report: Any,
 ) -> None:
     """Print a result, write its plots and its report, save and validate its model."""
-    from rich.console import Console
-
     result = dataclasses.replace(result, model=kept(result.model, log))
     validations = keeping.validated(result.model)
     paths = []
@@ -214,10 +213,7 @@ def write_errors_reported(out: Path) -> Iterator[None]:
 
 
 def make_folder(out: Path | None) -> None:
-    """Make the folder for results; called before the computation, so that a mistake costs no time.
-
-    >>> make_folder(None)
-    """
+    """Make the folder for results; called before the computation, so that a mistake costs no time."""
     if out is None:
         return
     if out.exists() and not out.is_dir():

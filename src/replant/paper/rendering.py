@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator, Row
 from replant.paper.catalogue import ACTUATOR_FIGURES, Outcome
@@ -17,10 +17,7 @@ from replant.paper.reproduction import SOURCE, Cell, TableResult, notes, summary
 from replant.report.html.page import Html, code, facts, icon, section, write_page
 from replant.report.html.tables import svg, table, versions
 from replant.report.number_format import number, uncertain
-
-if TYPE_CHECKING:
-    from rich.table import Table as RichTable
-
+from replant.report.terminal.console import Table as Grid
 
 Texts = tuple[str, ...]
 ACTUATOR_TITLE = "The actuator: twelve online runs, least squares, and replant's default"
@@ -81,23 +78,19 @@ def measure_tables(actuator: Actuator) -> Iterator[tuple[str, Texts, list[Texts]
         yield title, ("method", *names), rows
 
 
-def as_rich(actuator: Actuator) -> RichTable:
+def as_table(actuator: Actuator) -> Grid:
     """Return a table for the terminal, 80 columns wide: a section for each run, a line for each filter."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=box.SIMPLE_HEAD, show_lines=True, pad_edge=False, padding=0)
+    table = Grid(gap=1, ruled=True)
     for heading in ("method", "filter"):
-        table.add_column(heading, no_wrap=True)
+        table.column(heading, right=False, breaks=False)
     for heading in _headings(actuator):
-        table.add_column(heading, justify="right", no_wrap=True)
+        table.column(heading, breaks=False)
     for (method, variant), group in groupby(actuator.rows, lambda row: (row.method, row.variant)):
         rows = list(group)
         columns = zip(*((row.filters, *_fields(row)) for row in rows), strict=True)
         style = "bold" if method == DEFAULT else ""
         name = f"{method}\n{variant}" if variant else method
-        table.add_row(Text(name, style), *(Text("\n".join(column), style) for column in columns))
+        table.row(name, *map("\n".join, columns), style=style)
     return table
 
 
@@ -156,13 +149,7 @@ def _markdown(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def _short(value: float | None) -> str:
-    """Return a figure in five characters if possible.
-
-    Examples
-    --------
-    >>> [_short(value) for value in (-0.001, 6.406, -101.76, 2.79e12, -math.inf, None)]
-    ['0.00', '6.41', '-102', '2.79e12', 'none', 'never']
-    """
+    """Return a figure in five characters if possible."""
     if value is None:
         return "never"
     if not math.isfinite(value):
@@ -179,13 +166,7 @@ def _scientific(value: float | None) -> str:
 
 
 def _listed(errors: Mapping[str, float]) -> str:
-    """Return errors by name, each with two digits.
-
-    Examples
-    --------
-    >>> _listed({"a1": -0.00123, "a0": 102.4})
-    'a1 0.0012 %, a0 102 %'
-    """
+    """Return errors by name, each with two digits."""
     sizes = {name: abs(error) for name, error in errors.items()}
     return ", ".join(f"{name} {size:.0f} %" if size >= 10.0 else f"{name} {size:.2g} %" for name, size in sizes.items())
 
@@ -317,13 +298,7 @@ def _emphasised(row: Sequence[str]) -> list[str]:
 
 
 def typeset(text: str) -> str:
-    r"""Return plain text of the terminal as HTML with typeset symbols, exponents, signs and units.
-
-    Examples
-    --------
-    >>> typeset("J_sum 2.79e12, a0 -5 %, g_n 5e-5 (1/s^2)")
-    'J<sub>sum</sub> 2.79×10<sup>12</sup>, a<sub>0</sub> −5\xa0%, g<sub>n</sub> 5×10<sup>−5</sup> (1/s<sup>2</sup>)'
-    """
+    r"""Return plain text of the terminal as HTML with typeset symbols, exponents, signs and units."""
     text = html.escape(text)
     for pattern, printed in _PRINTED:
         text = re.sub(pattern, printed, text)

@@ -11,14 +11,12 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from replant.fleet.fit import sweep
 from replant.paper.tables import Row, Table, run_seeds
-
-if TYPE_CHECKING:
-    from rich.table import Table as RichTable
-
+from replant.report.terminal.console import Table as Grid
+from replant.report.terminal.console import Text
 
 SEEDS = 20  # runs of a row with a replay buffer: seeds 0 to 19 [count]
 
@@ -28,15 +26,7 @@ LIMIT = 3.0
 
 @dataclass(frozen=True)
 class Cell:
-    """A figure of a table, ours and the published one.
-
-    Examples
-    --------
-    >>> Cell("J_a0", ours=5186.3, published=5.19e3).verdict
-    'equal'
-    >>> Cell("J_a0", ours=2165.0, published=2.14e3, std=29.0).verdict
-    'within 3 std'
-    """
+    """A figure of a table, ours and the published one."""
 
     index: str  # the name of the index, such as "J_a0"
     ours: float  # for a row with buffer, the mean over the seeds
@@ -111,12 +101,7 @@ def reproduce(
     on_run: Callable[[], None] | None = None,
     executor: Executor | str | None = None,
 ) -> TableResult:
-    """Run every experiment of a table.
-
-    >>> from replant.paper.tables import TABLES
-    >>> reproduce(TABLES["table2"])["AMSGrad, amplitude 0.1"]["J_b0"].verdict
-    'equal'
-    """
+    """Run every experiment of a table."""
     tasks = [(row, len(_seeds_of(row, seeds))) for row in table.rows]
     made, total = 0, runs(table, seeds)
 
@@ -138,13 +123,7 @@ def runs(table: Table, seeds: int = SEEDS) -> int:
 
 
 def three_digits(value: float) -> str:
-    """Return a figure with three digits, as the article prints it.
-
-    Examples
-    --------
-    >>> three_digits(5186.32)
-    '5.19e+03'
-    """
+    """Return a figure with three digits, as the article prints it."""
     return f"{value:.2e}"
 
 
@@ -203,23 +182,20 @@ def as_markdown(results: Sequence[TableResult]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def as_rich(result: TableResult) -> RichTable:
+def as_table(result: TableResult) -> Grid:
     """Return a table for the terminal without title and notes: a section for each row, a line for each figure."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
     buffered = _has_std(result)
-    table = Table(box=box.SIMPLE_HEAD, show_lines=True, pad_edge=False)
-    table.add_column(result.table.heading)  # wraps on a narrow terminal
+    table = Grid(gap=3, ruled=True)
+    table.column(result.table.heading, right=False)
     for name in COLUMNS:
         if buffered or name != "std":
-            table.add_column(name, justify="left" if name in ("index", "match") else "right", no_wrap=True)
+            table.column(name, right=name not in ("index", "match"), breaks=False)
     for row in result.rows:
         columns = zip(*(_fields(cell, buffered) for cell in row.cells), strict=True)
         *figures, _ = ("\n".join(column) for column in columns)
-        match = Text("\n").join(Text(cell.verdict, "green" if cell.agrees else "yellow") for cell in row.cells)
-        table.add_row(row.row.label, *figures, match)
+        lines = [(f"\n{cell.verdict}", "green" if cell.agrees else "yellow") for cell in row.cells]
+        first, colour = lines[0]
+        table.row(row.row.label, *figures, Text((first.lstrip(), colour), *lines[1:]))
     return table
 
 
