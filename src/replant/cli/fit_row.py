@@ -19,7 +19,6 @@ from replant.errors import InvalidArgumentError
 from replant.identified import model_json
 from replant.offline.fit import fit
 from replant.report.terminal.comparison import print_validation, validation_as_json
-from replant.report.terminal.console import Console
 from replant.report.terminal.row import print_row
 from replant.report.terminal.summary import record_line
 
@@ -29,6 +28,8 @@ NOT_YET = {"bias": False, "feedthrough": False, "input_map": "identity", "refere
 
 def fit_several(as_json: bool, out: Path | None, method: str, keeping: Keeping, options: dict[str, Any]) -> None:
     """Fit a row of transfer functions, print it, save and validate its model."""
+    from rich.console import Console
+
     named, begun = options["input_column"], time.perf_counter()
     for name, usual in {**NOT_YET, "method": "auto", "out": None}.items():
         if {**options, "method": method, "out": out}[name] != usual:

@@ -17,7 +17,6 @@ from replant.identified.row_model import RowModel, load_model
 from replant.identified.validation import Validation
 from replant.report.terminal.comparison import print_validation
 from replant.report.terminal.comparison import validation_as_json as validation_as_json
-from replant.report.terminal.console import Console
 from replant.report.terminal.look import as_json as look_as_json
 from replant.report.terminal.look import print_look
 from replant.report.terminal.row import print_row
@@ -55,6 +54,8 @@ def look_command(
     if as_json:
         click.echo(json.dumps(look_as_json(found), allow_nan=False))
         return
+    from rich.console import Console
+
     print_look(Console(), found)
     if path is not None:
         click.echo(f"wrote {path}")
@@ -82,6 +83,8 @@ def examples_command(out: Path) -> None:
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def show_command(model: Path, as_json: bool) -> None:
     """Print MODEL, a file that `--save` has written: G(s), its uncertainty, its verdict, and where it comes from."""
+    from rich.console import Console
+
     loaded = load_model(model)
     if as_json:
         click.echo(loaded.to_json(), nl=False)
@@ -107,6 +110,8 @@ def validate_command(
     model: Path, logs: tuple[Path, ...], as_json: bool, out: Path | None, required: str | None, **columns: Any
 ) -> None:
     """Compare MODEL with LOGS that it was not made from; offset and initial state are estimated, nothing else."""
+    from rich.console import Console
+
     loaded = load_model(model)
     if not logs:
         raise click.UsageError(f"name the logs to compare the model with: replant validate {model} LOG")

@@ -18,7 +18,6 @@ from replant.cli.terminal import Choice, did_you_mean
 from replant.errors import InvalidArgumentError, LogError
 from replant.limits import MOST_TRIED
 from replant.optimizers import OPTIMIZERS, Optimizer
-from replant.report.terminal.console import Console
 from replant.settings import AUTO
 
 
@@ -243,6 +242,8 @@ def check_complete(given: dict[str, Any]) -> None:
 
 def _look(given: dict[str, Any]) -> str:
     """Print what is in the log; return how the command goes on."""
+    from rich.console import Console
+
     from replant.data.inspection import inspect, options_of
     from replant.report.terminal.look import print_findings
 

@@ -33,7 +33,6 @@ from replant.identified.validation import Validation
 from replant.report.html.report_data import identifier_as_python
 from replant.report.terminal.comparison import print_validation
 from replant.report.terminal.comparison import validation_as_json as validation_as_json
-from replant.report.terminal.console import Console
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.terminal.summary import print_result, record_line
 from replant.runs.result import Result
@@ -153,6 +152,8 @@ def deliver(
     **report: Any,
 ) -> None:
     """Print a result, write its plots and its report, save and validate its model."""
+    from rich.console import Console
+
     result = dataclasses.replace(result, model=kept(result.model, log))
     validations = keeping.validated(result.model)
     paths = []

@@ -17,6 +17,7 @@ from replant.cli.options import (
     check_one_input,
     log_options,
     preprocess_of,
+    progress_bar,
     read_several,
     recording_of,
     request_of,
@@ -24,7 +25,6 @@ from replant.cli.options import (
     structure_of,
 )
 from replant.cli.output import Keeping, deliver, keeping_options, make_folder
-from replant.cli.progress import progress_bar
 from replant.cli.terminal import Choice
 from replant.data.logs import Log, Recording
 from replant.offline.fit import METHODS, fit
@@ -33,7 +33,6 @@ from replant.offline.samples import Samples
 from replant.offline.structure_search import SearchResult, search
 from replant.report.html.report_data import fit_as_python
 from replant.report.terminal import comparison
-from replant.report.terminal.console import Console
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source
@@ -60,10 +59,17 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
     """
     keeping = Keeping.of(options)
     with progress_bar(rate=True) as bar:
-        recording = recording_of(options, partial(bar.show, "checking"))
+        task = bar.add_task("checking", total=None)
+
+        def progress(stage: str, done: int, total: int) -> None:
+            if bar.tasks[task].description != stage:
+                bar.reset(task, description=stage)
+            bar.update(task, completed=done, total=total)
+
+        recording = recording_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
         make_folder(out)
-        stages = partial(_with_total, bar.show, recording.samples)
+        stages = partial(_with_total, progress, recording.samples)
         result = _run(recording, request, full_trace, startup, stages)
     shown = result.overview
     log = recording.held
@@ -111,6 +117,8 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
     Several inputs, each with -i, give a transfer function from each, with poles, zeros and a dead time of its own:
     -p 2,1 --delay 0,0.3.
     """
+    from rich.console import Console
+
     keeping, begun, found = Keeping.of(options), time.perf_counter(), None
     if isinstance(options["input_column"], tuple):
         fit_several(as_json, out, method, keeping, options)
@@ -142,6 +150,7 @@ def _search(logs: list[Log], options: dict[str, Any]) -> SearchResult:
     if zeros is None and len(options["poles"]) == 1:
         zeros = (0,)
     with progress_bar() as bar:
+        task = bar.add_task("structures", total=None)
         return search(
             logs if len(logs) > 1 else logs[0],
             poles=options["poles"],
@@ -149,7 +158,7 @@ def _search(logs: list[Log], options: dict[str, Any]) -> SearchResult:
             delays=options["delay"],
             bias=options["bias"],
             preprocess=preprocess_of(options),
-            progress=partial(bar.show, "structures"),
+            progress=lambda done, of: bar.update(task, completed=done, total=of),
         )
 
 

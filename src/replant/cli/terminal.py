@@ -15,7 +15,6 @@ import click
 PLAIN = "replant.plain"  # the error handler's name
 
 _SIGNS = str.maketrans({"±": "+-", "−": "-", "–": "-", "×": "x", "µ": "u", "μ": "u", "°": "deg", "∞": "inf"})
-_SIGNS |= str.maketrans({"─": "-", "━": "=", "…": "..."})
 _SUPERSCRIPTS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
 _LOWERED = str.maketrans(_SUPERSCRIPTS, "-0123456789")
 

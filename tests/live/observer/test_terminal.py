@@ -8,18 +8,13 @@ import re
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import replant as rp
 from replant.live.observer.terminal import TerminalStatus, render, status_line
-from replant.live.observer.view import View
-from replant.report.terminal.console import laid_out
 from support.cases import every
 from support.live_fakes import PLANT
 from support.live_views import resting_view, viewed
-
-
-def on_screen(view: View, truth: rp.TransferFunction | None = None, *, width: int, running: bool = True) -> str:
-    return "\n".join(map(str, laid_out(render(view, truth, running=running), width)))
 
 
 def test_the_status_says_what_matters_in_one_line() -> None:
@@ -35,7 +30,9 @@ def test_that_the_input_rests_is_said_once_beside_the_verdict() -> None:
     view = resting_view()
     assert "; trusted, not excited; " in status_line(view)
     assert "not excited" not in status_line(viewed(3000))
-    shown = on_screen(view, width=80)
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(render(view))
+    shown = console.export_text()
     assert " ".join(view.reasons[-1].split()[:5]) in " ".join(shown.split())
     assert "not excited" not in shown
 
@@ -56,14 +53,17 @@ def test_no_number_makes_a_line_long_whatever_its_size(value: float) -> None:
     assert len(text) < 300
     assert not re.search(r"[\d,]{25}", text)
     for running in (True, False):
-        model = rp.TransferFunction([1e-300], [1.0, 1e-300])
-        assert not re.search(r"[\d,]{25}", on_screen(view, model, width=400, running=running))
+        console = Console(width=400, record=True, file=io.StringIO())
+        console.print(render(view, rp.TransferFunction([1e-300], [1.0, 1e-300]), running=running))
+        assert not re.search(r"[\d,]{25}", console.export_text())
 
 
 @every("width", [80, 120])
 @every("samples", [0, 3000])
 def test_the_screen_keeps_within_its_width(width: int, samples: int) -> None:
-    text = on_screen(viewed(samples), PLANT, width=width)
+    console = Console(width=width, record=True, file=io.StringIO())
+    console.print(render(viewed(samples), PLANT))
+    text = console.export_text()
     assert max(map(len, text.splitlines())) <= width
     assert ("off by" in text) == (samples > 0)
 

@@ -13,7 +13,6 @@ from replant.model.structure import Structure
 from replant.offline.structure_search import Candidate, SearchResult
 from replant.report.findings import BAD, COLOURS, GOOD, findings, without_reasons
 from replant.report.number_format import percent, uncertain
-from replant.report.terminal.console import Console, Table, Text, cells
 from replant.report.terminal.summary import as_json as result_as_json
 from replant.report.terminal.summary import print_verdict
 from replant.runs.run_log import Contender, best
@@ -52,24 +51,26 @@ def gravity_of(entry: Contender, samples: int) -> str:
     return BAD if entry.result is None else findings(entry.result, samples)[0].gravity
 
 
-def print_comparison(console: Console, contenders: Sequence[Contender], structure: Structure, samples: int) -> None:
+def print_comparison(console: Any, contenders: Sequence[Contender], structure: Structure, samples: int) -> None:
     """Print a table with a row for each method, that of the best simulated fit in bold.
 
     On a narrow terminal the columns are printed in several blocks.
     """
+    from rich.cells import cell_len
+
     headings = ["method", *OUTCOME, *structure.names]
     columns = [[entry.name for entry in contenders]]
     columns += [
         _aligned(column) for column in zip(*(cells_of(entry, structure.size) for entry in contenders), strict=True)
     ]
-    widths = [max(map(cells, [heading, *column])) for heading, column in zip(headings, columns, strict=True)]
+    widths = [max(map(cell_len, [heading, *cells])) for heading, cells in zip(headings, columns, strict=True)]
     for chosen in _blocks(widths, console.width):
         console.print(_terminal_table(headings, columns, chosen, contenders, samples))
         console.print()
     for entry in contenders:
         if gravity_of(entry, samples) != GOOD:
             why = entry.problem if entry.result is None else "; ".join(entry.result.verdict.reasons[:1])
-            console.print(f"{entry.name}: {why}", style="dim")
+            console.print(f"{entry.name}: {why}", style="dim", highlight=False, markup=False)
 
 
 def _aligned(cells: Sequence[str]) -> list[str]:
@@ -111,15 +112,18 @@ def _terminal_table(
     chosen: Sequence[int],
     contenders: Sequence[Contender],
     samples: int,
-) -> Table:
-    table = Table(gap=GAP)
+) -> Any:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0))
     first = best(contenders)
     for i in chosen:
-        table.column(headings[i], right=i not in (0, VERDICT), breaks=False)
+        table.add_column(headings[i], justify="left" if i in (0, VERDICT) else "right", no_wrap=True)
     for k, entry in enumerate(contenders):
         colour = COLOURS[gravity_of(entry, samples)]
-        shown = [Text((columns[i][k], f"bold {colour}" if i == VERDICT else "")) for i in chosen]
-        table.row(*shown, style="bold" if entry is first else "")
+        shown = [Text(columns[i][k], f"bold {colour}" if i == VERDICT else "") for i in chosen]
+        table.add_row(*shown, style="bold" if entry is first else None)
     return table
 
 
@@ -169,19 +173,23 @@ def _object(candidate: Candidate, *, chosen: bool) -> dict[str, Any]:
     }
 
 
-def print_candidates(console: Console, found: SearchResult) -> None:
+def print_candidates(console: Any, found: SearchResult) -> None:
     """Print the table, and the dead time where it lies between the points of the grid."""
-    table = Table(*HEADINGS)
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for heading in HEADINGS:
+        table.add_column(heading, justify="right")
     for row in rows_of(found):
-        table.row(*row, style="bold" if row[-1] == CHOSEN else "")
+        table.add_row(*row, style="bold" if row[-1] == CHOSEN else None)
     console.print(table)
     if found.rest:
-        console.print(found.rest)
+        console.print(found.rest, highlight=False)
     if found.likely[0] is not found.chosen:
-        console.print("Orders are compared with the dead time found between the points of the grid")
+        console.print("Orders are compared with the dead time found between the points of the grid", highlight=False)
     delay = found.best.structure.delay
     if delay != found.chosen.structure.delay:
-        console.print(f"\nThe dead time between the points of the grid: {delay:.4g} s")
+        console.print(f"\nThe dead time between the points of the grid: {delay:.4g} s", highlight=False)
 
 
 def validation_as_json(validation: Validation, source: str) -> dict[str, Any]:
@@ -199,20 +207,20 @@ def validation_as_json(validation: Validation, source: str) -> dict[str, Any]:
     }
 
 
-def print_validation(console: Console, validation: Validation, source: str) -> None:
+def print_validation(console: Any, validation: Validation, source: str) -> None:
     """Print a validation: fits, offset, tests of the residual, and the verdict in words."""
-    console.print(f"\nOn {source}", style="bold")
+    console.print(f"\nOn {source}", highlight=False, markup=False, style="bold")
     simulated, one_step = (percent(fit, ascii_only=True) for fit in (validation.fit, validation.one_step))
-    console.print(f"Fit      {simulated} {validation.how}, {one_step} one step ahead")
+    console.print(f"Fit      {simulated} {validation.how}, {one_step} one step ahead", highlight=False)
     if math.isfinite(validation.offset):
-        console.print(f"Offset   {validation.offset:+.4g} beside the model's working point")
+        console.print(f"Offset   {validation.offset:+.4g} beside the model's working point", highlight=False)
     auto, cross = validation.outside
     if math.isfinite(auto):
         outside = f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input"
-        console.print(f"Residual correlated beyond the 95 % limit: {outside} (of a right model 5 %)")
+        console.print(f"Residual correlated beyond the 95 % limit: {outside} (of a right model 5 %)", highlight=False)
     if validation.by_frequency is not None:
         worst = validation.by_frequency.worst
         error = f"up to {share(worst)} of |G|" if worst else "none beyond chance"
-        console.print(f"Error    {error}, by frequency")
-    console.print(f"Samples  {validation.samples:,}")
+        console.print(f"Error    {error}, by frequency", highlight=False)
+    console.print(f"Samples  {validation.samples:,}", highlight=False)
     print_verdict(console, validation.verdict)

@@ -13,7 +13,6 @@ from replant.data.inspection.columns import Column, Kind
 from replant.data.logs.sampling_time import time_candidates
 from replant.identified.model_json import finite
 from replant.report.number_format import duration, interval
-from replant.report.terminal.console import Console
 from replant.report.terminal.summary import wrapped
 
 FEW = 8  # different values up to which their number is shown [count]
@@ -101,14 +100,14 @@ def looks_like(column: Column, found: Inspection) -> str:
     return next((name for name, role in named if role is not None and role.column == column), "")
 
 
-def print_look(console: Console, found: Inspection) -> None:
+def print_look(console: Any, found: Inspection) -> None:
     """Print columns, clock, guesses and the suggested command."""
     print_findings(console, found)
     console.print()
     _say(console, command_of(found) or "No command to suggest: name two columns with --input and --output.")
 
 
-def print_findings(console: Console, found: Inspection) -> None:
+def print_findings(console: Any, found: Inspection) -> None:
     """Print the same without the command."""
     rows = _counted(found.rows, "row")
     if not found.contents.whole:
@@ -135,8 +134,8 @@ def _counted(count: int, what: str) -> str:
     return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
-def _say(console: Console, text: str) -> None:
-    console.print(text.rstrip(), whole=True)
+def _say(console: Any, text: str) -> None:
+    console.print(text.rstrip(), highlight=False, markup=False, soft_wrap=True)
 
 
 def _lines_of_table(found: Inspection) -> list[str]:

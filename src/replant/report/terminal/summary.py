@@ -14,7 +14,6 @@ from replant.identified.model import Model
 from replant.model.transfer_function import TransferFunction
 from replant.report.findings import colour_of
 from replant.report.number_format import duration, interval, off_by, percent, std_alone, with_std
-from replant.report.terminal.console import Console, Table, Text
 from replant.runs.result import Clock, Result
 
 REASON_INDENT = 9  # indent of the reasons, below the figures [columns]
@@ -38,54 +37,56 @@ def record_line(samples: int, dt: float, seconds: float) -> str:
 
 
 def print_result(
-    console: Console, result: Result, *, truth: TransferFunction | None = None, record: str = "", lead: str = ""
+    console: Any, result: Result, *, truth: TransferFunction | None = None, record: str = "", lead: str = ""
 ) -> None:
     """Print G(s), coefficients, poles, fit and verdict."""
     console.print()
     if result.parameters.any():
         _print_model(console, result.model, truth)
         simulated, one_step = (percent(fit, ascii_only=True) for fit in (result.simulation.fit, result.one_step))
-        console.print(f"Fit      {simulated} {result.simulation.how}, {one_step} one step ahead")
+        console.print(f"Fit      {simulated} {result.simulation.how}, {one_step} one step ahead", highlight=False)
     else:
-        console.print("No model yet: the record gave no estimate.\n")
+        console.print("No model yet: the record gave no estimate.\n", highlight=False)
     if record:
-        console.print(f"Record   {record}")
+        console.print(f"Record   {record}", highlight=False)
     _print_samples(console, result.samples, result.rejected)
     if result.clock is not None and result.clock.irregular:
-        console.print(f"Clock    {_irregular(result.clock)}")
+        console.print(f"Clock    {_irregular(result.clock)}", highlight=False)
     print_verdict(console, result.verdict, lead)
 
 
-def print_kept_model(console: Console, model: Model) -> None:
+def print_kept_model(console: Any, model: Model) -> None:
     """Print a model that was kept: G(s), coefficients, poles, fit, verdict, and where it comes from."""
     console.print()
     _print_model(console, model, None)
     fits = (percent(fit, ascii_only=True) for fit in (model.simulated_fit, model.one_step_fit))
-    console.print("Fit      {} simulated, {} one step ahead".format(*fits))
+    console.print("Fit      {} simulated, {} one step ahead".format(*fits), highlight=False)
     _print_samples(console, model.provenance.samples, dict(model.rejected))
     mapped = f" (map: {model.input_map})" if model.input_map != "identity" else ""
     signals = f"{model.input_name}{mapped} -> {model.output_name}, dt {model.dt:g} s"
     made = model.provenance
-    console.print(f"Signals  {signals}")
+    console.print(f"Signals  {signals}", highlight=False, markup=False)
     rest = f"output {model.output_level:.5g} at input {model.input_level:.5g}"
-    console.print(f"Rest     {rest}")
+    console.print(f"Rest     {rest}", highlight=False)
     source = f"{made.source or 'samples'}, {made.method}, replant {made.version}, {made.date}"
-    console.print(f"Made of  {source}")
+    console.print(f"Made of  {source}", highlight=False, markup=False)
     print_verdict(console, model.verdict)
 
 
-def print_verdict(console: Console, verdict: Verdict, lead: str = "") -> None:
+def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
     """Print a verdict's status in its colour and what to do by it, and its reasons below."""
-    status = (verdict.status, f"bold {colour_of(verdict.status)}")
-    console.print(Text("Verdict  ", status, f": {lead}" if lead else ""), whole=True)
+    from rich.text import Text
+
+    status = Text("Verdict  ").append(verdict.status, f"bold {colour_of(verdict.status)}")
+    console.print(status.append(f": {lead}" if lead else ""), highlight=False, soft_wrap=True)
     for reason in verdict.reasons:
         for line in wrapped(reason, console.width - REASON_INDENT):
-            console.print(" " * REASON_INDENT + line, whole=True)
+            console.print(" " * REASON_INDENT + line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _print_samples(console: Console, samples: int, rejected: Mapping[str, int]) -> None:
+def _print_samples(console: Any, samples: int, rejected: Mapping[str, int]) -> None:
     left_out = ", ".join(f"{count} {reason}" for reason, count in rejected.items() if count)
-    console.print(f"Samples  {samples:,}" + (f", rejected: {left_out}" if left_out else ""))
+    console.print(f"Samples  {samples:,}" + (f", rejected: {left_out}" if left_out else ""), highlight=False)
 
 
 def _clock(clock: Clock) -> dict[str, Any]:
@@ -103,9 +104,9 @@ def _irregular(clock: Clock) -> str:
     return said + (f"; {gaps:,} gap{'s' if gaps > 1 else ''}" if gaps else "")
 
 
-def _print_model(console: Console, model: Model, truth: TransferFunction | None) -> None:
+def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> None:
     for line in fraction(model.transfer_function):
-        console.print(line)
+        console.print(line, highlight=False, markup=False)
     console.print()
     console.print(_parameter_table(model, truth))
     console.print()
@@ -113,7 +114,7 @@ def _print_model(console: Console, model: Model, truth: TransferFunction | None)
     console.print()
     known = model.uncertainty
     gain = with_std(model.transfer_function.dc_gain, known.dc_gain_std if known else math.nan)
-    console.print(f"DC gain  {gain}")
+    console.print(f"DC gain  {gain}", highlight=False)
 
 
 def wrapped(text: str, width: int) -> list[str]:
@@ -131,23 +132,34 @@ def wrapped(text: str, width: int) -> list[str]:
     return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
 
 
-def _parameter_table(model: Model, truth: TransferFunction | None) -> Table:
+def table(*headings: str) -> Any:
+    """Return an empty table whose columns are flush right."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for heading in headings:
+        table.add_column(Text(heading), justify="right")  # as Text: rich would take "[s]" for a style
+    return table
+
+
+def _parameter_table(model: Model, truth: TransferFunction | None) -> Any:
     """Return the table of coefficients, with standard deviations and true values if known."""
     known = model.uncertainty is not None
     headings = ["coefficient", "identified", *(["std"] if known else []), *(["true", "off by"] if truth else [])]
-    shown = Table(*headings)
+    shown = table(*headings)
     true = true_parameters(truth) if truth else [math.nan] * model.structure.size
     for name, value, std, target in zip(model.structure.names, model.parameters, _stds(model), true, strict=False):
         cells = [name, f"{value:.4g}", *([std_alone(std)] if known else [])]
         if truth:
             cells += [f"{target:.4g}", off_by(value, target)]
-        shown.row(*cells)
+        shown.add_row(*cells)
     return shown
 
 
-def _mode_table(model: Model) -> Table:
+def _mode_table(model: Model) -> Any:
     """Return the table of poles: frequency, damping and time constant, with standard deviations if known."""
-    shown = Table("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
+    shown = table("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
     uncertain = model.uncertainty.modes if model.uncertainty else None
     for i, mode in enumerate(model.transfer_function.modes):
         stds = (
@@ -158,7 +170,7 @@ def _mode_table(model: Model) -> Table:
         pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
         if not mode.pole.imag:
             cells[1] = f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
-        shown.row(pole, *cells)
+        shown.add_row(pole, *cells)
     return shown
 
 
