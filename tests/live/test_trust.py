@@ -81,7 +81,7 @@ def consumers(clock: Clock, generator: np.random.Generator) -> list[Consumer]:
     ]
 
 
-@every("seed", range(5))
+@every("seed", range(5), quick=2)
 def test_nobody_trusts_for_longer_than_the_time_to_live(seed: int) -> None:
     """Samples come and stay away, are rejected, verdicts change, the session's thread waits: five minutes at random.
 
