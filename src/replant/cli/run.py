@@ -31,8 +31,8 @@ from replant.offline.fit import METHODS, fit
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.structure_search import SearchResult, search
-from replant.report.html.report_data import fit_as_python
-from replant.report.terminal import comparison
+from replant.report import terminal_tables as comparison
+from replant.report.material import fit_as_python
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source

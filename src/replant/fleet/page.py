@@ -23,9 +23,9 @@ from replant.fleet.quantities import Quantity, quantities_of
 from replant.fleet.records import Watched, opened
 from replant.fleet.store import FAILED, column
 from replant.fleet.work import one_thread, result_of
-from replant.report.html.page import asset, heading, icon, section, style, today, words
-from replant.report.html.report import write_report
-from replant.report.number_format import number
+from replant.plotting.numbers import number
+from replant.report.page import asset, heading, icon, section, style, today, words
+from replant.report.result_page import write_report
 
 WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and of the part for its axis [px]
 MOST_BARS = 40  # bars at most: few rigs get fewer [count]

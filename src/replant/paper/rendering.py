@@ -14,9 +14,9 @@ from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator
 from replant.paper.catalogue import ACTUATOR_FIGURES, Outcome
 from replant.paper.figures import FIGURES
 from replant.paper.reproduction import SOURCE, Cell, TableResult, notes, summary
-from replant.report.html.page import Html, code, facts, icon, section, write_page
-from replant.report.html.tables import svg, table, versions
-from replant.report.number_format import number, uncertain
+from replant.plotting.numbers import number, uncertain
+from replant.report.page import Html, code, facts, icon, section, write_page
+from replant.report.tables import svg, table, versions
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

@@ -9,9 +9,9 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.record_regressors import regressors
+from replant.plotting.numbers import complex_number, number
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
-from replant.report.number_format import complex_number, number
 from replant.runs.result import Result
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]

@@ -23,8 +23,8 @@ from replant.errors import ReplantError
 from replant.live.dashboard.hub import COMMANDS, Hub
 from replant.live.dashboard.security import HEADERS, Guard, most_connections
 from replant.report.findings import VERDICTS
-from replant.report.html.page import asset as report_asset
-from replant.report.html.page import uplot
+from replant.report.page import asset as report_asset
+from replant.report.page import uplot
 
 PERIOD = 0.2  # time between two views to one browser [s]
 HISTORY_PERIOD = 1.0  # time between two messages of what is long and changes slowly, history and responses [s]

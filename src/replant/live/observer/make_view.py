@@ -22,7 +22,7 @@ from replant.online.kept_model import model_of
 from replant.online.newest_samples import newest_samples
 from replant.plotting.diagrams import mirrored
 from replant.report.figures.style import mapped_label
-from replant.report.terminal.summary import true_parameters
+from replant.report.terminal import true_parameters
 from replant.runs.thinning import thin
 from replant.simulation.stretches import joined, stretches_of
 

@@ -13,7 +13,7 @@ from replant.interop import unit_of as unit_of
 from replant.interop import without_unit
 from replant.model.structure import Structure
 from replant.plotting.diagrams import BLUE, VERMILION, blank_figure
-from replant.report.number_format import number
+from replant.plotting.numbers import number
 from replant.runs.result import History, Result
 
 # what was measured is wide and pale, the model thin and dark: told apart in grey as well

@@ -17,6 +17,7 @@ import numpy as np
 from replant.data.logs import Log
 from replant.data.logs.recording import digest
 from replant.plotting.diagrams import blank_figure
+from replant.plotting.numbers import MINUS, complex_number, duration, number, off_by, uncertain
 from replant.report.figures import (
     draw_bode,
     draw_correlations,
@@ -29,9 +30,8 @@ from replant.report.figures import (
 )
 from replant.report.figures.over_time import draw_transients
 from replant.report.figures.responses import regions
-from replant.report.html.page import Html, facts, words
-from replant.report.html.report_data import Material
-from replant.report.number_format import MINUS, complex_number, duration, number, off_by, uncertain
+from replant.report.material import Material
+from replant.report.page import Html, facts, words
 from replant.runs.result import Result
 
 HALF, WHOLE = 4.5, 7.4  # half and whole width of the page [inches]

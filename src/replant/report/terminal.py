@@ -12,8 +12,8 @@ from replant.assessment.verdict import Verdict
 from replant.identified import model_json
 from replant.identified.model import Model
 from replant.model.transfer_function import TransferFunction
+from replant.plotting.numbers import duration, interval, off_by, percent, std_alone, with_std
 from replant.report.findings import colour_of
-from replant.report.number_format import duration, interval, off_by, percent, std_alone, with_std
 from replant.runs.result import Clock, Result
 
 REASON_INDENT = 9  # indent of the reasons, below the figures [columns]

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.report.number_format import grouped, mathml, number, uncertain, with_prefix, with_std
+from replant.plotting.numbers import grouped, mathml, number, uncertain, with_prefix, with_std
 from support.cases import every
 
 

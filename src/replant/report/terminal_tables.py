@@ -11,10 +11,10 @@ from replant.identified.model_json import finite, verdict_object
 from replant.identified.validation import Validation
 from replant.model.structure import Structure
 from replant.offline.structure_search import Candidate, SearchResult
+from replant.plotting.numbers import percent, uncertain
 from replant.report.findings import BAD, COLOURS, GOOD, findings, without_reasons
-from replant.report.number_format import percent, uncertain
-from replant.report.terminal.summary import as_json as result_as_json
-from replant.report.terminal.summary import print_verdict
+from replant.report.terminal import as_json as result_as_json
+from replant.report.terminal import print_verdict
 from replant.runs.run_log import Contender, best
 
 OUTCOME = ("verdict", "simulated", "one step", "time")

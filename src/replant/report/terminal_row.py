@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from replant.identified.row_model import RowModel
-from replant.report.number_format import percent, std_alone, with_std
-from replant.report.terminal.summary import fraction, print_verdict, table
+from replant.plotting.numbers import percent, std_alone, with_std
+from replant.report.terminal import fraction, print_verdict, table
 
 
 def print_row(console: Any, model: RowModel, *, record: str = "", lead: str = "") -> None:

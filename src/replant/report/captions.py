@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.plotting.numbers import complex_number, number, percent
 from replant.report.figures import style
 from replant.report.figures.over_time import reach
 from replant.report.findings import Excitation
-from replant.report.html.report_data import Material
-from replant.report.number_format import complex_number, number, percent
+from replant.report.material import Material
 from replant.runs.result import Clock
 from replant.runs.thinning import POINTS, Thinned, thin
 

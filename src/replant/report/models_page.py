@@ -18,13 +18,13 @@ from replant.identified.model import Model
 from replant.identified.validation import Validation
 from replant.log import Log
 from replant.plotting.diagrams import Shown, blank_figure
+from replant.plotting.numbers import percent, uncertain
+from replant.report import tables
 from replant.report.figures import style
 from replant.report.figures.comparison import draw_models, draw_poles_of, draw_steps
-from replant.report.html import tables
-from replant.report.html.comparison import outputs, responses, swatches_of
-from replant.report.html.page import Html, code, facts, section, write_page
-from replant.report.html.tables import HALF, described, look, svg
-from replant.report.number_format import percent, uncertain
+from replant.report.methods_page import outputs, responses, swatches_of
+from replant.report.page import Html, code, facts, section, write_page
+from replant.report.tables import HALF, described, look, svg
 from replant.runs.result import Clock, Result
 from replant.runs.run_log import Contender, best
 from replant.simulation.stretches import stretches_of

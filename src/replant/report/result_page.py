@@ -16,18 +16,19 @@ from replant.data.logs import Log
 from replant.identified.validation import Validation
 from replant.optimizers import RecursiveLeastSquares
 from replant.plotting.diagrams import blank_figure, draw_validation
+from replant.plotting.numbers import mathml, number, percent, uncertain
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
+from replant.report import captions as words
+from replant.report import material as report_data
+from replant.report import tables
+from replant.report.captions import charts
 from replant.report.figures import style
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
-from replant.report.html import plot_data as words
-from replant.report.html import report_data, tables
-from replant.report.html.page import asset, code, folded, heading, icon, today, uplot
-from replant.report.html.page import style as page_style
-from replant.report.html.page import words as in_words
-from replant.report.html.plot_data import charts
-from replant.report.html.report_data import Material
-from replant.report.number_format import mathml, number, percent, uncertain
+from replant.report.material import Material
+from replant.report.page import asset, code, folded, heading, icon, today, uplot
+from replant.report.page import style as page_style
+from replant.report.page import words as in_words
 from replant.runs.result import Result
 from replant.settings import Settings
 

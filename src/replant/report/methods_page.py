@@ -10,15 +10,16 @@ from typing import Any
 
 from replant.data.logs import Log
 from replant.plotting.diagrams import blank_figure
+from replant.plotting.numbers import number, percent
 from replant.regressor.preprocess import Preprocess
+from replant.report import material as report_data
+from replant.report import tables
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, style
 from replant.report.figures.comparison import legend_columns
 from replant.report.findings import BAD, GOOD, Finding, findings
-from replant.report.html import report_data, tables
-from replant.report.html.page import NO_BREAK, Html, code, facts, icon, section, write_page
-from replant.report.html.tables import HALF, described, look, svg, variable
-from replant.report.number_format import number, percent
-from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
+from replant.report.page import NO_BREAK, Html, code, facts, icon, section, write_page
+from replant.report.tables import HALF, described, look, svg, variable
+from replant.report.terminal_tables import OUTCOME, cells_of, gravity_of
 from replant.runs.result import Result
 from replant.runs.run_log import Contender, best
 
