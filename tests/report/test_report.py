@@ -19,8 +19,8 @@ import replant as rp
 from replant.cli import main
 from replant.errors import MissingDependencyError
 from replant.report import result_page as module
-from replant.report.captions import charts
 from replant.report.findings import findings
+from replant.report.page_figures import charts
 from replant.report.result_page import write_report
 from support.builders import with_model
 
@@ -374,8 +374,8 @@ def test_where_uplot_was_not_fetched_that_of_uplot_python_is_taken(tmp_path, mon
 
 
 def test_plots_over_time_know_what_is_left_out(uncertain) -> None:
-    from replant.report.captions import charts
     from replant.report.material import Material
+    from replant.report.page_figures import charts
 
     result = dataclasses.replace(uncertain.result, left_out=np.array([[10, 30]]))
     found = charts(Material(result, uncertain.log, result.settings.filter, rp.Preprocess()))

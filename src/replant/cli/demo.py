@@ -121,7 +121,7 @@ def _run(
     """Run and draw ``names``; return the outcome, the paths of the figures and, for a report, the figures."""
     drawn = [name for name in names if is_figure(name)]
     if drawn:
-        from replant.plotting.diagrams import blank_figure
+        from replant.plotting.style import blank_figure
 
         blank_figure(1.0, 1.0)  # raises without matplotlib, before the computation
     written: list[Path] = []

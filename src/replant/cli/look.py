@@ -47,7 +47,7 @@ def look_command(
     make_folder(out)
     path = None
     if out is not None:
-        from replant.report.figures.over_time import save_columns
+        from replant.report.figures import save_columns
 
         with write_errors_reported(out):
             path = save_columns(out, found)

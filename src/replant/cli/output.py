@@ -30,7 +30,7 @@ from replant.identified.model import Model
 from replant.identified.model_file import check_target
 from replant.identified.row_model import RowModel
 from replant.identified.validation import Validation
-from replant.report.material import identifier_as_python
+from replant.report.programs import identifier_as_python
 from replant.report.terminal import as_json as result_as_json
 from replant.report.terminal import print_result, record_line
 from replant.report.terminal_tables import print_validation

@@ -32,7 +32,7 @@ from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.structure_search import SearchResult, search
 from replant.report import terminal_tables as comparison
-from replant.report.material import fit_as_python
+from replant.report.programs import fit_as_python
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source

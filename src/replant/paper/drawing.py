@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from replant.arguments import FloatArray
 from replant.online.trace import Trace
-from replant.plotting.diagrams import TRUE, open_frame
+from replant.plotting.style import TRUE, tidy
 
 POINTS = 2000  # points of a curve: more than a panel has pixels, few enough for a small SVG [count]
 
@@ -63,7 +63,7 @@ def draw_panel(axis: Any, curves: Iterable[tuple[str, Curve, Mapping[str, Any]]]
     for label, curve, style in curves:
         axis.plot(curve.t, curve.values, label=label, **style)
     axis.axhline(true, label="true value", **TRUE)
-    open_frame(axis)
+    tidy(axis)
 
 
 def limit(axis: Any, curves: Sequence[Curve], true: float, begin: float) -> None:

@@ -17,14 +17,13 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
 from replant.identified.validation import Validation
 from replant.log import Log
-from replant.plotting.diagrams import Shown, blank_figure
 from replant.plotting.numbers import percent, uncertain
+from replant.plotting.style import Shown, blank_figure
 from replant.report import tables
-from replant.report.figures import style
-from replant.report.figures.comparison import draw_models, draw_poles_of, draw_steps
-from replant.report.methods_page import outputs, responses, swatches_of
-from replant.report.page import Html, code, facts, section, write_page
-from replant.report.tables import HALF, described, look, svg
+from replant.report.figures import draw_models, draw_poles_of, draw_steps
+from replant.report.methods_page import figure, outputs, responses, swatches_of
+from replant.report.page import Html, code, facts, section, table, write_page
+from replant.report.page_figures import HALF, look, svg
 from replant.runs.result import Clock, Result
 from replant.runs.run_log import Contender, best
 from replant.simulation.stretches import stretches_of
@@ -150,7 +149,7 @@ def write_models(path: Path, comparison: ModelComparison, command: str = "") -> 
         section("", f'<p class="claim">{html.escape(claim(comparison))}</p>', _table(comparison), _reasons(comparison)),
         section("Outputs", outputs(contenders, log)),
         section("Step responses and poles", _steps_and_poles(comparison)),
-        section("Frequency responses", responses(contenders, log, style.mapped_label(log.input_name, "identity"))),
+        section("Frequency responses", responses(contenders, log, log.input_name)),
         section("How to reproduce this", code("shell", command) if command else "", facts(tables.of_record(log))),
     ]
     lede = f"{log.input_name} → {log.output_name}, {len(comparison.models)} models over {len(log):,} samples"
@@ -168,7 +167,7 @@ def claim(comparison: ModelComparison) -> str:
 def _table(comparison: ModelComparison) -> str:
     swatches = swatches_of(comparison.contenders)
     rows = [[Html(swatches[name] + html.escape(name)), *rest] for name, *rest in comparison.rows]
-    return tables.table(HEADINGS, rows, "Models compared", "table wide methods")
+    return table(HEADINGS, rows, "Models compared", "table wide methods")
 
 
 def _reasons(comparison: ModelComparison) -> str:
@@ -187,9 +186,6 @@ def _steps_and_poles(comparison: ModelComparison) -> str:
         axes = [blank_figure(HALF, 3.2).subplots() for _ in words]
         draw_steps(comparison.models, axes[0])
         draw_poles_of(comparison.models, axes[1])
-        pictures = [svg(axis.figure, f"models{i}") for i, axis in enumerate(axes)]
-    drawn = "".join(described(picture, said) for picture, said in zip(pictures, words, strict=True))
-    legend = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(comparison.contenders).items())
+        drawn = "".join(svg(axis.figure, f"models{i}", words[i]) for i, axis in enumerate(axes))
     caption = "Bands are two standard deviations wide to either side; regions of poles hold 95 %."
-    panels = f'<ul class="lines">{legend}</ul><div class="panels">{drawn}</div>'
-    return f"<figure>{panels}<figcaption>{caption}</figcaption></figure>"
+    return figure(comparison.contenders, drawn, caption)

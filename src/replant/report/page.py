@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import html
 import importlib.util
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import cache
 from importlib import resources
@@ -127,3 +127,18 @@ def facts(rows: Iterable[tuple[str, str]]) -> str:
 def code(kind: str, text: str) -> str:
     """Return a listing; ``kind`` is "shell" or "python"."""
     return f'<pre class="{kind}" tabindex="0"><code>{html.escape(text)}</code></pre>'
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kind: str = "table") -> str:
+    """Return a table whose first column holds the row headings."""
+    head = "".join(f'<th scope="col">{_escaped(heading)}</th>' for heading in headings)
+    body = "".join(
+        f'<tr><th scope="row">{_escaped(first)}</th>' + "".join(f"<td>{_escaped(cell)}</td>" for cell in rest) + "</tr>"
+        for first, *rest in rows
+    )
+    inner = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="{kind}" role="region" tabindex="0" aria-label="{html.escape(name)}">{inner}</div>'
+
+
+def _escaped(cell: str) -> str:
+    return cell if isinstance(cell, Html) else words(cell)
