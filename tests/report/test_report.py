@@ -162,7 +162,7 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
 
 def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
-    from replant.report import captions as words
+    from replant.report import page_figures as words
     from replant.report.material import Material
 
     with_bands, without = (

@@ -18,8 +18,7 @@ from replant.data.logs.recording import digest
 from replant.errors import InvalidArgumentError
 from replant.identified import row_json
 from replant.offline.fit import fit
-from replant.report.terminal import record_line
-from replant.report.terminal_row import print_row
+from replant.report.terminal import print_row, record_line
 from replant.report.terminal_tables import print_validation, validation_as_json
 
 #: Options that one input takes, and several do not, with what they are without them.

@@ -15,10 +15,9 @@ from replant.data.inspection import inspect
 from replant.examples import NAMES, path_of
 from replant.identified.row_model import RowModel, load_model
 from replant.identified.validation import Validation
-from replant.report.terminal import print_kept_model
+from replant.report.terminal import print_kept_model, print_row
 from replant.report.terminal_look import as_json as look_as_json
 from replant.report.terminal_look import print_look
-from replant.report.terminal_row import print_row
 from replant.report.terminal_tables import print_validation
 from replant.report.terminal_tables import validation_as_json as validation_as_json
 

@@ -15,9 +15,9 @@ from replant.paper.catalogue import ACTUATOR_FIGURES, Outcome
 from replant.paper.figures import FIGURES
 from replant.paper.reproduction import SOURCE, Cell, TableResult, notes, summary
 from replant.plotting.numbers import number, uncertain
+from replant.report.material import versions
 from replant.report.page import Html, code, facts, icon, section, table, write_page
 from replant.report.page_figures import svg
-from replant.report.tables import versions
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

@@ -27,16 +27,14 @@ import numpy as np
 from replant.arguments import FloatArray, instance, owned, record
 from replant.data.inspection import Inspection
 from replant.errors import InvalidArgumentError
-from replant.identified.model import Model
 from replant.identified.responses import Bode, StepResponse, frequencies
 from replant.limits import duration, file_path
-from replant.log import Log
 from replant.model.noise import NoiseModel
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import gain_unit, with_unit
-from replant.plotting.over_time import SHOWN_SMALL, Curve, Panel, draw_panel, draw_panels
+from replant.plotting.over_time import SHOWN_SMALL, draw_panels
 from replant.plotting.style import INK, MEASURED, MODEL, MUTED, RESIDUAL, TRUTH, axes_for
 from replant.regressor.preprocess import accepted
 from replant.report.findings import Excitation
@@ -408,11 +406,11 @@ def draw_responses(
     array of two axes
     """
     chosen, unit = reference or next(iter(results)), gain_unit(input_label, output_label)
-    found = _responses(results, dt, chosen)
+    found = responses_of(results, dt, chosen)
     return diagrams.draw_bode(found, axes, reference=chosen, unit=unit, size=(9.0, 5.4))
 
 
-def _responses(results: Mapping[str, Result], dt: float, reference: str) -> dict[str, Bode]:
+def responses_of(results: Mapping[str, Result], dt: float, reference: str) -> dict[str, Bode]:
     """Return responses over the frequencies of the reference, and those about the resonances of each."""
     span = frequencies(results[reference].transfer_function, dt)[[0, -1]]
     found = {}
@@ -480,39 +478,6 @@ def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, 
         omega = np.geomspace(max(found[0][0], 1e-3 * highest), highest, 300)
         curves["white noise" if noise.is_white else f"model of order {noise.order}"] = (omega, noise.spectrum(omega))
     return diagrams.draw_spectrum(curves, ax)
-
-
-def draw_models(
-    models: Mapping[str, Model], results: Mapping[str, Result], log: Log, best: str, axes: Any = None
-) -> Any:
-    """Draw outputs, step responses, magnitudes and poles of all models; return four axes."""
-    output, step, magnitude, poles = axes_for("axes", axes, 4, (11.0, 7.0), nrows=2, ncols=2)
-    draw_panels([output], output_panels(results, log.output, log.dt, log.output_name)[:1], SHOWN_SMALL)
-    draw_steps(models, step)
-    diagrams.draw_magnitude(magnitude, _responses(results, log.dt, best), reference=best)
-    draw_poles_of(models, poles)
-    style.legend(output)
-    return np.array([output, step, magnitude, poles], dtype=object)
-
-
-def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
-    """Draw the step response of each model with its band of two standard deviations."""
-    longest = max(float(model.step().time[-1]) for model in models.values())
-    curves = []
-    for (name, model), (colour, dashes) in zip(models.items(), style.LINES, strict=False):
-        step = model.step(longest)
-        std = None if step.std is None else np.minimum(step.std, 0.5 * (np.ptp(step.output) or 1.0))
-        curves.append(Curve(step.time, step.output, name, colour, std, dashes=dashes))
-    draw_panel(axis, Panel("", curves, (0.0, longest)))
-    axis.set(xlabel="time [s]", ylabel="step response")
-
-
-def draw_poles_of(models: Mapping[str, Model], axis: Any) -> None:
-    """Draw the poles and zeros of each model with their 95 % regions."""
-    found = {name: model.poles() for name, model in models.items()}
-    regions = {name: [(mode.mode.pole, mode.covariance) for mode in each.uncertain] for name, each in found.items()}
-    drawn = {n: (each.values, each.zeros, diagrams.with_conjugates(regions[n])) for n, each in found.items()}
-    diagrams.draw_poles(drawn, axis)
 
 
 def draw_columns(found: Inspection) -> Any:

@@ -13,7 +13,8 @@ from replant.plotting import style
 from replant.plotting.numbers import mapped_label, number, percent, symbols
 from replant.plotting.style import blank_figure
 from replant.regressor.preprocess import Preprocess
-from replant.report import programs, tables
+from replant.report import material as tables
+from replant.report import programs
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses
 from replant.report.findings import BAD, GOOD, Finding, findings
 from replant.report.page import NO_BREAK, Html, code, facts, icon, section, table, write_page
@@ -246,13 +247,7 @@ def _remarks(contenders: Sequence[Contender], samples: int) -> str:
 
 
 def _shortened(text: str) -> str:
-    """Return the first two sentences, and the others folded away.
-
-    Examples
-    --------
-    >>> _shortened("It fails. It does. Why? See.")
-    'It fails. It does. <details><summary>More</summary>Why? See.</details>'
-    """
+    """Return the first two sentences, and the others folded away."""
     sentences = re.split(r"(?<=[.?!]) (?=[A-Z0-9])", html.escape(text.replace(" %", NO_BREAK + "%")))
     first, rest = " ".join(sentences[:2]), " ".join(sentences[2:])
     return f"{first} <details><summary>More</summary>{rest}</details>" if rest else first

@@ -17,13 +17,16 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
 from replant.identified.validation import Validation
 from replant.log import Log
+from replant.plotting import diagrams, style
 from replant.plotting.numbers import percent, uncertain
-from replant.plotting.style import Shown, blank_figure
-from replant.report import tables
-from replant.report.figures import draw_models, draw_poles_of, draw_steps
+from replant.plotting.over_time import SHOWN_SMALL, Curve, Panel, draw_panel, draw_panels
+from replant.plotting.style import Shown, axes_for, blank_figure
+from replant.report import material as tables
+from replant.report.figures import responses_of
 from replant.report.methods_page import figure, outputs, responses, swatches_of
 from replant.report.page import Html, code, facts, section, table, write_page
 from replant.report.page_figures import HALF, look, svg
+from replant.report.panels import output_panels
 from replant.runs.result import Clock, Result
 from replant.runs.run_log import Contender, best
 from replant.simulation.stretches import stretches_of
@@ -189,3 +192,36 @@ def _steps_and_poles(comparison: ModelComparison) -> str:
         drawn = "".join(svg(axis.figure, f"models{i}", words[i]) for i, axis in enumerate(axes))
     caption = "Bands are two standard deviations wide to either side; regions of poles hold 95 %."
     return figure(comparison.contenders, drawn, caption)
+
+
+def draw_models(
+    models: Mapping[str, Model], results: Mapping[str, Result], log: Log, best: str, axes: Any = None
+) -> Any:
+    """Draw outputs, step responses, magnitudes and poles of all models; return four axes."""
+    output, step, magnitude, poles = axes_for("axes", axes, 4, (11.0, 7.0), nrows=2, ncols=2)
+    draw_panels([output], output_panels(results, log.output, log.dt, log.output_name)[:1], SHOWN_SMALL)
+    draw_steps(models, step)
+    diagrams.draw_magnitude(magnitude, responses_of(results, log.dt, best), reference=best)
+    draw_poles_of(models, poles)
+    style.legend(output)
+    return np.array([output, step, magnitude, poles], dtype=object)
+
+
+def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
+    """Draw the step response of each model with its band of two standard deviations."""
+    longest = max(float(model.step().time[-1]) for model in models.values())
+    curves = []
+    for (name, model), (colour, dashes) in zip(models.items(), style.LINES, strict=False):
+        step = model.step(longest)
+        std = None if step.std is None else np.minimum(step.std, 0.5 * (np.ptp(step.output) or 1.0))
+        curves.append(Curve(step.time, step.output, name, colour, std, dashes=dashes))
+    draw_panel(axis, Panel("", curves, (0.0, longest)))
+    axis.set(xlabel="time [s]", ylabel="step response")
+
+
+def draw_poles_of(models: Mapping[str, Model], axis: Any) -> None:
+    """Draw the poles and zeros of each model with their 95 % regions."""
+    found = {name: model.poles() for name, model in models.items()}
+    regions = {name: [(mode.mode.pole, mode.covariance) for mode in each.uncertain] for name, each in found.items()}
+    drawn = {n: (each.values, each.zeros, diagrams.with_conjugates(regions[n])) for n, each in found.items()}
+    diagrams.draw_poles(drawn, axis)

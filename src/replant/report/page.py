@@ -55,13 +55,7 @@ class Html(str):
 
 
 def words(text: str) -> Html:
-    r"""Return plain text as HTML without line breaks after a plus-minus sign or before a percent sign.
-
-    Examples
-    --------
-    >>> words("2 ± 1, <5 %")
-    '2 ±\xa01, &lt;5\xa0%'
-    """
+    r"""Return plain text as HTML without line breaks after a plus-minus sign or before a percent sign."""
     return Html(html.escape(text.replace("± ", "±" + NO_BREAK).replace(" %", NO_BREAK + "%")))
 
 

@@ -19,7 +19,8 @@ from replant.plotting.diagrams import draw_validation
 from replant.plotting.numbers import gain_unit, mathml, number, percent, uncertain, with_unit
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
-from replant.report import captions, page_figures, tables
+from replant.report import material as tables
+from replant.report import page_figures
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
 from replant.report.material import Material
 from replant.report.page import asset, code, folded, heading, icon, table, today, uplot, words
@@ -138,16 +139,16 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
 def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
     """Return the figures, each with its caption."""
     said = {
-        "fit": captions.of_fit(material),
-        "parameters": captions.of_transients(material),
-        "excitation": captions.of_excitation(material),
+        "fit": page_figures.of_fit(material),
+        "parameters": page_figures.of_transients(material),
+        "excitation": page_figures.of_excitation(material),
     }
     with page_figures.look():
         over_time = {
             name: _drawn(said[name], page_figures.time_picture(name, panels, said[name]), plots[name]) if panels else ""
             for name, panels in material.panels.items()
         }
-        one, other = captions.of_auto(material), captions.of_cross(material)
+        one, other = page_figures.of_auto(material), page_figures.of_cross(material)
         auto, cross = page_figures.correlations(material, (one, other))
         return {
             "fit": over_time["fit"],
@@ -155,11 +156,11 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
             "excitation": folded("Excitation", over_time["excitation"]),
             "auto": _drawn(one, auto),
             "cross": _drawn(other, cross),
-            "poles": _still(material, captions.of_poles, page_figures.poles),
-            "bode": _still(material, captions.of_bode, page_figures.bode),
-            "step": _still(material, captions.of_step, page_figures.step),
+            "poles": _still(material, page_figures.of_poles, page_figures.poles),
+            "bode": _still(material, page_figures.of_bode, page_figures.bode),
+            "step": _still(material, page_figures.of_step, page_figures.step),
             "spectrum": folded(
-                "Spectrum of what is left", _still(material, captions.of_spectrum, page_figures.spectrum)
+                "Spectrum of what is left", _still(material, page_figures.of_spectrum, page_figures.spectrum)
             ),
         }
 

@@ -1,4 +1,4 @@
-"""A result as the JSON object of the command line, and as tables for the terminal."""
+"""A result, a kept model and a model of several inputs as tables for the terminal; a result as an object of JSON."""
 
 from __future__ import annotations
 
@@ -11,28 +11,26 @@ from typing import Any
 from replant.assessment.verdict import Verdict
 from replant.identified import model_json
 from replant.identified.model import Model
+from replant.identified.row_model import RowModel
 from replant.model.transfer_function import TransferFunction
 from replant.plotting.numbers import duration, interval, off_by, percent, std_alone, with_std
 from replant.report.findings import colour_of
 from replant.runs.result import Clock, Result
 
-REASON_INDENT = 9  # indent of the reasons, below the figures [columns]
+INDENT = 9  # indent of what stands behind a heading [columns]
 
 
 def as_json(result: Result) -> dict[str, Any]:
     """Return the JSON object of `run` and `fit`: that of the model, how long it took, and an irregular clock."""
-    clock = {} if result.clock is None else {"clock": _clock(result.clock)}
-    return model_json.as_object(result.model) | {"elapsed_seconds": round(result.elapsed, 3)} | clock
+    found = model_json.as_object(result.model) | {"elapsed_seconds": round(result.elapsed, 3)}
+    if result.clock is not None:
+        shortest, longest = map(model_json.finite, (result.clock.shortest, result.clock.longest))
+        found["clock"] = {"irregular": result.clock.irregular, "shortest": shortest, "longest": longest}
+    return found
 
 
 def record_line(samples: int, dt: float, seconds: float) -> str:
-    """Return the size of a record in words: number of samples, sampling time and length, both in s.
-
-    Examples
-    --------
-    >>> record_line(20_000, 0.001, 20.0)
-    '20,000 samples, dt 1 ms, 20 s'
-    """
+    """Return the size of a record in words: number of samples, sampling time and length, both in s."""
     return f"{samples:,} samples, dt {interval(dt)}, {duration(seconds)}"
 
 
@@ -43,15 +41,14 @@ def print_result(
     console.print()
     if result.parameters.any():
         _print_model(console, result.model, truth)
-        simulated, one_step = (percent(fit, ascii_only=True) for fit in (result.simulation.fit, result.one_step))
-        console.print(f"Fit      {simulated} {result.simulation.how}, {one_step} one step ahead", highlight=False)
+        _say(console, "Fit", _fits(result.simulation.fit, result.simulation.how, result.one_step))
     else:
         console.print("No model yet: the record gave no estimate.\n", highlight=False)
     if record:
-        console.print(f"Record   {record}", highlight=False)
-    _print_samples(console, result.samples, result.rejected)
+        _say(console, "Record", record)
+    _say(console, "Samples", _samples(result.samples, result.rejected))
     if result.clock is not None and result.clock.irregular:
-        console.print(f"Clock    {_irregular(result.clock)}", highlight=False)
+        _say(console, "Clock", _irregular(result.clock))
     print_verdict(console, result.verdict, lead)
 
 
@@ -59,18 +56,36 @@ def print_kept_model(console: Any, model: Model) -> None:
     """Print a model that was kept: G(s), coefficients, poles, fit, verdict, and where it comes from."""
     console.print()
     _print_model(console, model, None)
-    fits = (percent(fit, ascii_only=True) for fit in (model.simulated_fit, model.one_step_fit))
-    console.print("Fit      {} simulated, {} one step ahead".format(*fits), highlight=False)
-    _print_samples(console, model.provenance.samples, dict(model.rejected))
+    _say(console, "Fit", _fits(model.simulated_fit, "simulated", model.one_step_fit))
+    _say(console, "Samples", _samples(model.provenance.samples, dict(model.rejected)))
     mapped = f" (map: {model.input_map})" if model.input_map != "identity" else ""
-    signals = f"{model.input_name}{mapped} -> {model.output_name}, dt {model.dt:g} s"
-    made = model.provenance
-    console.print(f"Signals  {signals}", highlight=False, markup=False)
-    rest = f"output {model.output_level:.5g} at input {model.input_level:.5g}"
-    console.print(f"Rest     {rest}", highlight=False)
-    source = f"{made.source or 'samples'}, {made.method}, replant {made.version}, {made.date}"
-    console.print(f"Made of  {source}", highlight=False, markup=False)
+    _say(console, "Signals", f"{model.input_name}{mapped} -> {model.output_name}, dt {model.dt:g} s")
+    _say(console, "Rest", f"output {model.output_level:.5g} at input {model.input_level:.5g}")
+    _say(console, "Made of", _source(model))
     print_verdict(console, model.verdict)
+
+
+def print_row(console: Any, model: RowModel, *, record: str = "", lead: str = "") -> None:
+    """Print each G(s) with its gain and time constants, the coefficients, fit and verdict.
+
+    Of a kept model, without a line on its record, also where it comes from.
+    """
+    console.print()
+    for name, g in zip(model.input_names, model.transfer_functions, strict=True):
+        console.print(f"From {name} to {model.output_name}", highlight=False, markup=False, style="bold")
+        _print_lines(console, fraction(g))
+    for shown in (_row_coefficients(model), _row_gains(model)):
+        console.print(shown)
+        console.print()
+    _say(console, "Fit", _fits(model.simulated_fit, "simulated from the inputs alone", model.one_step_fit))
+    if record:
+        _say(console, "Record", record)
+    _say(console, "Samples", f"{model.provenance.samples:,}")
+    levels = ", ".join(f"{level:.5g}" for level in model.input_levels.tolist())
+    _say(console, "Rest", f"output {model.output_level:.5g} at inputs {levels}")
+    if not record:
+        _say(console, "Made of", _source(model))
+    print_verdict(console, model.verdict, lead)
 
 
 def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
@@ -80,21 +95,32 @@ def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
     status = Text("Verdict  ").append(verdict.status, f"bold {colour_of(verdict.status)}")
     console.print(status.append(f": {lead}" if lead else ""), highlight=False, soft_wrap=True)
     for reason in verdict.reasons:
-        for line in wrapped(reason, console.width - REASON_INDENT):
-            console.print(" " * REASON_INDENT + line, highlight=False, markup=False, soft_wrap=True)
+        for line in wrapped(reason, console.width - INDENT):
+            console.print(" " * INDENT + line, highlight=False, markup=False, soft_wrap=True)
 
 
-def _print_samples(console: Any, samples: int, rejected: Mapping[str, int]) -> None:
+def _say(console: Any, heading: str, text: str) -> None:
+    console.print(f"{heading:{INDENT}}{text}", highlight=False, markup=False)
+
+
+def _print_lines(console: Any, lines: Sequence[str]) -> None:
+    for line in lines:
+        console.print(line, highlight=False, markup=False)
+    console.print()
+
+
+def _fits(simulated: float, how: str, one_step: float) -> str:
+    return f"{percent(simulated, ascii_only=True)} {how}, {percent(one_step, ascii_only=True)} one step ahead"
+
+
+def _samples(samples: int, rejected: Mapping[str, int]) -> str:
     left_out = ", ".join(f"{count} {reason}" for reason, count in rejected.items() if count)
-    console.print(f"Samples  {samples:,}" + (f", rejected: {left_out}" if left_out else ""), highlight=False)
+    return f"{samples:,}" + (f", rejected: {left_out}" if left_out else "")
 
 
-def _clock(clock: Clock) -> dict[str, Any]:
-    return {
-        "irregular": clock.irregular,
-        "shortest": model_json.finite(clock.shortest),
-        "longest": model_json.finite(clock.longest),
-    }
+def _source(model: Model | RowModel) -> str:
+    made = model.provenance
+    return f"{made.source or 'samples'}, {made.method}, replant {made.version}, {made.date}"
 
 
 def _irregular(clock: Clock) -> str:
@@ -105,28 +131,17 @@ def _irregular(clock: Clock) -> str:
 
 
 def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> None:
-    for line in fraction(model.transfer_function):
-        console.print(line, highlight=False, markup=False)
-    console.print()
+    _print_lines(console, fraction(model.transfer_function))
     console.print(_parameter_table(model, truth))
     console.print()
     console.print(_mode_table(model))
     console.print()
     known = model.uncertainty
-    gain = with_std(model.transfer_function.dc_gain, known.dc_gain_std if known else math.nan)
-    console.print(f"DC gain  {gain}", highlight=False)
+    _say(console, "DC gain", with_std(model.transfer_function.dc_gain, known.dc_gain_std if known else None))
 
 
 def wrapped(text: str, width: int) -> list[str]:
-    """Return text in lines of at most ``width`` characters, without a break between a figure and its unit.
-
-    Examples
-    --------
-    >>> wrapped("the model fits the output to 83.0 %; a coefficient has moved by 2.6 %", 36)
-    ['the model fits the output to 83.0 %;', 'a coefficient has moved by 2.6 %']
-    >>> wrapped("a coefficient has moved by 2.6 %", 31)
-    ['a coefficient has moved by', '2.6 %']
-    """
+    """Return text in lines of at most ``width`` characters, without a break between a figure and its unit."""
     glued = re.sub(r"(?<=\d) (?=(?:%|s|h)(?:\W|$))", "\N{NO-BREAK SPACE}", text)
     lines = textwrap.wrap(glued, max(width, 1), break_long_words=False, break_on_hyphens=False)
     return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
@@ -145,14 +160,16 @@ def table(*headings: str) -> Any:
 
 def _parameter_table(model: Model, truth: TransferFunction | None) -> Any:
     """Return the table of coefficients, with standard deviations and true values if known."""
-    known = model.uncertainty is not None
-    headings = ["coefficient", "identified", *(["std"] if known else []), *(["true", "off by"] if truth else [])]
-    shown = table(*headings)
-    true = true_parameters(truth) if truth else [math.nan] * model.structure.size
-    for name, value, std, target in zip(model.structure.names, model.parameters, _stds(model), true, strict=False):
-        cells = [name, f"{value:.4g}", *([std_alone(std)] if known else [])]
-        if truth:
-            cells += [f"{target:.4g}", off_by(value, target)]
+    columns = {"coefficient": list(model.structure.names)}
+    columns["identified"] = [f"{value:.4g}" for value in model.parameters]
+    if model.uncertainty is not None:
+        columns["std"] = [*map(std_alone, model.uncertainty.std.tolist())]
+    if truth is not None:
+        true = true_parameters(truth)
+        columns["true"] = [f"{value:.4g}" for value in true]
+        columns["off by"] = [*map(off_by, model.parameters.tolist(), true)]
+    shown = table(*columns)
+    for cells in zip(*columns.values(), strict=False):
         shown.add_row(*cells)
     return shown
 
@@ -162,11 +179,9 @@ def _mode_table(model: Model) -> Any:
     shown = table("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
     uncertain = model.uncertainty.modes if model.uncertainty else None
     for i, mode in enumerate(model.transfer_function.modes):
-        stds = (
-            (uncertain[i].frequency_std, uncertain[i].damping_std, uncertain[i].time_constant_std) if uncertain else ()
-        )
-        figures = (mode.frequency, mode.damping, mode.time_constant)
-        cells = [with_std(figure, stds[k] if stds else math.nan) for k, figure in enumerate(figures)]
+        known = uncertain and uncertain[i]
+        stds = (known.frequency_std, known.damping_std, known.time_constant_std) if known else (None, None, None)
+        cells = [*map(with_std, (mode.frequency, mode.damping, mode.time_constant), stds)]
         pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
         if not mode.pole.imag:
             cells[1] = f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
@@ -175,15 +190,7 @@ def _mode_table(model: Model) -> Any:
 
 
 def fraction(model: TransferFunction) -> list[str]:
-    r"""Return G(s) as three lines of text, numerator over denominator.
-
-    Examples
-    --------
-    >>> print("\n".join(fraction(TransferFunction([2.0], [1.0, 4.0, 3.0]))))
-               2
-    G(s) = -------------
-           s^2 + 4 s + 3
-    """
+    r"""Return G(s) as three lines of text, numerator over denominator."""
     top, _, bottom = str(TransferFunction(model.num, model.den)).partition(" / ")
     top, bottom = top.strip("()"), bottom.strip("()")
     width = max(len(top), len(bottom))
@@ -200,5 +207,36 @@ def true_parameters(truth: TransferFunction) -> Sequence[float]:
     return [*truth.den[1:].tolist(), *truth.num.tolist()]
 
 
-def _stds(model: Model) -> list[float]:
-    return [math.nan] * model.structure.size if model.uncertainty is None else model.uncertainty.std.tolist()
+def _row_coefficients(model: RowModel) -> Any:
+    """Return the table of coefficients with their standard deviations."""
+    known = model.uncertainty
+    shown = table("input", "coefficient", "identified", *(["std"] if known else []))
+    for number, (name, structure) in enumerate(zip(model.input_names, model.structures, strict=True)):
+        values = model.parameters[model.places[number]].tolist()
+        stds = known[number].std.tolist() if known else [math.nan] * len(values)
+        for k, (coefficient, value, std) in enumerate(zip(structure.names, values, stds, strict=True)):
+            cells = [_plain(name) if k == 0 else "", coefficient, f"{value:.4g}", *([std_alone(std)] if known else [])]
+            shown.add_row(*cells)
+    return shown
+
+
+def _row_gains(model: RowModel) -> Any:
+    """Return the table of DC gain, dead time and time constants from each input."""
+    shown = table("input", "DC gain", "dead time [s]", "time constants [s]")
+    known = model.uncertainty
+    for number, (name, g) in enumerate(zip(model.input_names, model.transfer_functions, strict=True)):
+        gain = with_std(g.dc_gain, known[number].dc_gain_std if known else None)
+        modes = known[number].modes if known else [None] * len(g.modes)
+        constants = (
+            with_std(mode.time_constant, None if std is None else std.time_constant_std)
+            for mode, std in zip(g.modes, modes, strict=True)
+        )
+        shown.add_row(_plain(name), gain, f"{g.delay:.4g}", ", ".join(constants))
+    return shown
+
+
+def _plain(text: str) -> Any:
+    """Return a text as rich prints it to the letter: a name may have a unit in brackets."""
+    from rich.text import Text
+
+    return Text(text)

@@ -124,13 +124,7 @@ def print_findings(console: Any, found: Inspection) -> None:
 
 
 def _counted(count: int, what: str) -> str:
-    """Return a number of things.
-
-    Examples
-    --------
-    >>> _counted(1, "gap"), _counted(4093, "row")
-    ('1 gap', '4,093 rows')
-    """
+    """Return a number of things."""
     return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 
