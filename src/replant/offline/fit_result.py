@@ -17,9 +17,8 @@ from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.identified import notation
-from replant.identified.fields import has_rest
+from replant.identified.fields import Provenance, has_rest
 from replant.identified.model import Model
-from replant.identified.provenance import Provenance
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction

@@ -52,11 +52,6 @@ def thin(signal: FloatArray, points: int) -> Thinned:
 
     The signal is cut into stretches of equal length, one for each column of a picture; of each the least and the
     greatest finite value are kept, in the order in which they came.
-
-    Examples
-    --------
-    >>> thin(np.array([0.0, 0.0, 9.0, 0.0, 0.0, -7.0, 0.0, 0.0]), points=4).values
-    array([ 0.,  9.,  0., -7.])
     """
     thinner = Thinner(signal.size, points)
     thinner.take(signal)
@@ -64,16 +59,7 @@ def thin(signal: FloatArray, points: int) -> Thinned:
 
 
 class Thinner:
-    """Does what `thin` does, of a signal of ``length`` samples that comes batch by batch.
-
-    Examples
-    --------
-    >>> thinner = Thinner(length=8, points=4)
-    >>> thinner.take(np.array([0.0, 0.0, 9.0]))
-    >>> thinner.take(np.array([0.0, 0.0, -7.0, 0.0, 0.0]))
-    >>> thinner.thinned.values
-    array([ 0.,  9.,  0., -7.])
-    """
+    """Does what `thin` does, of a signal of ``length`` samples that comes batch by batch."""
 
     def __init__(self, length: int, points: int) -> None:
         self._width = 1 if length <= points else -(-length // max(1, points // 2))

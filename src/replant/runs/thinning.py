@@ -58,12 +58,6 @@ def batched(batches: Iterable[Batch], size: int) -> Iterator[Batch]:
     """Yield a record in batches of ``size`` samples, the last one shorter; one empty batch for an empty record.
 
     What is computed from a record then does not depend on the batches that it came in.
-
-    Examples
-    --------
-    >>> parts = [(np.arange(3.0), np.zeros(3)), (np.arange(3.0, 5.0), np.zeros(2))]
-    >>> [u.tolist() for u, _ in batched(parts, 2)]
-    [[0.0, 1.0], [2.0, 3.0], [4.0]]
     """
     held: list[Batch] = []
     count, some = 0, False
