@@ -36,7 +36,7 @@ MOVED = "a coefficient has moved by 2.6 %"
         (wrapped(MOVED, 31), ["a coefficient has moved by", "2.6 %"]),
         (
             fraction(rp.TransferFunction([2.0], [1.0, 4.0, 3.0])),
-            ["              2", "G(s) = -------------", "       s^2 + 4 s + 3"],
+            ["             2", "G(s) = -------------", "       s^2 + 4 s + 3"],
         ),
         (_counted(1, "gap"), "1 gap"),
         (_counted(4093, "row"), "4,093 rows"),

@@ -40,7 +40,6 @@ from replant.regressor.preprocess import accepted
 from replant.report.findings import Excitation
 from replant.report.panels import (
     column_panels,
-    columns_drawn,
     estimate_panels,
     excitation_panels,
     fit_panels,
@@ -480,22 +479,17 @@ def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, 
     return diagrams.draw_spectrum(curves, ax)
 
 
-def draw_columns(found: Inspection) -> Any:
-    """Draw the columns of numbers of a log over time, or over samples where the log has no time column."""
+def save_columns(folder: Path, found: Inspection) -> Path | None:
+    """Draw the columns of numbers as ``columns.png`` and return its path; None if there is none to draw."""
     panels = column_panels(found)
+    if not panels:
+        return None
     axes = axes_for("axes", None, len(panels), (9.0, 0.8 + 1.5 * len(panels)), sharex=True)
-    drawn = draw_panels(axes, panels)
+    draw_panels(axes, panels)
     if found.clock is None or math.isnan(found.clock.dt):
         axes[-1].set_xlabel("sample")
-    return drawn
-
-
-def save_columns(folder: Path, found: Inspection) -> Path | None:
-    """Draw the columns as ``columns.png`` and return its path; None if there is none to draw."""
-    if not columns_drawn(found):
-        return None
     path = folder / "columns.png"
-    draw_columns(found)[0].figure.savefig(path, dpi=130)
+    axes[0].figure.savefig(path, dpi=130)
     return path
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import html
 import importlib.util
+import re
 from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import cache
@@ -63,6 +64,12 @@ def words(text: str) -> Html:
 def asset(name: str) -> str:
     """Return the text of a file in ``report/assets``."""
     return resources.files("replant.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def script(*names: str) -> str:
+    """Return modules of JavaScript as one script, those that others import first."""
+    text = re.sub(r"^import .*\n|^export (?=const|function)", "", "".join(map(asset, names)), flags=re.MULTILINE)
+    return f'(() => {{\n"use strict";\n{text}}})();\n'
 
 
 def style() -> str:

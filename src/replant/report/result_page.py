@@ -23,7 +23,7 @@ from replant.report import material as tables
 from replant.report import page_figures
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
 from replant.report.material import Material
-from replant.report.page import asset, code, folded, heading, icon, table, today, uplot, words
+from replant.report.page import asset, code, folded, heading, icon, script, table, today, uplot, words
 from replant.report.page import style as page_style
 from replant.report.programs import run_as_python
 from replant.runs.result import Result
@@ -112,7 +112,7 @@ def write_report(
 
 def _fields(material: Material, title: str, command: str, python: str) -> dict[str, str]:
     found = findings(material.result, len(material.log))
-    script, style_sheet = uplot()
+    library, style_sheet = uplot()
     plots = page_figures.charts(material)
     return {
         "title": html.escape(title),
@@ -130,8 +130,8 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "origin": folded("Record and versions", tables.origin(material)),
         "uplot_css": style_sheet,
         "css": page_style(),
-        "uplot_js": script.replace("</script", "<\\/script"),
-        "js": asset("report.js"),
+        "uplot_js": library.replace("</script", "<\\/script"),
+        "js": script("format.js", "chart.js", "report.js"),
         "data": json.dumps(plots).replace("<", "\\u003c"),
     }
 

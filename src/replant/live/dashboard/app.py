@@ -32,20 +32,9 @@ MOST_WATCHING = 256  # browsers at a time [count]
 _OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008
 """Codes with which a websocket is closed: over, try again later, policy [number]."""
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_SCRIPTS = (
-    "dashboard",
-    "verdict",
-    "sign",
-    "format",
-    "model",
-    "plane",
-    "chart",
-    "span",
-    "signals",
-    "responses",
-    "parameters",
-)
+_SCRIPTS = ("dashboard", "verdict", "sign", "model", "plane", "span", "signals", "responses", "parameters")
 _OWN = (*(f"{name}.js" for name in _SCRIPTS), "frame.css", "dashboard.css", "icon.svg")
+_OF_REPORT = ("chart.js", "format.js", "palette.css")  # what the report draws with, too
 
 
 def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
@@ -234,8 +223,7 @@ def _words() -> str:
 @cache
 def dashboard_assets() -> dict[str, bytes]:
     """Return everything that the page loads, by name."""
-    found = {name: _own(name) for name in _OWN}
+    found = {name: _own(name) for name in _OWN} | {name: report_asset(name).encode() for name in _OF_REPORT}
     found["words.js"] = _words().encode()
-    found["palette.css"] = report_asset("palette.css").encode()  # the report's colours
     found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
     return found
