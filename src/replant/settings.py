@@ -1,4 +1,4 @@
-"""Settings: the choices of an identifier, as requested (`Request`), and as `online.defaults` resolves them."""
+"""Settings: the choices of an identifier, as requested (`Request`), and as `online.startup` resolves them."""
 
 from __future__ import annotations
 

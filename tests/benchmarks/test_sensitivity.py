@@ -35,9 +35,9 @@ def test_a_copy_takes_a_constant_wherever_it_is_used(tmp_path: Path) -> None:
     look = """
 from replant.assessment import estimate_tests
 from replant.kernels.monitoring import outliers
-from replant.offline import fewer_poles
+from replant.offline import structure_evidence
 from replant.online import change_response
-print(estimate_tests.MOST_UNCERTAIN, fewer_poles.MOST_UNCERTAIN)
+print(estimate_tests.MOST_UNCERTAIN, structure_evidence.MOST_UNCERTAIN)
 print(change_response.BEGINS, outliers.GATE)
 """
     seen = []

@@ -38,8 +38,7 @@ from replant.engine.record import Record
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
 from replant.offline.known_before import Known, forget
-from replant.offline.prior import Prior
-from replant.offline.refined import Refined, Root, conclude
+from replant.offline.refined import Prior, Refined, Root, conclude
 from replant.offline.residual_likelihood import WEAKEST, Stretch
 from replant.offline.solve import Solution
 from replant.offline.srivc import refine
@@ -47,61 +46,29 @@ from replant.offline.srivc_steps import Problem, is_long_enough
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
 
-NOTICED = 0.5 * math.sqrt(MATTERS)
-"""Change of the simulated output below which a change of the plant does not matter [part of the output's amplitude].
-Derivation: half of the amplitude that matters, as a change must be noticed before it is as large.
-"""
-
-HARMLESS = 0.2 * NOTICED
-"""Residual below which no change is looked for [part of the output's standard deviation].
-Derivation: a fifth of what a change must make of the output, so that none that matters is missed.
-"""
-
-UNEXPLAINED = 5.0
-"""Power of what a load or a part of the plant leaves, beyond which neither is what has happened [usual power].
-Derivation: the growth that an alarm is raised for.
-"""
+# half of the amplitude that matters, as a change must be noticed before it is as large
+NOTICED = 0.5 * math.sqrt(MATTERS)  # change of the simulated output below which none matters [part of its amplitude]
+# a fifth of what a change must make of the output, so that none that matters is missed
+HARMLESS = 0.2 * NOTICED  # residual below which no change is looked for [part of the output's standard deviation]
+# the growth that an alarm is raised for
+UNEXPLAINED = 5.0  # power of what a load or a part of the plant leaves, beyond which neither has happened [usual power]
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """A supposition, fitted.
-
-    Attributes
-    ----------
-    supposition : Supposition
-    contest : Contest
-        Whose samples it is fitted to.
-    likelihood : float
-        Logarithm of the likelihood ratio to NOTHING, a prior's included.
-    odds : float
-        Logarithm of the odds beforehand: what another G(s) costs.
-    price : float
-        That of the numbers that it has fitted.
-    left : float
-        Variance of what a fit with a prior leaves, over the usual one.
-    model : (T,) array or None
-    root : Root or None
-        Where its fit has ended.
-    prior : Prior or None
-        Of that fit.
-    refined : Refined or None
-        The estimate, where it is made of the samples alone.
-    solution : Solution or None
-        That of all samples.
-    """
+    """A supposition, fitted."""
 
     supposition: Supposition
-    contest: Contest
-    likelihood: float
-    odds: float = 0.0
-    price: float = 0.0
-    left: float = 1.0
-    model: FloatArray | None = None
-    root: Root | None = None
-    prior: Prior | None = None
-    refined: Refined | None = None
-    solution: Solution | None = None
+    contest: Contest  # whose samples it is fitted to
+    likelihood: float  # logarithm of the likelihood ratio to NOTHING, a prior's included
+    odds: float = 0.0  # logarithm of the odds beforehand: what another G(s) costs
+    price: float = 0.0  # of the numbers that it has fitted
+    left: float = 1.0  # variance of what a fit with a prior leaves, over the usual one
+    model: FloatArray | None = None  # (T,)
+    root: Root | None = None  # where its fit has ended
+    prior: Prior | None = None  # of that fit
+    refined: Refined | None = None  # the estimate, where it is made of the samples alone
+    solution: Solution | None = None  # that of all samples
 
     @property
     def theta(self) -> FloatArray:

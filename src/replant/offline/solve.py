@@ -17,8 +17,7 @@ from replant.engine.record import Record, join
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.offline.bad_samples import doubts, filled, suspicious
-from replant.offline.prior import Prior
-from replant.offline.refined import Refined
+from replant.offline.refined import Prior, Refined
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 
@@ -27,23 +26,12 @@ ROUNDS = 5  # times that a record is solved and its outputs judged, at the most 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A model and the samples that it was made from.
-
-    Attributes
-    ----------
-    found : Refined
-    record : Record
-        Its outputs that were not measured are the model's.
-    doubt : (K,) array of int
-        The `Doubt` in each output.
-    bridged : (K,) array
-        The record's outputs, with another working point perhaps.
-    """
+    """A model and the samples that it was made from."""
 
     found: Refined
-    record: Record
-    doubt: IntArray
-    bridged: FloatArray
+    record: Record  # its outputs that were not measured are the model's
+    doubt: IntArray  # (K,), the `Doubt` in each output
+    bridged: FloatArray  # (K,), the record's outputs, with another working point perhaps
 
     @property
     def is_bad(self) -> BoolArray:

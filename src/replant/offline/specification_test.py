@@ -90,15 +90,9 @@ Sensitivity: not measured.
 
 NEWEST = 20_000  # samples that they are fitted to at the most, for the time it takes [samples]
 
-LEAST_LEFT = 0.02
-"""What the fit leaves of a periodogram's ordinate at the least [share].
-Derivation: below it what is left is rounding of the leverage.
-"""
-
-LOUDEST = 3.0
-"""Amplitude of the input's answer beside the input, beyond which its own past does not carry it on [ratio].
-Derivation: an answer that is larger than the input itself says that its filter is nearly unstable.
-"""
+LEAST_LEFT = 0.02  # share of an ordinate that the fit leaves at least: below it is rounding of the leverage [share]
+# an answer that is larger than the input itself says that its filter is nearly unstable
+LOUDEST = 3.0  # amplitude of the input's answer beside the input, beyond which its past does not carry it on [ratio]
 
 
 @quiet
@@ -223,13 +217,6 @@ def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
 
     The input is told by its own past, as far as Akaike's criterion asks, and by the residuals now and before.  The
     chance is that of a score test which noise of any distribution keeps.
-
-    >>> w, r = np.random.default_rng(0).standard_normal((2, 1000))
-    >>> answer, chance, at_once = answering(r - 0.5 * w, w)
-    >>> bool(chance < 1e-6), bool(np.corrcoef(answer, w)[0, 1] < -0.9), bool(at_once < -5.0)
-    (True, True, True)
-    >>> bool(answering(r, w)[1] > 1e-3)
-    True
     """
     from scipy.stats import chi2  # slow to import
 

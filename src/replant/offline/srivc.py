@@ -45,8 +45,7 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
-from replant.offline.prior import Prior
-from replant.offline.refined import Refined, Root, conclude
+from replant.offline.refined import Prior, Refined, Root, conclude
 from replant.offline.specification_test import disagreement, is_answered, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.simulation.offset_fit import simulate
@@ -54,17 +53,9 @@ from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import chi2_quantile, quiet, roots
 
 CUTOFFS = 8  # state-variable filters tried for a start, evenly spaced in the logarithm [count]
-
-SLOWEST_CUTOFF = 5.0
-"""Slowest of their cutoffs; the fastest is 1 / dt [1 / duration of the record].
-Derivation: five time constants of such a filter are the record.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
+SLOWEST_CUTOFF = 5.0  # slowest of them: five time constants are the record; the fastest is 1 / dt [1 / duration]
 SHORT = 4  # iterations of each start [count]
-
 LONG = 20  # iterations of the most promising starts [count]
-
 PROMISING = 3  # starts that are iterated further [count]
 
 AGREE = 1e-2
@@ -93,15 +84,12 @@ in half of the runs of the PI and PID loops under a load.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-MOST_GROWN = 18.0
-"""Growth within the record beyond which the simulation of an unstable model says nothing [exponent].
-Derivation: the root of float64's precision: no measurement tells the initial state better.
-"""
+# the root of float64's precision: no measurement tells the initial state better
+MOST_GROWN = 18.0  # growth within the record beyond which an unstable model's simulation says nothing [exponent]
 
 LIKELY = 0.999
 """Probability of a lower J at the right model, beyond which other starts are tried [probability].
 Level: one right root in a thousand is looked for twice.
-Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
@@ -119,12 +107,6 @@ def refine(
 
     Every start is improved by a few steps, the most promising ones by more.  Then the noise model is found, and the
     best models are improved with it.
-
-    >>> from replant.model.transfer_function import TransferFunction
-    >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
-    >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)
-    >>> refine(Structure(1), Record(u, y, np.array([0.1]))).theta[:2].round(6)
-    array([0.5, 2. ])
     """
     if not is_long_enough(structure, record):
         return None
