@@ -42,7 +42,7 @@ def in_turn(u: float, y: float, t: float, r: float) -> NoReturn:
 
 
 class Course(Estimate):
-    """The course of an `Identifier`: the state, the kernels that take its samples, and when which of them is next due."""
+    """The course of an `Identifier`: its state, the kernels that take samples, and what is due when."""
 
     _resolve_at: int  # accepted samples at which to solve the record again; 0: not planned
     _begun_with: float  # error of the last sample of the start-up
@@ -55,7 +55,7 @@ class Course(Estimate):
 
     def _begin_again(self) -> None:
         self._settings = None
-        self._solved, self._begun_with = {}, NAN
+        self._solved, self._begun_with = {}, math.nan
         self._dropped = self._resolve_at = 0
         self._regular = True
         self._hold = self._request.first_hold  # measured outputs that the start-up waits for
