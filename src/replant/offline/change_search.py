@@ -65,7 +65,7 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
         return None
     contest = Contest(structure, record, begin, known)
     claims = contest.claims(again=True)
-    claims += [contest.whole(with_nuisances(structure, record, model))] if claims else []
+    claims += [contest.whole(with_nuisances(Problem(structure, record), model))] if claims else []
     found = decided(claims) if claims else None
     if found is None or not found.supposition.is_of_plant:
         return None
@@ -81,7 +81,8 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     size, fewest = structure.coefficients, least_since(structure)
     if record.u.size < 3 * fewest:
         return 0
-    done = Problem(structure, record).run_whole(with_nuisances(structure, record, model))
+    problem = Problem(structure, record)
+    done = problem.run_whole(with_nuisances(problem, model))
     noise = Stretch.of(record, slice(None)).colour(done.ahead)
     score = noise.whiten_known(done.zeta, record.rough_predecessors)
     white = noise.whiten_known(done.ahead, record.rough_predecessors)

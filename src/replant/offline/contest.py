@@ -37,7 +37,7 @@ from replant.assessment.score_test import ALPHA, MATTERS
 from replant.engine.record import Record
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
-from replant.offline.known_before import Known, forget
+from replant.offline.known_before import Known, forget, with_nuisances
 from replant.offline.refined import Prior, Refined, Root, conclude
 from replant.offline.residual_likelihood import WEAKEST, Stretch
 from replant.offline.solve import Solution
@@ -259,10 +259,7 @@ class Contest:
 
     def _without_moving(self) -> tuple[FloatArray, FloatArray]:
         """Return the known model with offset and initial state as the samples since tell them, and no direction."""
-        model, size = self.known.mean.copy(), self.structure.coefficients
-        model[size:] = 0.0
-        done = self.problem.run(model)
-        model[size:] = least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
+        model = with_nuisances(self.problem, self.known.mean, slice(-self.rows, None))
         return model, np.zeros((model.size, 0))
 
     def _scaled(self) -> tuple[FloatArray, FloatArray]:
@@ -372,9 +369,7 @@ class Contest:
         run = self.problem.run(found.theta)
         problem = self._drifting(run)
         if problem is not self.problem:
-            model, done, converged = problem.polish(found.theta)
-            problem.renew_noise(done)
-            root = Root(model, done, problem.noise, done.cost, done.power, converged, converged, filters=False)
+            root = problem.polished(found.theta)
             again = conclude(self.structure, problem.record, problem.known, root)
             if again is not None and again.settled:
                 found, run = again, self.problem.run(again.theta)
@@ -411,6 +406,4 @@ class Contest:
         """Return the estimate of a claim about the samples since, what was known before included."""
         if claim.refined is not None or claim.root is None:
             return claim.refined
-        return conclude(
-            self.structure, self.problem.record, self.problem.known, claim.root, self.problem.projection, claim.prior
-        )
+        return self.problem.conclude(claim.root, claim.prior)

@@ -18,7 +18,7 @@ from replant.model.structure import Structure
 from replant.offline.refined import Prior
 from replant.offline.residual_likelihood import WEAKEST
 from replant.offline.srivc_steps import Problem
-from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.autoregression import LEAST, Autoregression
 from replant.statistics.linear_algebra import least_norm, quiet
 
 UNTOLD = 4.0
@@ -61,18 +61,16 @@ class Known:
         told = first.count > LEAST + mean.size
         if not (problem.is_usable(mean) and np.isfinite(information).all()):
             return None
-        model = with_nuisances(structure, record, mean, slice(0, begin) if told else slice(None))
-        done = problem.run_whole(model)
+        done = problem.run_whole(with_nuisances(problem, mean, slice(0, begin) if told else slice(None)))
         error = done.ahead
         if not np.isfinite(error).all():
             return None
         if not told:
             known = Autoregression.white(usual, 1.0)
             return cls(mean, information, error, known, usual, filters, np.zeros((0, mean.size)))
-        sums, count = sums_of(error[:begin], first.rough_predecessors)
         noise = Autoregression.white(float(error[:begin] @ error[:begin]), first.count)
-        if count >= LEAST and np.isfinite(sums).all() and noise.power > 0.0:
-            noise = Autoregression.of_sums(sums, count)
+        if noise.power > 0.0:
+            noise = Autoregression.of_residual(error[:begin], first.rough_predecessors, first.count)
         white = noise.whiten_known(error[:begin], first.rough_predecessors)
         slopes = noise.whiten_known(done.zeta[:begin], first.rough_predecessors)
         slopes[~first.is_measured] = 0.0
@@ -122,11 +120,11 @@ class Known:
         return Prior(self.mean, forget(self.information, directions), max(self.variance, np.finfo(float).tiny))
 
 
-def with_nuisances(structure: Structure, record: Record, model: FloatArray, rows: slice = slice(None)) -> FloatArray:
-    """Return a model (T,) with the offset and the initial state that rows of a record tell."""
-    model, size = model.copy(), structure.coefficients
+def with_nuisances(problem: Problem, model: FloatArray, rows: slice = slice(None)) -> FloatArray:
+    """Return a model (T,) with the offset and the initial state that rows of a problem's record tell."""
+    model, size = model.copy(), problem.structure.coefficients
     model[size:] = 0.0
-    done = Problem(structure, record).run_whole(model)
+    done = problem.run_whole(model)
     model[size:] = least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0]
     return model
 

@@ -13,15 +13,10 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.engine.record import Record
-from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import least_norm, quiet
 
-PIECES = 1, 2, 4
-"""Pieces of the broken line along which a load may drift [count].
-Origin: what an alarm has taken for a step is of few pieces until the next alarm.
-Sensitivity: not measured.
-"""
-
+PIECES = 1, 2, 4  # pieces of the broken lines that a load may drift along; a line has to pay for them [count]
 # a thousandth of what a converter of 20 bits resolves
 FINEST = 1e-9  # deviation of a residual below which it is no evidence [part of the output's standard deviation]
 # some thousand times float64's precision
@@ -106,10 +101,7 @@ class Stretch:
 
     def colour(self, error: FloatArray) -> Autoregression:
         """Return the noise model of a residual (K,)."""
-        sums, count = sums_of(error, self.predecessors)
-        if count < LEAST or not np.isfinite(sums).all():
-            return Autoregression.white(float(error @ error), max(self.count, 1))
-        return Autoregression.of_sums(sums, count)
+        return Autoregression.of_residual(error, self.predecessors, max(self.count, 1))
 
     def _coloured(self, error: FloatArray, noise: Autoregression) -> float:
         likelihood, own = self._of_own_variance(error, noise), self.colour(error)

@@ -45,7 +45,7 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
-from replant.offline.refined import Prior, Refined, Root, conclude
+from replant.offline.refined import Prior, Refined, Root
 from replant.offline.specification_test import disagreement, is_answered, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.simulation.offset_fit import simulate
@@ -124,7 +124,7 @@ def refine(
         # a strong load leads every start by instruments astray; least squares is biased, but less led by chance
         found = (problem.from_cutoff(float(cutoff), by_reference=False) for cutoff in cutoffs)
         root = _best([root, _by_reference(problem, [start for start in found if start is not None])], referenced=True)
-    return None if root is None else _concluded(problem, root)
+    return None if root is None else problem.conclude(root)
 
 
 def _most_likely(problem: Problem, starts: Sequence[FloatArray], prior: Prior) -> Refined | None:
@@ -133,7 +133,7 @@ def _most_likely(problem: Problem, starts: Sequence[FloatArray], prior: Prior) -
     model, done, converged = min(ends, key=lambda end: end[1].power + prior.cost(end[0]))
     noise = Autoregression.white(float(done.error @ done.error), done.error.size)
     root = Root(model, done, noise, done.cost, done.power, converged, converged)
-    return conclude(problem.structure, problem.record, problem.known, root, problem.projection, prior)
+    return problem.conclude(root, prior)
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
@@ -148,14 +148,14 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
         # the error of a prediction is no measure beside that of a simulation
         plain = simulated if simulated.innovation <= _simulated(problem, plain.model) else plain
     if plain.converged and (plain.noise.order == 0 or not filtered):
-        return _concluded(problem, plain)
+        return problem.conclude(plain)
     ends = [problem.descend(start, WHITENED, RENEWALS) for start in [plain.model, *distinct[1:]]]
     root = _best(ends)
     if root is None:
-        return _concluded(problem, plain)
+        return problem.conclude(plain)
     if not (plain.converged and problem.is_stable(plain.model)):  # from where the other has come to
         plain = _plain(problem, [plain.model, root.model], stable=problem.is_stable(plain.model))
-    estimate, other = _concluded(problem, plain), _concluded(problem, root)
+    estimate, other = problem.conclude(plain), problem.conclude(root)
     if estimate is None or other is None:
         return estimate or other
     if not root.converged and plain.converged:
@@ -178,7 +178,7 @@ def _promising(problem: Problem, starts: Sequence[FloatArray], *, stable: bool =
 
 def _plain(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = False) -> Root:
     """Return the root of the least output error, among stable models or all."""
-    ends = [_polished(problem, problem.stabilized(start) if stable else start, stable=stable) for start in starts]
+    ends = [problem.polished(problem.stabilized(start) if stable else start, stable=stable) for start in starts]
     least = min(end.innovation for end in ends)
     alike = [end for end in ends if end.innovation <= (1.0 + AGREE) * least]
     return min(alike, key=lambda end: (not end.converged, end.innovation))
@@ -196,18 +196,6 @@ def _simulated(problem: Problem, model: FloatArray) -> float:
         error[rows] -= simulate(plant, record.u[rows], y[rows], dt, input_hold=record.input_hold, t=t).output
     square = float(np.nanmean(error**2))
     return square if math.isfinite(square) else math.inf
-
-
-def _polished(problem: Problem, start: FloatArray, *, stable: bool = False) -> Root:
-    """Return where steps on the output error end, and the noise model of its residual."""
-    model, done, converged = problem.polish(start, stable=stable)
-    problem.renew_noise(done)
-    power = done.cost * done.error.size
-    return Root(model, done, problem.noise, done.cost, power, converged, converged, filters=False)
-
-
-def _concluded(problem: Problem, root: Root) -> Refined | None:
-    return conclude(problem.structure, problem.record, problem.known, root, problem.projection)
 
 
 def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:

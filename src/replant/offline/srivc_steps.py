@@ -14,9 +14,9 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.refined import Prior, Projection, Root
+from replant.offline.refined import Prior, Projection, Refined, Root, conclude
 from replant.simulation.auxiliary_model import AuxiliaryModel, Pass, stability_margin
-from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import real_coefficients, roots, solve
 from replant.statistics.projections import orthogonal, products
 
@@ -128,12 +128,10 @@ class Problem:
 
     def renew_noise(self, done: Pass) -> None:
         """Model the residual of a pass; what only rounding is left of counts as white."""
-        error = done.error
-        sums, count = sums_of(error, self.known)
-        if count >= LEAST and np.isfinite(sums).all() and not self.is_rounding(done):
-            self.noise = Autoregression.of_sums(sums, count)
+        if self.is_rounding(done):
+            self.noise = Autoregression.white(float(done.error @ done.error), self.record.count)
         else:
-            self.noise = Autoregression.white(float(error @ error), self.record.count)
+            self.noise = Autoregression.of_residual(done.error, self.known, self.record.count)
 
     def misfit(self, done: Pass) -> float:
         """Return J, the part of a pass's whitened residual that the reference explains.
@@ -210,6 +208,16 @@ class Problem:
                 return model, done, float(direction @ gradient) <= NEARLY_DONE * variance
             exact = exact or better is None
         return model, done, False
+
+    def polished(self, start: FloatArray, *, stable: bool = False) -> Root:
+        """Return where steps on the output error end, and the noise model of its residual."""
+        model, done, converged = self.polish(start, stable=stable)
+        self.renew_noise(done)
+        return Root(model, done, self.noise, done.cost, done.power, converged, converged, filters=False)
+
+    def conclude(self, root: Root, prior: Prior | None = None) -> Refined | None:
+        """Return the estimate that an iteration has come to."""
+        return conclude(self.structure, self.record, self.known, root, self.projection, prior)
 
     def _damped(
         self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], limit: float

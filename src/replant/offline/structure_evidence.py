@@ -38,7 +38,7 @@ from replant.model.structure import Structure
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.simulation.auxiliary_model import AuxiliaryModel, stability_margin
-from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet, real_coefficients
 
 # a converter of 20 bits resolves as much
@@ -153,11 +153,10 @@ class Evidence:
     def _densities(self, error: FloatArray, explained: BoolArray) -> tuple[FloatArray, int]:
         """Return the log-densities (K,) of an error (K,) under an autoregression of its own, and its order."""
         known = replace(self.record, measured=explained).predecessors
-        sums, count = sums_of(error, known)
         power = float(error[explained] @ error[explained])
         noise = Autoregression.white(power, error.size)
-        if count >= LEAST and np.isfinite(sums).all() and power > self._least * error.size:
-            noise = Autoregression.of_sums(sums, count)
+        if power > self._least * error.size:
+            noise = Autoregression.of_residual(error, known, error.size)
         white = noise.whiten_known(error, known)
         variance = max(float(np.mean(white[explained] ** 2)), self._least, np.finfo(float).tiny)
         # a sample with a shorter past is known less well

@@ -34,14 +34,9 @@ from replant.online.begin_recursion import clear_doubt, restart, restart_at
 from replant.settings import STORED, Settings
 from replant.statistics.linear_algebra import inverse_of, quiet
 
-BEGINS = -0.25, 0.0, 0.25
-"""Samples from the alarm's begin to that of the change: the onset is looked for from the first on, the others are tried
-[part of the samples since].
-Origin: a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance.
-Sensitivity: not measured.
-"""
-
-
+# a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance; the onset is
+# looked for from the first on, the others are tried
+BEGINS = -0.25, 0.0, 0.25  # samples from the alarm's begin to that of the change [part of the samples since]
 # the last solution has then two thirds of the samples, and all solutions together cost three times the last
 AGAIN = 1.5  # growth of a record after which it is solved again: of all samples, or since an alarm or change [ratio]
 
