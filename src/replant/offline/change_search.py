@@ -66,7 +66,7 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
     contest = Contest(structure, record, begin, known)
     claims = contest.claims(again=True)
     claims += [contest.whole(with_nuisances(Problem(structure, record), model))] if claims else []
-    found = decided(claims) if claims else None
+    found = decided(claims)
     if found is None or not found.supposition.is_of_plant:
         return None
     # what changes on and on is no linear plant that has changed

@@ -99,15 +99,15 @@ def odds_of(supposition: Supposition) -> float:
 
 
 def decided(claims: Sequence[Claim]) -> Claim | None:
-    """Return the claim of most evidence; None while it is open.
+    """Return the claim of most evidence; None while it is open, or where there are no claims.
 
     What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
     an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
     raise an alarm again explains nothing: it stays open, unless an output that answers to nothing is likelier.
     """
     told = dict(zip(claims, weighed(claims), strict=True))
-    found = max(claims, key=lambda claim: told[claim].evidence)
-    if found.supposition is Supposition.CUT:
+    found = max(claims, key=lambda claim: told[claim].evidence, default=None)
+    if found is None or found.supposition is Supposition.CUT:
         return found
     if found.left > UNEXPLAINED:
         likeliest = max(claims, key=lambda claim: told[claim].fair)

@@ -64,7 +64,7 @@ def solve(
         if found is None:
             break
         used = leaving_out(record, doubt)
-        modelled = _output(structure, used, found)
+        modelled = Problem(structure, used).run_whole(found.theta).output
         bridged = np.where(used.is_measured, used.y, modelled)
         solution = Solution(found, replace(used, y=bridged), doubt, bridged)
         before, doubt = doubt, _doubts(record, np.where(answers, modelled, np.nan), found)
@@ -107,8 +107,3 @@ def leaving_out(record: Record, doubt: IntArray) -> Record:
     if measured.all():
         return replace(record, measured=None)
     return replace(record, y=filled(record.y, measured), measured=measured)
-
-
-def _output(structure: Structure, record: Record, found: Refined) -> FloatArray:
-    """Return a model's output over a record (K,)."""
-    return Problem(structure, record).run_whole(found.theta).output

@@ -86,7 +86,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         claims = [claim for contest in contests.values() for claim in contest.claims()]
         if claims and remembers_since_change(old, settings):
             claims += _one_model(old, settings, contests[max(begin, 1)])
-        found = decided(claims) if claims else None
+        found = decided(claims)
     if found is None:
         return old, later
     if found.supposition is Supposition.NOTHING:
@@ -108,7 +108,7 @@ def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> t
     most = int(math.log2(max(since / least_since(settings.structure), 1.0)))
     for halvings in range(most, -1, -1):  # the fewest first: they are of one kind
         claims = Contest(settings.structure, record, record.u.size - (since >> halvings), present).claims()
-        found = decided(claims) if claims else None
+        found = decided(claims)
         if found is not None and found.supposition is not Supposition.CUT:
             return claims, found
     return [], None

@@ -116,7 +116,7 @@ def reconsider(old: State, settings: Settings) -> State | None:
         return None
     claims = contest.claims(again=True)
     claims += of_whole(old, settings, contest, gap_before(old)) if claims else []
-    found = decided(claims) if claims else None
+    found = decided(claims)
     if found is None:
         return None
     undecided = not is_sure(claims, found)

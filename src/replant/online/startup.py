@@ -30,12 +30,11 @@ from replant.offline.least_squares import choose_filter
 from replant.offline.refined import Refined
 from replant.offline.solve import Solution, solve
 from replant.online.begin_recursion import initialize, note_doubts, warm_up
-from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.optimizers.optimizer import Replay
 from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import Preprocess, centre
 from replant.regressor.scaling import Scaling
-from replant.settings import AUTO, DEFAULT_OPTIMIZER, Request, Settings
+from replant.settings import AUTO, Request, Settings
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.robust import without_spikes
 
@@ -212,11 +211,12 @@ def settle(
     """Return definite settings: what is "auto" is chosen from a record."""
     structure, dt, instruments = request.structure, request.dt, request.wants_instruments
     preprocess = request.preprocess.resolve(u, y)
-    replay = _choose_replay(request)
-    optimizer = request.optimizer
-    if not isinstance(optimizer, Optimizer):
-        updates = (length or UNKNOWN_LENGTH) * (replay.batch_size if replay else 1)
-        optimizer = OPTIMIZERS[DEFAULT_OPTIMIZER if optimizer == AUTO else optimizer].suggested(dt, updates)
+    replay = request.replay
+    if isinstance(replay, str):  # an optimizer that keeps a covariance remembers every sample
+        replay = None if request.keeps_covariance else Replay()
+    optimizer = request.optimizer_kind
+    if isinstance(optimizer, type):
+        optimizer = optimizer.suggested(dt, (length or UNKNOWN_LENGTH) * (replay.batch_size if replay else 1))
     chosen = request.filter
     if isinstance(chosen, str):
         follows = instruments and optimizer.keeps_covariance
@@ -233,16 +233,6 @@ def settle(
     return Settings(
         structure, dt, chosen, scaling, optimizer, replay, instruments, request.normalize, preprocess, u.size, reference
     )
-
-
-def _choose_replay(request: Request) -> Replay | None:
-    """Return the replay buffer; None for an optimizer that keeps a covariance, which remembers every sample."""
-    if request.replay is None or isinstance(request.replay, Replay):
-        return request.replay
-    optimizer = request.optimizer
-    if isinstance(optimizer, str):
-        return None if OPTIMIZERS[DEFAULT_OPTIMIZER if optimizer == AUTO else optimizer].keeps_covariance else Replay()
-    return None if optimizer.keeps_covariance else Replay()
 
 
 def next_provisional(request: Request, held: int) -> int:
