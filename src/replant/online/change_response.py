@@ -47,10 +47,9 @@ def first_look(state: State, settings: Settings) -> int:
 
     0: never, as too few samples are kept; nothing is learned until the residual is as usual again.
     """
-    if not tells_of_changes(state, settings):
-        state.alarm = Alarm.RESTS
-        return 0
     state.alarm = Alarm.RESTS
+    if not tells_of_changes(state, settings):
+        return 0
     return max(_began(state) + least_since(settings.structure), state.samples + 1)
 
 

@@ -23,8 +23,8 @@ from replant.kernels.native import OPEN
 from replant.kernels.schema import Attention
 from replant.limits import stamps_of
 from replant.model.structure import Structure
-from replant.online.course import NO_GATE, Course, in_turn
 from replant.online.kept_model import model_of
+from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
 from replant.online.trace import Trace
 from replant.online.turns import Turn, changes, reads
 from replant.optimizers import Optimizer
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from replant.checkpoint.files import AnyPath
 
 
-class Identifier(Course):
+class Identifier(Lifecycle):
     r"""Identify G(s) online: samples go in one by one, the estimate is there after each.
 
     Settings left at "auto" are chosen from the first samples, up to the ``startup``-th with an output.  These are

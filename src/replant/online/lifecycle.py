@@ -1,4 +1,4 @@
-"""Course: what an identifier does beside the samples: it starts, attends to what is due, goes on from another state."""
+"""Lifecycle: how an identifier starts, attends to what is due between samples, and goes on from another state."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ def in_turn(u: float, y: float, t: float, r: float) -> NoReturn:
     raise Attention
 
 
-class Course(Estimate):
-    """The course of an `Identifier`: its state, the kernels that take samples, and what is due when."""
+class Lifecycle(Estimate):
+    """The life of an `Identifier`: its state, the kernels that take samples, and what is due when."""
 
     _resolve_at: int  # accepted samples at which to solve the record again; 0: not planned
     _begun_with: float  # error of the last sample of the start-up
@@ -110,7 +110,7 @@ class Course(Estimate):
     def _enter(self) -> None:
         self._gate[0] = SHUT
         while self._state.attention:
-            self._as_one(Course._attend)
+            self._as_one(Lifecycle._attend)
 
     def _leave(self) -> None:
         self._gate[0] = OPEN
@@ -124,7 +124,7 @@ class Course(Estimate):
         """
         chunk, starting = (u, y, t, r, errors, parameters), self._settings is None
         other = (t.size and self._regular) or (r.size and not self._reference)
-        taken = self._as_one(Course._change_kernels, *chunk) if other else self._run(*chunk)
+        taken = self._as_one(Lifecycle._change_kernels, *chunk) if other else self._run(*chunk)
         if not self._state.attention:
             return taken
         reached = self._attend_after(taken, parameters)
