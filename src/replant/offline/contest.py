@@ -33,7 +33,7 @@ from functools import cached_property
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.score_test import ALPHA, MATTERS
+from replant.assessment.verdict import ALPHA, MATTERS
 from replant.engine.record import Record
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure

@@ -11,10 +11,10 @@ import numpy as np
 
 from replant.arguments import FloatArray, IntArray, vector
 from replant.assessment import Assessment, Simulation, assess_record
-from replant.assessment.assess_offline import MOST_SAMPLES
+from replant.assessment.assess import MOST_SAMPLES
+from replant.assessment.loop_tests import COPIED, IDLE, Reference, fault_of
 from replant.assessment.other_columns import OtherColumn, other_columns, with_other_columns
-from replant.assessment.reference_test import COPIED, IDLE, Reference, fault_of
-from replant.assessment.score_test import ALPHA
+from replant.assessment.verdict import ALPHA
 from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError

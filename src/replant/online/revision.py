@@ -15,7 +15,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment import assess_running
-from replant.assessment.score_test import ALPHA
+from replant.assessment.verdict import ALPHA
 from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
