@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 from replant.cli.fit_row import fit_several
+from replant.cli.option_types import path_option
 from replant.cli.options import (
     OPTIMIZER,
     check_one_input,
@@ -45,12 +46,7 @@ from replant.simulation.score import FITTED
 @log_options(several="replant run takes one log, in one pass; replant fit makes one model of several")
 @OPTIMIZER
 @click.option("--startup", type=int, metavar="N", help="Number of samples for the first model.  [default: a tenth]")
-@click.option(
-    "--full-trace",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write the estimate after each sample (.parquet).",
-)
+@path_option("--full-trace", "FILE", "Write the estimate after each sample (.parquet).")
 @keeping_options
 def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
     """Identify G(s) online from LOG (csv, mat, parquet and more; - is standard input), sample by sample in one pass.
