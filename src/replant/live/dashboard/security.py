@@ -16,6 +16,7 @@ import contextlib
 import hashlib
 import hmac
 import socket
+from asyncio import get_running_loop
 from collections.abc import Callable
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
@@ -195,7 +196,7 @@ class _Connection:
         """Set the time after which the connection is cut off; None: never."""
         if self._deadline is not None:
             self._deadline.cancel()
-        self._deadline = None if seconds is None else asyncio.get_running_loop().call_later(seconds, self.cut_off)
+        self._deadline = None if seconds is None else get_running_loop().call_later(seconds, self.cut_off)
 
     def cut_off(self) -> None:
         """End both directions: the server then reads an end and closes, whatever it still wanted to write."""
@@ -246,7 +247,7 @@ class Connections:
 
     def opened(self, wire: socket.socket, client: Any) -> None:
         """Take a connection that was accepted."""
-        asyncio.get_running_loop().set_exception_handler(self._failed)
+        get_running_loop().set_exception_handler(self._failed)
         self._open = {at: found for at, found in self._open.items() if found.is_open}
         if len(self._open) >= self.most:
             self._notice(f"more than {self.most} connections: the oldest without a websocket are closed")
