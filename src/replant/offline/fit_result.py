@@ -11,7 +11,7 @@ import numpy as np
 
 from replant.arguments import FloatArray, IntArray, vector
 from replant.assessment import Assessment, Simulation, assess_record
-from replant.assessment.assess_offline import MOST_SAMPLES
+from replant.assessment.assess import MOST_SAMPLES
 from replant.assessment.other_columns import OtherColumn, other_columns, with_other_columns
 from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
