@@ -31,7 +31,7 @@ from replant.operating_system import refusal
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source
 from replant.runs.thinning import Batch
-from replant.simulation.score import FITTED
+from replant.simulation.fitted_run import FITTED
 
 
 def identify(rig: Rig, job: Job) -> Row:
