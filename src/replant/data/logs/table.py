@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import mmap
 import operator
+import os
 import re
+import sys
+import tempfile
 import zipfile
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from pathlib import Path
-from typing import SupportsIndex, TypeVar
+from typing import Any, SupportsIndex, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,8 +28,8 @@ T = TypeVar("T")
 
 MOST_COLUMNS = 1 << 17  # columns of a file, or groups and other parts of it [count]
 LONGEST_NAME = 1000  # longest name of a column [characters]
-MOST_EMPTY = 1 << 24
-"""Missing values of a file, from which on there must be a value for every two of them: 128 MB [count]."""
+MOST_EMPTY = 1 << 24  # missing values of a file, beyond which there must be a value for every two of them [count]
+PART_ROWS = 1 << 16  # rows of a long log that are looked at together [rows]
 
 
 def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS) -> Iterator[T]:
@@ -147,8 +151,39 @@ class Table:
 
     def columns(self, keys: Sequence[str | int]) -> list[NDArray[np.float64]]:
         """Return several columns as float64, by name or 0-based number, in one pass over the file."""
-        blocks = list(self.stream(keys))
-        return [np.concatenate([np.empty(0), *(block[index] for block in blocks)]) for index in range(len(keys))]
+        return self.arrays(keys, sys.maxsize)
+
+    def arrays(
+        self, keys: Sequence[str | int], most_held: int, progress: Callable[[int, int], None] = lambda rows, about: None
+    ) -> list[NDArray[np.float64]]:
+        """Return columns in one pass: in memory up to a number of rows, else mapped from files that end with them."""
+        columns = [_Growing() for _ in keys]
+        rows = 0
+        try:
+            for block in self.stream(keys):
+                for column, values in zip(columns, block, strict=True):
+                    column.add(values)
+                    rows = max(rows, column.rows)
+                if rows > most_held:
+                    for column in columns:
+                        column.to_file(self.path)
+                progress(rows, max(self.approximate_rows, rows))
+            return [column.array() for column in columns]
+        finally:
+            for column in columns:
+                column.close()
+
+    def head(self, keys: Sequence[str | int], rows: int) -> list[NDArray[np.float64]]:
+        """Return the first rows of columns: so many or a block more, if there are as many."""
+        parts: list[list[NDArray[np.float64]]] = [[np.empty(0)] for _ in keys]
+        with closing(self.stream(keys)) as blocks:
+            for block in blocks:
+                for column, values in zip(parts, block, strict=True):
+                    column.append(values)
+                rows -= max(map(len, block), default=0)
+                if rows <= 0:
+                    break
+        return [np.concatenate(column) for column in parts]
 
     def stream(self, keys: Sequence[str | int]) -> Generator[list[NDArray[np.float64]], None, None]:
         """Yield several columns as float64, block of rows by block of rows, in one pass over the file."""
@@ -208,6 +243,75 @@ class Table:
 
     def _likeness(self, key: str, name: str) -> float:
         return max(_likeness(key, name), _likeness(key, _core(name)))
+
+
+class _Growing:
+    """A column that grows: in memory, or in a file without a name."""
+
+    def __init__(self) -> None:
+        self.rows, self._held = 0, np.empty(0)
+        self._file: Any = None
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Append the values of the next rows."""
+        self.rows += values.size
+        if self._file is not None:
+            self._write(values)
+            return
+        if self.rows > self._held.size:
+            self._held.resize(max(self.rows, 9 * self._held.size // 8), refcheck=False)
+        self._held[self.rows - values.size : self.rows] = values
+
+    def to_file(self, path: Path) -> None:
+        """Keep the column in a file from now on."""
+        if self._file is None:
+            self._path, self._folder = path, spool_folder()
+            self._write(self._held[: self.rows])
+            self._held = np.empty(0)
+
+    def _write(self, values: NDArray[np.float64]) -> None:
+        try:
+            self._file = self._file or tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 - see `close`
+            self._file.write(np.ascontiguousarray(values).data)
+            self._file.flush()
+        except OSError as error:
+            raise LogError(
+                f"{self._path}: a long log is kept in {self._folder} while it is used, which is not possible "
+                f"({error.strerror or error}); free some room, or set TMPDIR to a folder that has it"
+            ) from error
+
+    def array(self) -> NDArray[np.float64]:
+        """Return the values."""
+        if self._file is None or not self.rows:
+            self._held.resize(self.rows, refcheck=False)
+            return self._held
+        return np.frombuffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
+
+    def close(self) -> None:
+        """Close the file: what is mapped of it stays."""
+        if self._file is not None:
+            self._file.close()
+
+
+def spool_folder() -> str:
+    """Return where columns of long logs are kept: TMPDIR, else /var/tmp, which unlike /tmp is on a disk everywhere."""
+    given = os.environ.get("TMPDIR")
+    return given or ("/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir())
+
+
+def in_parts(arrays: Sequence[NDArray[np.float64]]) -> Iterator[list[NDArray[np.float64]]]:
+    """Yield arrays part by part; what is mapped from a file leaves memory behind them."""
+    for begin in range(0, max(map(len, arrays)), PART_ROWS):
+        yield [array[begin : begin + PART_ROWS] for array in arrays]
+        for array in arrays:
+            forget(array)
+
+
+def forget(array: NDArray[np.float64]) -> None:
+    """Let what was read of an array that is mapped from a file leave memory."""
+    mapped = getattr(array.base, "obj", None)
+    if isinstance(mapped, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        mapped.madvise(mmap.MADV_DONTNEED)
 
 
 def unreadable_error(path: Path, error: OSError) -> LogError:
