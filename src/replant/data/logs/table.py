@@ -1,4 +1,4 @@
-"""Table: the named columns of a file; and what readers share: limits, libraries' errors, zip directories, prefetch."""
+"""Table: the named columns of a file; and what readers share: limits, libraries' errors, zip directories."""
 
 from __future__ import annotations
 
@@ -9,9 +9,7 @@ import re
 import sys
 import tempfile
 import zipfile
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from difflib import SequenceMatcher
@@ -84,26 +82,6 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
         if any(member.compress_type not in _STREAMED for member in members):
             raise LogError(f"{path}: packed by another method than deflate; pack it again with zip")
         yield archive
-
-
-def prefetch(jobs: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
-    """Yield the results of ``jobs`` in their order, with ``workers`` + 1 jobs running or waiting.
-
-    Threads suffice: reading, parsing and identification each release the interpreter's lock.
-    """
-    pending: deque[Future[T]] = deque()
-    pool = ThreadPoolExecutor(workers, "replant-read")
-    try:
-        for job in jobs:
-            pending.append(pool.submit(job))
-            if len(pending) > workers:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
-    finally:
-        # Never wait here: the garbage collector may end an abandoned generator in any thread, in one of the pool's too,
-        # and at any place, also where that thread holds the locks of `threading`.
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 NAMES_SHOWN = 12  # names that the error of a wrong name lists, closest first [count]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import lru_cache
@@ -239,3 +239,19 @@ class LocalClock:
         forth = (_HOUR, f"as at the beginning of daylight saving time, or after a pause of an hour; {_REMEDY}")
         midnight = "as at midnight; write the date into the column, too, or give the sampling time (dt, --dt)"
         return [back, forth] if self._has_date else [(-_DAY, midnight)]
+
+
+def checked_clocks(
+    path: Path, names: Sequence[str], stamps: Mapping[int, StampFormat], columns: Sequence[int],
+    describe_row: Callable[[int], str], blocks: Iterator[list[NDArray[np.float64]]],
+) -> Iterator[list[NDArray[np.float64]]]:  # fmt: skip
+    """Yield blocks of columns, those of local clocks looked at for jumps."""
+    clocks = [
+        (at, LocalClock(path, names[column], describe_row, has_date="d" in form.parts))
+        for at, column in enumerate(columns)
+        if (form := stamps.get(column)) is not None and form.is_local
+    ]
+    for block in blocks:
+        for at, clock in clocks:
+            clock.check(block[at])
+        yield block
