@@ -42,7 +42,7 @@ from replant.data.logs.text_layout import (
     sniff,
     too_long_error,
 )
-from replant.data.logs.text_times import READ, StampError, checked_clocks
+from replant.data.logs.text_times import READ, checked_clocks
 from replant.errors import LogError, shown
 
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
@@ -71,12 +71,12 @@ def parse_column(
         if mark is None and layout.delimiter != ",":
             mark = common_mark(mark_of(cell, line) for (line, _), cell in zip(rows, cells, strict=True))
         return parse_numbers(cells, mark)
-    except (NumberError, StampError) as error:
-        line, name = rows[error.index][0], layout.names[column]
+    except CellError as error:
+        line, name = rows[error.at][0], layout.names[column]
         if isinstance(error, TwoMarksError):
             assert mark is not None
             raise LogError(_two_marks(path, name, str(error), line, mark)) from None
-        remedy = _DATE_REMEDY if _DATE.match(cells[error.index]) else _CELL_REMEDY
+        remedy = _DATE_REMEDY if _DATE.match(cells[error.at]) else _CELL_REMEDY
         end = f"; {remedy}" if isinstance(error, NumberError) else ""
         raise LogError(f"{path}: line {line}, column {shown(name)}: {error}{end}") from None
 
@@ -325,7 +325,7 @@ def _split(path: Path, layout: Layout, number: int, line: str) -> list[str]:
     try:
         return split_line(line, layout.delimiter)
     except CellError as error:
-        name = layout.names[error.column] if error.column < len(layout.names) else str(error.column)
+        name = layout.names[error.at] if error.at < len(layout.names) else str(error.at)
         raise LogError(f"{path}: line {number}, column {shown(name)}: {error}; {QUOTES_REMEDY}") from None
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs import arrow, channels, isolated
-from replant.data.logs.table import Table, damage_as_log_error, listed, open_zip, unreadable_error
+from replant.data.logs.table import Table, damage_as_log_error, listed, needed, open_zip, unreadable_error
 from replant.errors import LogError, MissingDependencyError
 
 STANDARD_INPUT = Path("-")  # what stands for standard input
@@ -141,12 +141,7 @@ def _parts_of(file: Any) -> Iterator[bytes]:
 
 
 def _zstd_parts(path: Path, packed: BinaryIO) -> Iterator[bytes]:
-    try:
-        import zstandard
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"{path}: reading a .zst file needs zstandard: pip install 'replant[zstd]'"
-        ) from error
+    zstandard = needed(path, "zstandard", "a .zst file needs zstandard", "'replant[zstd]'")
     frame = None
     for part in iter(lambda: packed.read(_ZSTD_BYTES), b""):
         rest = part

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from replant.data.logs.csv import unended_line
 from replant.data.logs.table import MOST_COLUMNS, Table, too_many_error
-from replant.data.logs.text_cells import quote
+from replant.data.logs.text_cells import CellError, quote
 from replant.data.logs.text_layout import MOST_LINES_ABOVE, lines_of
-from replant.data.logs.text_times import StampError, StampFormat, checked_clocks, find_format
+from replant.data.logs.text_times import StampFormat, checked_clocks, find_format
 from replant.errors import LogError, shown
 
 BLOCK_ROWS = 1 << 14  # rows read at a time [rows]
@@ -149,8 +149,8 @@ def _column(path: Path, columns: _Columns, number: int, block: Sequence[_Row]) -
         )
     try:
         return form.seconds(["" if value is None else str(value) for value in values])
-    except StampError as error:
-        line = block[error.index][0]
+    except CellError as error:
+        line = block[error.at][0]
         raise LogError(f"{path}: line {line}, column {shown(columns.names[number])}: {error}") from None
 
 

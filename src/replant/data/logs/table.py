@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import mmap
 import operator
 import os
@@ -19,7 +20,7 @@ from typing import Any, SupportsIndex, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.errors import SHOWN, ArgumentTypeError, LogError, ReplantError, shown
+from replant.errors import SHOWN, ArgumentTypeError, LogError, MissingDependencyError, ReplantError, shown
 from replant.interop import without_unit
 
 T = TypeVar("T")
@@ -41,6 +42,15 @@ def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS)
 def too_many_error(path: Path, what: str, most: int = MOST_COLUMNS) -> LogError:
     """Return the error for a file with too much of something."""
     return LogError(f"{path}: more than {most:,} {what}; write the log's signals into a file of their own")
+
+
+def needed(path: Path, module: str, reading: str, package: str) -> Any:
+    """Return a module that ``reading`` needs, from a package that may not be installed."""
+    try:
+        importlib.import_module(module.partition(".")[0])
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise MissingDependencyError(f"{path}: reading {reading}: pip install {package}") from error
 
 
 @contextmanager

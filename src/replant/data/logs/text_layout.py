@@ -159,7 +159,7 @@ def sniff(path: Path) -> Layout:
     try:
         first = split_line(line, delimiter)
     except CellError as error:
-        raise LogError(f"{path}: line {number}, column {error.column}: {error}; {QUOTES_REMEDY}") from None
+        raise LogError(f"{path}: line {number}, column {error.at}: {error}; {QUOTES_REMEDY}") from None
     if len(first) > MOST_COLUMNS:
         raise too_many_error(path, "columns")
     below = [(at, cells) for at, line in rows[1:] if (cells := _split_or_none(line, delimiter)) is not None]
