@@ -85,7 +85,7 @@ def test_a_run_without_its_history_is_the_same_run(tmp_path: Path) -> None:
 def test_a_long_record_is_run_without_being_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = as_parquet(tmp_path / "logs" / "a.parquet", recorded(0, 3000), row_group_size=500)
     held = fitted(file, tmp_path / "held", method="run").table()
-    monkeypatch.setattr("replant.fleet.records.MOST_HELD", 1000)
+    monkeypatch.setattr("replant.fleet.work.MOST_HELD", 1000)
     streamed = fitted(file, tmp_path / "streamed", method="run").table()
     for name in ("a1", "a0", "b0", "samples", "begin", "end", "output_held"):
         assert streamed.column(name).to_pylist() == pytest.approx(held.column(name).to_pylist(), rel=1e-9)
@@ -99,7 +99,7 @@ def test_a_part_of_a_record_with_dates_begins_at_its_date(
     stamps = np.datetime64("1970-01-01T01:00:00") + (1000 * record.t).round().astype("timedelta64[ms]")
     (tmp_path / "logs").mkdir()
     pandas.DataFrame({"t": stamps, "u": record.u, "y": record.y}).to_csv(tmp_path / "logs" / "a.csv", index=False)
-    monkeypatch.setattr("replant.fleet.records.MOST_HELD", most_held)
+    monkeypatch.setattr("replant.fleet.work.MOST_HELD", most_held)
     row = fitted(tmp_path / "logs", tmp_path / "out", method="run", begin=2.0, end=12.0).table().to_pylist()[0]
     assert (row["begin"], row["end"]) == pytest.approx((3602.0, 3612.0))
 

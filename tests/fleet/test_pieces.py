@@ -12,11 +12,10 @@ import pytest
 from replant.errors import InvalidArgumentError
 from replant.fleet.catalogue import find_rigs, is_log
 from replant.fleet.executors import InThisThread, carried_out, parsed, workers
-from replant.fleet.job import Job, Piece, Rig, digest, printable, report_path
-from replant.fleet.oddness import _least_fit, _ratio, compared
-from replant.fleet.quantities import Quantity, _nearest, located, quantities_of
+from replant.fleet.job import Job, Piece, Rig, digest, planned, printable, report_path, work_of
+from replant.fleet.oddness import _least_fit
+from replant.fleet.statistics import Deviation, Quantity, _nearest, _ratio, located, quantities_of
 from replant.fleet.store import schema
-from replant.fleet.work import planned, work_of
 from replant.model.structure import Structure
 from support.cases import every
 
@@ -27,7 +26,7 @@ WORDS: dict[Any, Any] = {
     _ratio(2.143): "2.1",
     _ratio(1.052): "1.05",
     _ratio(1234.0): "1,234",
-    compared(Quantity("time constant", ()), math.log(2.1), math.log(2.1) / 14): (
+    Deviation(Quantity("time constant", ()), math.log(2.1), math.log(2.1) / 14, 0, 0.0).words(): (
         "time constant 2.1 times the fleet's median, 14 standard deviations"
     ),
     _nearest(math.log(0.001003), 0.01, False): "the gain is 1/1000 of the fleet's, nearly: a power of ten",

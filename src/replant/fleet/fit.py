@@ -21,9 +21,9 @@ from replant.arguments import iterable
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, ReplantError, shown
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
-from replant.fleet.job import ABOUT, MODELS, TABLE, Job
+from replant.fleet.job import ABOUT, MODELS, TABLE, Job, planned
 from replant.fleet.store import Store, column, read_table
-from replant.fleet.work import carry_out, one_thread, planned
+from replant.fleet.work import carry_out, one_thread
 from replant.identified.model import Model
 from replant.limits import file_path
 from replant.model.structure import Structure

@@ -1,4 +1,4 @@
-"""The job of a fleet, and the files of its folder."""
+"""The job of a fleet, its tasks, and the files of its folder."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -15,7 +15,7 @@ from typing import Any
 
 from replant import operating_system
 from replant.arguments import finite, instance, keep, one_of, text, whole
-from replant.data.logs.arrow import RowGroups
+from replant.data.logs.arrow import SUFFIXES, RowGroups
 from replant.errors import InvalidArgumentError, SystemRefusedError
 from replant.limits import duration
 from replant.model.structure import Structure
@@ -170,3 +170,54 @@ def report_path(rig: str) -> str:
     """Return the path of a rig's report, from the folder of the fleet on; rigs with like names have different ones."""
     plain = re.sub(r"[^A-Za-z0-9]+", "-", rig).strip("-")[:60]
     return f"{REPORTS}/{plain}-{digest(rig)[:6]}.html"
+
+
+FIXED = 100_000
+"""Work of a rig beside its samples: starting, solving as a whole, judging; benchmarks/fleet measures it [samples that
+take as long].
+"""
+TEXT_ROW, BINARY_ROW = 24, 12  # usual size of a row of time, input and output in text, and in other formats [bytes]
+FEWEST, LARGEST = 64, 20_000_000
+"""Tasks that a fleet is divided into at least, so that workers end together, and work of a task at most, so that little
+is lost with a worker: about a minute [count, samples].
+"""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A group of rigs that one worker identifies one after the other."""
+
+    job: Job
+    rigs: tuple[Rig, ...]
+
+    @property
+    def work(self) -> int:
+        """How long it takes, in samples that take as long."""
+        return sum(map(work_of, self.rigs))
+
+
+def work_of(rig: Rig) -> int:
+    """Return how long a rig takes, in samples that take as long."""
+    rows = 0
+    for piece in rig.pieces:
+        suffix = Path(piece.path).suffix.lower()
+        binary = suffix in SUFFIXES or suffix not in (".csv", ".txt", ".tsv", ".dat", ".jsonl")
+        rows += piece.rows or piece.size // (BINARY_ROW if binary else TEXT_ROW)
+    return FIXED + rows
+
+
+def planned(job: Job, rigs: Sequence[Rig]) -> list[Task]:
+    """Return the tasks for rigs, which are sorted by name; those with the most work first."""
+    share = min(LARGEST, sum(map(work_of, rigs)) / FEWEST)
+    tasks = [Task(job, tuple(group)) for group in _grouped(rigs, share)]
+    return sorted(tasks, key=lambda task: -task.work)
+
+
+def _grouped(rigs: Iterable[Rig], share: float) -> list[list[Rig]]:
+    groups: dict[int, list[Rig]] = {}
+    before = 0
+    for rig in rigs:
+        work = work_of(rig)
+        groups.setdefault(int((before + work / 2) // share), []).append(rig)
+        before += work
+    return list(groups.values())

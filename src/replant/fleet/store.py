@@ -36,7 +36,6 @@ from replant.fleet.job import (
     replacing,
     report_path,
 )
-from replant.fleet.records import UNKNOWN, Movement
 from replant.identified.model import Model
 from replant.model.structure import Structure
 from replant.operating_system import refusal
@@ -214,6 +213,18 @@ def column(table: Any, name: str) -> Any:
 
 
 FAILED = "failed"  # what stands in place of the verdict where a rig could not be identified
+
+
+@dataclass(frozen=True)
+class Movement:
+    """How far the signals of a record move."""
+
+    input_std: float = math.nan  # input_std, output_std: standard deviations of the raw signals; NaN without a sample
+    output_std: float = math.nan
+    output_held: float = math.nan  # longest stretch over which the output is constant to the bit [part of the record]
+
+
+UNKNOWN = Movement()
 
 
 @dataclass(frozen=True, eq=False)

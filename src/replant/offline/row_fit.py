@@ -14,7 +14,7 @@ from replant.assessment import fit_percent
 from replant.assessment.row_tests import controlled, left_out
 from replant.assessment.verdict import Finding, Verdict
 from replant.errors import InvalidArgumentError, shown
-from replant.identified.provenance import Provenance
+from replant.identified.fields import Provenance
 from replant.identified.row_model import RowModel, one_step_percent
 from replant.limits import duration, increasing
 from replant.log import Log

@@ -6,7 +6,7 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.assessment import Assessment, assess_running, assess_starting
-from replant.assessment.assess_online import judged
+from replant.assessment.assess import judged
 from replant.engine.covariance import covariance
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import REASONS, State
