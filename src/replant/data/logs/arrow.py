@@ -117,7 +117,7 @@ def _place_of(parts: Sequence[RowGroups], lengths: Sequence[int], row: int) -> s
 @contextmanager
 def open_parquet(path: Path) -> Iterator[Any]:
     """Open a file as `pyarrow.parquet.ParquetFile`."""
-    parquet = needed(path, "pyarrow.parquet", "Parquet needs pyarrow", "'replant[parquet]'")
+    parquet = needed(path, "pyarrow.parquet", "reading Parquet needs pyarrow", "'replant[parquet]'")
     # pre_buffer would keep every block in memory
     options = {"pre_buffer": False, "buffer_size": BUFFER_BYTES, "page_checksum_verification": True}
     with (
@@ -181,7 +181,7 @@ _OLD_MAGIC = b"FEA1"
 @contextmanager
 def _opened_ipc(path: Path) -> Iterator[Any]:
     """Open a file as a reader of record batches."""
-    ipc = needed(path, "pyarrow.ipc", "Feather and Arrow files needs pyarrow", "'replant[parquet]'")
+    ipc = needed(path, "pyarrow.ipc", "reading Feather and Arrow files needs pyarrow", "'replant[parquet]'")
     import pyarrow
 
     with damage_as_log_error(path, "Feather or Arrow file", "write it again"), pyarrow.OSFile(str(path)) as file:

@@ -56,7 +56,7 @@ def read_mdf(path: Path) -> Table:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    asammdf = needed(path, "asammdf", "MDF needs asammdf", "asammdf")
+    asammdf = needed(path, "asammdf", "reading MDF needs asammdf", "asammdf")
     with path.open("rb") as file:
         if not file.read(len(_MAGIC[0])).startswith(_MAGIC):
             raise LogError(f"{path}: not a measurement data file; {_REMEDY}")
@@ -130,7 +130,7 @@ def read_tdms(path: Path) -> Table:
 
 @contextmanager
 def _opened_of_tdms(path: Path) -> Iterator[Any]:
-    tdms = needed(path, "nptdms", "TDMS needs npTDMS", "npTDMS").TdmsFile
+    tdms = needed(path, "nptdms", "reading TDMS needs npTDMS", "npTDMS").TdmsFile
     with damage_as_log_error(path, "TDMS file", _REMEDY), path.open("rb") as opened, tdms.open(opened) as file:
         yield file
 
@@ -179,7 +179,7 @@ _PER_SECOND = 1_000_000  # unit of the stamps [1/s]
 
 def read_ulog(path: Path) -> Table:
     """Open a ULog file.  Of several instances of a topic the columns are ``topic[0].field``, ``topic[1].field``."""
-    pyulog = needed(path, "pyulog", "ULog needs pyulog", "'replant[ulog]'")
+    pyulog = needed(path, "pyulog", "reading ULog needs pyulog", "'replant[ulog]'")
     with damage_as_log_error(path, "ULog file", "copy it again"), path.open("rb") as file:
         allow(held=_ULOG_COPIES * path.stat().st_size)  # pyulog holds all that is in it
         log = pyulog.ULog(file)
@@ -270,7 +270,7 @@ class _UnknownEncodingError(ValueError):
 @contextmanager
 def _opened_of_mcap(path: Path) -> Iterator[Any]:
     for module in ("mcap_ros2.decoder", "mcap.reader"):
-        mcap = needed(path, module, "MCAP needs mcap", "'replant[mcap]'")
+        mcap = needed(path, module, "reading MCAP needs mcap", "'replant[mcap]'")
     with damage_as_log_error(path, "MCAP file", "repair it with: mcap recover"), path.open("rb") as file:
         yield mcap.make_reader(file, validate_crcs=True)
 

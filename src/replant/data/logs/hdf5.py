@@ -53,11 +53,6 @@ def read_hdf5(path: Path) -> Table:
     return _table(path, matlab=False)
 
 
-def read_matlab_73(path: Path) -> Table:
-    """Open a MATLAB file of version 7.3."""
-    return _table(path, matlab=True)
-
-
 def reasons(objects: Mapping[str, str]) -> dict[str, str]:
     """Return, for each object of a MATLAB file, why it cannot be read, and what to do."""
     how = {
@@ -108,8 +103,8 @@ def _table(path: Path, *, matlab: bool) -> Table:
 
 @contextmanager
 def _opened(path: Path, *, matlab: bool) -> Iterator[Any]:
-    reading = f"{_MATLAB}, or with h5py" if matlab else "HDF5 needs h5py"
-    h5py = needed(path, "h5py", reading, "'replant[hdf5]'")
+    why = f"{_MATLAB}, or install h5py" if matlab else "reading HDF5 needs h5py"
+    h5py = needed(path, "h5py", why, "'replant[hdf5]'")
     kind, remedy = ("MATLAB v7.3 file", _MATLAB) if matlab else ("HDF5 file", "write it again, or copy it again")
     with damage_as_log_error(path, kind, remedy), h5py.File(path, "r") as file:
         yield file
@@ -217,7 +212,7 @@ def read_matlab(path: Path) -> Table:
     with path.open("rb") as file:
         head = file.read(_HEADER_BYTES)
     if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")) or head.endswith(_HDF5_MAGIC):
-        return read_matlab_73(path)
+        return _table(path, matlab=True)
     with damage_as_log_error(path, "MATLAB file", _SAVE_AGAIN):
         contents = _load(path, head)
         return array_table(path, list(_signals(contents)), reasons(_objects(contents)))

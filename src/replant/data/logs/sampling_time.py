@@ -48,11 +48,6 @@ def unit_in_seconds(name: str) -> float:
     return _UNITS[(match[1] or match[2] or match[3]).lower()] if match else 1.0
 
 
-def has_unit(name: str) -> bool:
-    """Return whether a time column's name states a unit of time."""
-    return _UNIT_AT_END.fullmatch(name.strip()) is not None
-
-
 def check_dt(dt: object) -> float:
     """Return a sampling time as float."""
     if isinstance(dt, bool) or not isinstance(dt, Real):
@@ -167,7 +162,7 @@ class StampUnit:
 
 def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
     """Return the unit of the time stamps (K,) in the column ``name``."""
-    unit, known = unit_in_seconds(name), has_unit(name)
+    unit, known = unit_in_seconds(name), _UNIT_AT_END.fullmatch(name.strip()) is not None
     stated = unit_of(name)
     if stated and not known:
         doubt = f"the unit {shown(stated)} in its name is not one of s, ms, us, ns, min, h"

@@ -44,13 +44,13 @@ def too_many_error(path: Path, what: str, most: int = MOST_COLUMNS) -> LogError:
     return LogError(f"{path}: more than {most:,} {what}; write the log's signals into a file of their own")
 
 
-def needed(path: Path, module: str, reading: str, package: str) -> Any:
-    """Return a module that ``reading`` needs, from a package that may not be installed."""
+def needed(path: Path, module: str, why: str, package: str) -> Any:
+    """Return a module of a package that may not be installed; ``why`` says what needs it."""
     try:
         importlib.import_module(module.partition(".")[0])
         return importlib.import_module(module)
     except ImportError as error:
-        raise MissingDependencyError(f"{path}: reading {reading}: pip install {package}") from error
+        raise MissingDependencyError(f"{path}: {why}: pip install {package}") from error
 
 
 @contextmanager
@@ -199,14 +199,15 @@ class Table:
             if len(found) == 1:
                 return found[0]
             if found:
-                raise LogError(self._ambiguous(key, found))
+                names = listed([f"{number} ({shown(self.names[number])})" for number in found])
+                raise LogError(f"{self.path}: column {shown(key)} could be any of {names}; choose it by its number")
         if key.strip().isdecimal() and len(key) < LONGEST_NUMBER:
             return self._number(int(key))
         reason = self.left_out.get(key.strip())
         if reason is not None:
             raise LogError(f"{self.path}: {reason}")
-        near = self._by_likeness(key)
-        meant = f" (did you mean {shown(near[0])}?)" if self._likeness(key, near[0]) >= NEAR else ""
+        near = sorted(self.names, key=lambda name: -_likeness(key, name))
+        meant = f" (did you mean {shown(near[0])}?)" if _likeness(key, near[0]) >= NEAR else ""
         raise LogError(f"{self.path}: no column {shown(key)}{meant}; there are: {listed(near)}")
 
     def _number(self, key: SupportsIndex) -> int:
@@ -221,16 +222,6 @@ class Table:
             last = len(self.names) - 1
             raise LogError(f"{self.path}: no column {shown(number)}; columns 0 to {last} are: {listed(self.names)}")
         return number
-
-    def _ambiguous(self, key: str, found: list[int]) -> str:
-        names = listed([f"{number} ({shown(self.names[number])})" for number in found])
-        return f"{self.path}: column {shown(key)} could be any of {names}; choose it by its number"
-
-    def _by_likeness(self, key: str) -> list[str]:
-        return sorted(self.names, key=lambda name: -self._likeness(key, name))
-
-    def _likeness(self, key: str, name: str) -> float:
-        return max(_likeness(key, name), _likeness(key, _core(name)))
 
 
 class _Growing:
@@ -315,13 +306,9 @@ def _bare(name: str) -> str:
     return _folded(without_unit(name))
 
 
-def _core(name: str) -> str:
-    """Return a name without struct, index and unit: udat for data.udat[:,0], time for time [s]."""
-    return re.sub(r"^.*\.|[\[(].*$", "", name)
-
-
-def _likeness(one: str, other: str) -> float:
-    return SequenceMatcher(None, _folded(one), _folded(other)).ratio()
+def _likeness(key: str, name: str) -> float:
+    core = re.sub(r"^.*\.|[\[(].*$", "", name)  # without struct, index and unit: udat for data.udat[:,0]
+    return max(SequenceMatcher(None, _folded(key), _folded(one)).ratio() for one in (name, core))
 
 
 def listed(names: Sequence[str]) -> str:

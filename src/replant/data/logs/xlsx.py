@@ -81,7 +81,7 @@ def read(path: Path) -> Table:
     Rows above the names are skipped; below the names may be a row of units.  Cells of dates and times are seconds since
     the first row.  Of a formula the value counts that was saved with it.
     """
-    openpyxl = needed(path, "openpyxl", "Excel files needs openpyxl", "'replant[xlsx]'")
+    openpyxl = needed(path, "openpyxl", "reading Excel files needs openpyxl", "'replant[xlsx]'")
     with damage_as_log_error(path, "Excel workbook", "save it again as .xlsx, or as CSV"):
         with open_zip(path):
             pass
