@@ -114,10 +114,7 @@ def _lines() -> Any:
     return Lines(disable=True)
 
 
-MOST_OFF = 0.1
-"""Difference of the time stamps' usual interval from the sampling time given that needs no word: jitter and lost
-samples [part of the sampling time].
-"""
+MOST_OFF = 0.1  # difference of the usual interval from --dt that jitter makes [part of the sampling time]
 
 BIAS = flag("--bias", "Also identify a constant added to the output of G(s).")
 FEEDTHROUGH = flag("--feedthrough", "Allow as many zeros as poles: the output jumps with the input.")

@@ -22,8 +22,7 @@ from replant.simulation.model_run import model_output
 from replant.statistics.autoregression import ahead
 from replant.statistics.linear_algebra import quiet
 
-SAME_CLOCK = 0.1
-"""Difference of the usual interval from the noise model's up to which that predicts [part of the interval]."""
+SAME_CLOCK = 0.1  # difference of intervals up to which the noise model predicts [part of the interval]
 
 
 class Model(ModelFields):

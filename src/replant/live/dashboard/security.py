@@ -40,8 +40,7 @@ HEADERS = {
 }
 LONGEST_TOKEN = 1024  # characters of a token that are compared at all [characters]
 PAUSE = 0.5  # time before a missing or wrong token is answered, one after the other: nobody tries many [s]
-MOST_WAITING = 32
-"""Requests that may wait for that answer at a time; while so many do, a token is not even looked at [count]."""
+MOST_WAITING = 32  # requests that may wait for that answer; of more no token is looked at [count]
 _SAFE = ("GET", "HEAD")
 
 
