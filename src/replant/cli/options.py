@@ -47,13 +47,7 @@ def ask() -> None:
 
 
 def is_asked_for() -> bool:
-    """Return whether the command that is running was called with --progress.
-
-    Examples
-    --------
-    >>> is_asked_for()
-    False
-    """
+    """Return whether the command that is running was called with --progress."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(ASKED))
 

@@ -333,13 +333,7 @@ class Model(ModelFields):
 
 
 def usual_interval(t: FloatArray, dt: float) -> float:
-    """Return the usual interval of time stamps (K,) in s; of fewer than two ``dt``.
-
-    Examples
-    --------
-    >>> usual_interval(np.array([0.0, 1.0, 2.0, 9.0]), 0.1)
-    1.0
-    """
+    """Return the usual interval of time stamps (K,) in s; of fewer than two ``dt``."""
     return float(np.median(np.diff(t))) if t.size > 1 else dt
 
 
