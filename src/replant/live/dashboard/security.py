@@ -172,8 +172,8 @@ def most_connections() -> int:
     """Return how many connections there may be at a time."""
     try:
         import resource
-    except ImportError:  # Windows, where sockets are no file descriptors
-        return MOST
+    except ImportError:  # Windows, where a loop looks at 512 sockets at most
+        return MOST // SHARE
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return MOST if limit < 0 else min(max(limit // SHARE, LEAST), MOST)
 
