@@ -18,8 +18,7 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
-from replant.online.kept_model import model_of
-from replant.online.newest_samples import newest_samples
+from replant.online.kept_model import model_of, newest_samples
 from replant.plotting.diagrams import mirrored
 from replant.report.figures.style import mapped_label
 from replant.report.terminal.summary import true_parameters
