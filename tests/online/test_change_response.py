@@ -10,7 +10,7 @@ import pytest
 import replant as rp
 from replant.kernels.schema import Alarm
 from replant.online import identifier
-from replant.online.renewal import GROWTH
+from replant.online.revision import GROWTH
 from support.builders import DT, binary, true_parameters
 from support.cases import every
 
