@@ -47,13 +47,7 @@ def ask() -> None:
 
 
 def is_asked_for() -> bool:
-    """Return whether the command that is running was called with --progress.
-
-    Examples
-    --------
-    >>> is_asked_for()
-    False
-    """
+    """Return whether the command that is running was called with --progress."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(ASKED))
 
@@ -114,10 +108,7 @@ def _lines() -> Any:
     return Lines(disable=True)
 
 
-MOST_OFF = 0.1
-"""Difference of the time stamps' usual interval from the sampling time given that needs no word: jitter and lost
-samples [part of the sampling time].
-"""
+MOST_OFF = 0.1  # difference of the usual interval from --dt that jitter makes [part of the sampling time]
 
 BIAS = flag("--bias", "Also identify a constant added to the output of G(s).")
 FEEDTHROUGH = flag("--feedthrough", "Allow as many zeros as poles: the output jumps with the input.")

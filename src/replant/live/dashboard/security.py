@@ -40,8 +40,7 @@ HEADERS = {
 }
 LONGEST_TOKEN = 1024  # characters of a token that are compared at all [characters]
 PAUSE = 0.5  # time before a missing or wrong token is answered, one after the other: nobody tries many [s]
-MOST_WAITING = 32
-"""Requests that may wait for that answer at a time; while so many do, a token is not even looked at [count]."""
+MOST_WAITING = 32  # requests that may wait for that answer; of more no token is looked at [count]
 _SAFE = ("GET", "HEAD")
 
 
@@ -173,8 +172,8 @@ def most_connections() -> int:
     """Return how many connections there may be at a time."""
     try:
         import resource
-    except ImportError:  # Windows, where sockets are no file descriptors
-        return MOST
+    except ImportError:  # Windows, where a loop looks at 512 sockets at most
+        return MOST // SHARE
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return MOST if limit < 0 else min(max(limit // SHARE, LEAST), MOST)
 

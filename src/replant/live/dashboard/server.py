@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import socket
 import time
@@ -42,7 +43,9 @@ class Dashboard:
 
     def _run(self) -> None:
         try:
-            self._server.run(sockets=[self._listening])
+            # the loop that calls `accept` of the socket, also on Windows
+            with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
+                runner.run(self._server.serve(sockets=[self._listening]))
         except Exception as error:
             self._hub.notice(f"its server ended: {type(error).__name__}: {error}")
         finally:
@@ -108,7 +111,6 @@ def serve(
         access_log=False,
         server_header=False,
         lifespan="off",
-        loop="asyncio",
         ws="websockets-sansio",
         ws_max_size=1024,  # the page never speaks
         ws_per_message_deflate=False,  # a hundred browsers would cost a core

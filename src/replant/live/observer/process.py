@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 #: Signals that end a session, and the observer by it alone.
 ENDING = (signal.SIGINT, signal.SIGTERM)
-UNHEARD = 5.0
-"""Time without a handover, of which several come a second, after which the session is not heard any more [s]."""
+UNHEARD = 5.0  # without a handover for so long the session does not answer; several come a second [s]
 AGAIN = 5.0  # time until a dashboard that could not be served is tried again [s]
 
 

@@ -44,11 +44,9 @@ class Notices:
             self._show(message)
 
 
-VERSION = 1
-"""Version of the layout, `schema/message-1.json`; raised where an entry changes its meaning or goes away [count]."""
+VERSION = 1  # of `schema/message-1.json`; raised where an entry changes its meaning or goes away [count]
 UNKNOWN = "unknown"  # the verdict while none is known
-LEAST_TTL = 5.0
-"""Least time for which "trusted" may stand without an accepted sample: a network takes time to send again [s]."""
+LEAST_TTL = 5.0  # least life of "trusted" without a sample: a network takes time to send again [s]
 INTERVALS = 10  # the same in sampling times: a slow plant's samples may come ten in a message [sampling times]
 #: `Estimate.status` while no sample is accepted, and when the session is over.
 WAITING, ENDED = "waiting", "ended"
