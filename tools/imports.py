@@ -52,7 +52,7 @@ ADAPTERS = {
 FORKS = {"online.turns": {"os"}}  # says what a forked process does first; it touches no file
 #: Finds the native library, and has it made in a clone.
 LOADS = {"kernels.native": {"ctypes", "hashlib", "pathlib", "platform", "subprocess", "sys", "threading"}}
-TERMINAL = {"click"}
+TERMINAL = {"click", "rich"}
 FILES = {"pathlib", "os", "io", "shutil", "tempfile", "glob", "socket", "select", "subprocess", "sys", "logging"}
 CALLS = {"open", "print", "input", "exec", "eval", "__import__"}
 WRITES = {"tofile", "fromfile", "memmap", "savetxt", "loadtxt", "savez", "read_text", "write_text"}

@@ -83,6 +83,10 @@ def prepare(model: list[str]) -> None:
     """Import what a session, its observer and its dashboard need."""
     import pyarrow.compute
     import pyarrow.parquet
+    import rich.console
+    import rich.live
+    import rich.padding
+    import rich.table
     import uvicorn.loops.asyncio
     import uvicorn.protocols.http.auto
     import uvicorn.protocols.websockets.websockets_sansio_impl  # noqa: F401
@@ -92,7 +96,6 @@ def prepare(model: list[str]) -> None:
     import replant.data.logs.read
     import replant.live.dashboard.app
     import replant.live.dashboard.server
-    import replant.report.terminal.console
     from replant import Identifier
     from replant.data.streams import lines
     from replant.live.observer.make_view import EstimateHistory, make_view
@@ -107,7 +110,7 @@ def prepare(model: list[str]) -> None:
     view = make_view(
         identifier, SessionInfo(0.0, "", "connected", {}, 0.0, 0.0), EstimateHistory(identifier.structure.size)
     )
-    replant.report.terminal.console.Console(io.StringIO()).print(*replant.live.observer.terminal.render(view))
+    rich.console.Console(file=io.StringIO()).print(replant.live.observer.terminal.render(view))
     pyarrow.parquet.write_table(pyarrow.table({"words": pyarrow.array(["once"])}), io.BytesIO())  # imports pandas
     rig = lines.TcpSource("", "127.0.0.1", 1)
     socket.getaddrinfo("127.0.0.1", rig._place[1])

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pandas
 import pytest
+from rich.console import Console
 
 import replant as rp
 from replant.errors import InvalidArgumentError
@@ -15,7 +17,6 @@ from replant.live.observer.terminal import render, report_of
 from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
 from replant.live.session.progress import Progress, resume
-from replant.report.terminal.console import laid_out
 from support.live_fakes import DT, REQUEST, FakeSource, make, record
 
 pytestmark = pytest.mark.usefixtures("unrendered")
@@ -99,7 +100,10 @@ def test_a_view_has_the_reference_of_each_sample() -> None:
 
 
 def shown(view: View) -> str:
-    return "\n".join(map(str, laid_out(render(view), 100)))
+    console = Console(width=100, file=io.StringIO())
+    with console.capture() as captured:
+        console.print(render(view))
+    return captured.get()
 
 
 def test_the_terminal_shows_the_newest_beside_the_output() -> None:

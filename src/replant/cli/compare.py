@@ -11,22 +11,20 @@ from typing import Any
 import click
 
 from replant.cli.option_types import command_line
-from replant.cli.options import log_options, open_log
+from replant.cli.options import log_options, open_log, progress_bar
 from replant.cli.output import kept, make_folder, model_clock, whole_log, write_errors_reported
-from replant.cli.progress import progress_bar
 from replant.cli.terminal import Choice
 from replant.data.logs import Log
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.identified.model import Model
 from replant.identified.model_file import holds_model
 from replant.identified.row_model import RowModel, load_model
-from replant.report.html.comparison import save_figures, write_comparison
-from replant.report.html.model_comparison import HEADINGS, ModelComparison, write_models
-from replant.report.html.model_comparison import compare as compare_saved
-from replant.report.terminal.comparison import comparison_as_json as comparison_as_json
-from replant.report.terminal.comparison import print_comparison
-from replant.report.terminal.comparison import validation_as_json as validation_as_json
-from replant.report.terminal.console import Console, Table
+from replant.report.methods_page import save_figures, write_comparison
+from replant.report.models_page import HEADINGS, ModelComparison, write_models
+from replant.report.models_page import compare as compare_saved
+from replant.report.terminal_tables import comparison_as_json as comparison_as_json
+from replant.report.terminal_tables import print_comparison
+from replant.report.terminal_tables import validation_as_json as validation_as_json
 from replant.runs.result import Result
 from replant.runs.run_log import METHODS, USUAL, Contender, compare
 from replant.settings import Request
@@ -84,17 +82,20 @@ def _written(comparison: ModelComparison, out: Path) -> list[Path]:
 
 
 def _print(comparison: ModelComparison) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
     console = Console()
-    table = Table()
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
     for k, heading in enumerate(HEADINGS[:SHOWN]):
-        table.column(heading, right=k >= 2, breaks=False)
+        table.add_column(heading, justify="left" if k < 2 else "right", no_wrap=True)
     for row in comparison.rows:
         cells = [cell.replace("±", "+-").replace("−", "-").replace("–", "-") for cell in row[:SHOWN]]
-        table.row(*cells, style="bold" if row[0] == comparison.best else "")
+        table.add_row(*cells, style="bold" if row[0] == comparison.best else None)
     console.print(table)
     for name, found in comparison.validations.items():
         if found.verdict.status != "trusted" and found.verdict.reasons:
-            console.print(f"\n{name}: {found.verdict.reasons[0]}", style="dim")
+            console.print(f"\n{name}: {found.verdict.reasons[0]}", style="dim", highlight=False, markup=False)
 
 
 def _of_models(given: dict[str, Any]) -> bool:
@@ -127,9 +128,10 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
     make_folder(out)
     methods = tuple(dict.fromkeys(methods))
     with progress_bar() as progress:
+        task = progress.add_task("", total=len(methods))
         contenders = compare(
             request, log.input, log.output, methods,
-            lambda name, part: progress.show(name, methods.index(name) + part, len(methods)),
+            lambda name, part: progress.update(task, description=name, completed=methods.index(name) + part),
             reference=log.reference, t=log.stamps,
         )  # fmt: skip
     if all(entry.result is None for entry in contenders):
@@ -138,6 +140,8 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
 
 
 def _deliver(contenders: Sequence[Contender], log: Log, request: Request, *, as_json: bool, out: Path | None) -> None:
+    from rich.console import Console
+
     paths: list[Path] = []
     if out is not None:
         with write_errors_reported(out):

@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import time
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
 from replant.arguments import FloatArray
-from replant.cli.option_types import command_line
+from replant.cli.option_types import command_line, flag, path_option
+from replant.cli.options import progress_bar
 from replant.cli.output import make_folder, write_errors_reported
-from replant.cli.progress import progress_bar
 from replant.cli.terminal import did_you_mean
 from replant.data.logs import Log
 from replant.fleet.executors import parsed
@@ -27,13 +24,12 @@ from replant.paper.actuator import NOTES, Actuator
 from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, is_figure, run, save, steps
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
-from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_table, notes, summary
+from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, notes, summary
+from replant.plotting.numbers import off_by
 from replant.regressor.filters import StateVariableFilter
 from replant.report.figures import save_figures
-from replant.report.html.report import write_report
-from replant.report.number_format import off_by
-from replant.report.terminal.console import Console, Table
-from replant.report.terminal.summary import print_result, true_parameters
+from replant.report.result_page import write_report
+from replant.report.terminal import print_result, true_parameters
 from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.runs.result import Result
 from replant.runs.run import run_online
@@ -59,12 +55,11 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     metavar="WHERE",
     help="Make the tables' runs on threads:N, processes:N or dask://HOST:PORT.  [default: here]",
 )
-@click.option("--json", "json_only", is_flag=True, help="Print one JSON object and nothing else.")
-@click.option(
+@flag("--json", "Print one JSON object and nothing else.", "json_only")
+@path_option(
     "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help=f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
+    "DIR",
+    f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
 )
 def reproduce_command(names: tuple[str, ...], on: str | None, json_only: bool, out: Path | None) -> None:
     """Reproduce the article's tables and figures, beside the published numbers.
@@ -106,12 +101,14 @@ def results_as_json(outcome: Outcome) -> dict[str, Any]:
     return tables | ({ACTUATOR: rendering.as_json(outcome.actuator)} if outcome.actuator else {})
 
 
-def print_actuator(console: Console, actuator: Actuator) -> None:
+def print_actuator(console: Any, actuator: Actuator) -> None:
     """Print the actuator's table with its legend, notes and summary."""
+    from rich.padding import Padding
+
     console.print(rendering.ACTUATOR_TITLE, style="bold")
-    console.print(rendering.as_table(actuator))
+    console.print(rendering.as_rich(actuator))
     for line in (*rendering.LEGEND, *NOTES):
-        console.print(line, style="dim", indent=2)
+        console.print(Padding(line, (0, 0, 0, 2), expand=False), style="dim")
     console.print()
     for line in rendering.actuator_summary(actuator):
         console.print(line)
@@ -123,20 +120,20 @@ def _run(
     """Run and draw ``names``; return the outcome, the paths of the figures and, for a report, the figures."""
     drawn = [name for name in names if is_figure(name)]
     if drawn:
-        from replant.plotting.diagrams import blank_figure
+        from replant.plotting.style import blank_figure
 
         blank_figure(1.0, 1.0)  # raises without matplotlib, before the computation
     written: list[Path] = []
     pictures: dict[str, str] = {}
     with progress_bar() as progress:
-        done, total = itertools.count(1), steps(names) + len(drawn)
-        outcome = run(names, lambda name: progress.show(name, next(done), total), on)
+        task = progress.add_task("", total=steps(names) + len(drawn))
+        outcome = run(names, lambda name: progress.update(task, description=name, advance=1), on)
         if out is not None and drawn:
             with write_errors_reported(out):
                 for name, canvas, paths in save(outcome, drawn, out):
                     written += paths
                     pictures |= {name: as_element(canvas, name)} if report else {}
-                    progress.show(name, next(done), total)
+                    progress.update(task, description=name, advance=1)
     return outcome, written, pictures
 
 
@@ -151,16 +148,19 @@ def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
 
 
 def _show(outcome: Outcome, written: Sequence[Path]) -> None:
-    console = Console()
+    from rich.console import Console
+    from rich.padding import Padding
+
+    console = Console(highlight=False, markup=False)
     results = list(outcome.tables.values())
     if results:
         console.print(SOURCE)
     for result in results:
         console.print()
         console.print(result.table.title, style="bold")
-        console.print(as_table(result))
+        console.print(as_rich(result))
         for note in notes(result):
-            console.print(note, style="dim", indent=2)
+            console.print(Padding(note, (0, 0, 0, 2), expand=False), style="dim")
     if results:
         console.print()
     for line in summary(results):
@@ -170,7 +170,7 @@ def _show(outcome: Outcome, written: Sequence[Path]) -> None:
         print_actuator(console, outcome.actuator)
     for path in written:
         if path.suffix != ".svg":
-            console.print(f"wrote {path}" + (" and .svg" if path.suffix == ".png" else ""), whole=True)
+            console.print(f"wrote {path}" + (" and .svg" if path.suffix == ".png" else ""), soft_wrap=True)
 
 
 SAMPLES = 240_000  # length of the demo's record: 240 s at 1 kHz [samples]
@@ -182,10 +182,8 @@ SIGNALS = ("voltage [kV]", "displacement [mm]")
 
 
 @click.command(name="demo")
-@click.option("--out", type=click.Path(path_type=Path), default="out/demo", show_default=True, metavar="DIR")
-@click.option(
-    "--full", is_flag=True, help="Run the article's whole experiment instead: 12 methods compared, Figures 6-8."
-)
+@path_option("--out", "DIR", "", default="out/demo", show_default=True)
+@flag("--full", "Run the article's whole experiment instead: 12 methods compared, Figures 6-8.")
 def demo_command(out: Path, full: bool) -> None:
     """Identify a simulated dielectric elastomer actuator while it runs: 240 s at 1 kHz, 1 um of laser noise.
 
@@ -195,6 +193,8 @@ def demo_command(out: Path, full: bool) -> None:
     if full:
         deliver((*ACTUATOR_FIGURES, ACTUATOR), out, report=True)
         return
+    from rich.console import Console
+
     make_folder(out)
     console = Console()
     rig = deap_rig()
@@ -208,37 +208,50 @@ def demo_command(out: Path, full: bool) -> None:
         click.echo(f"wrote {path}")
 
 
-def _identify(rig: Rig, u: FloatArray, y: FloatArray, console: Console) -> dict[str, Result]:
-    """Run both methods over the record, and say how long each takes."""
+def _identify(rig: Rig, u: FloatArray, y: FloatArray, console: Any) -> dict[str, Result]:
+    """Run both methods over the record, with a progress bar."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
     article = {
         "filter": StateVariableFilter(cutoff=20.0),
         "optimizer": AMSGrad(step_size=3e-5),
         "replay": Replay(capacity=SAMPLES),
     }
     chosen: dict[str, dict[str, Any]] = {DEFAULT: {}, ARTICLE: article}
+    columns = (
+        TextColumn("{task.description:21}"), BarColumn(), TextColumn("{task.completed:,.0f} samples"),
+        TimeElapsedColumn(),
+    )  # fmt: skip
     results = {}
-    for name, settings in chosen.items():
-        request, begun = Request(STRUCTURE, rig.dt, preprocess=rig.preprocess, **settings), time.monotonic()
-        with progress_bar() as progress:
-            results[name] = run_online(request, u, y, partial(progress.show, name, total=u.size))
-        console.print(f"{name:21} {u.size:,} samples in {time.monotonic() - begun:.1f} s")
+    with Progress(*columns, console=console) as progress:
+        for name, settings in chosen.items():
+            request = Request(STRUCTURE, rig.dt, preprocess=rig.preprocess, **settings)
+            results[name] = run_online(request, u, y, _counter(progress, name, u.size))
     return results
 
 
-def _print_beside(console: Console, results: Mapping[str, Result], true: Sequence[float]) -> None:
+def _counter(progress: Any, name: str, total: int) -> Callable[[int], None]:
+    task = progress.add_task(name, total=total)
+    return lambda done: progress.update(task, completed=done)
+
+
+def _print_beside(console: Any, results: Mapping[str, Result], true: Sequence[float]) -> None:
     """Print the error of each method's coefficients, its fit and its verdict with the first reason."""
-    table = Table(gap=3)
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0))
     for heading in ("off by", *results):
-        table.column(heading, right=heading != "off by", breaks=False)
+        table.add_column(heading, justify="left" if heading == "off by" else "right", no_wrap=True)
     for i, (name, target) in enumerate(zip(STRUCTURE.names, true, strict=True)):
-        table.row(name, *(off_by(float(result.parameters[i]), target) for result in results.values()))
-    table.row("simulated fit", *(f"{result.simulation.fit:.1f} %" for result in results.values()))
-    table.row("verdict", *(result.verdict.status for result in results.values()))
+        table.add_row(Text(name), *(off_by(float(result.parameters[i]), target) for result in results.values()))
+    table.add_row("simulated fit", *(f"{result.simulation.fit:.1f} %" for result in results.values()))
+    table.add_row("verdict", *(result.verdict.status for result in results.values()))
     console.print()
     console.print(table)
     other = results[ARTICLE].verdict
     if other.status != "trusted":
-        console.print(f"{ARTICLE}: {other.reasons[0]}", style="dim")
+        console.print(Text(f"{ARTICLE}: {other.reasons[0]}", "dim"))
     console.print()
 
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import click
 
-from replant.cli.options import fleet_options, structure_of
-from replant.cli.progress import progress_bar
+from replant.cli.option_types import path_option
+from replant.cli.options import fleet_options, progress_bar, structure_of
 from replant.cli.terminal import Choice, note
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
@@ -38,19 +38,14 @@ NAMED = 5  # odd rigs that the terminal names [count]
     metavar="WHERE",
     help="threads:N, processes:N or dask://HOST:PORT.  [default: processes, one a core]",
 )
-@click.option(
-    "--compare",
-    type=click.Path(path_type=Path),
-    metavar="OLD_DIR",
-    help="Show what has drifted since the results in OLD_DIR.",
-)
+@path_option("--compare", "OLD_DIR", "Show what has drifted since the results in OLD_DIR.")
 @click.option(
     "--reports",
     type=click.IntRange(1, MOST_REPORTS),
     metavar="N",
     help="Also write the reports of the first N rigs by rank.",
 )
-@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Write the results here.")
+@path_option("--out", "DIR", "Write the results here.", required=True)
 def fleet_command(
     logs: str,
     by: str,
@@ -76,13 +71,13 @@ def fleet_command(
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     with progress_bar(rate=True) as bar:
-        bar.show("planning")
+        task = bar.add_task("planning", total=None)
 
         def show(state: Progress) -> None:
             failures = f", {state.failed} failed" if state.failed else ""
             shown = f"{state.done:,} of {state.rigs:,} rigs{failures}"
             total = state.samples / state.part if state.samples else None  # so that rate and time left are right
-            bar.show(shown, state.samples, total, stage=f"{state.rigs:,} rigs")
+            bar.update(task, description=shown, completed=state.samples, total=total, stage=f"{state.rigs:,} rigs")
 
         found = fit(
             logs, by=by, input=options["input_column"], output=options["output_column"], structure=structure,
@@ -91,9 +86,9 @@ def fleet_command(
             optimizer=options["optimizer"], progress=show,
         )  # fmt: skip
         if reports:
-            bar.show("reports")
+            bar.update(task, description="reports", total=None)
             write_reports(found, reports, on)
-        bar.show("page")
+        bar.update(task, description="page", total=None)
         page = write_page(found, before)
     _check_some(found)
     _show(found, page, as_json=as_json)

@@ -21,8 +21,7 @@ from replant.identified.validation import Validation
 from replant.limits import increasing
 from replant.log import Log
 from replant.model.response import Response
-from replant.simulation.fitted_run import bridged
-from replant.simulation.offset_fit import fit_percent
+from replant.simulation.fitted_run import bridged, fit_percent
 from replant.simulation.row import Point, Row, RowRecord, evaluate, noise_of
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet

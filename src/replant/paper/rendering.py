@@ -8,16 +8,20 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator, Row
 from replant.paper.catalogue import ACTUATOR_FIGURES, Outcome
 from replant.paper.figures import FIGURES
 from replant.paper.reproduction import SOURCE, Cell, TableResult, notes, summary
-from replant.report.html.page import Html, code, facts, icon, section, write_page
-from replant.report.html.tables import svg, table, versions
-from replant.report.number_format import number, uncertain
-from replant.report.terminal.console import Table as Grid
+from replant.plotting.numbers import number, uncertain
+from replant.report.material import versions
+from replant.report.page import Html, code, facts, icon, section, table, write_page
+from replant.report.page_figures import svg
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
 
 Texts = tuple[str, ...]
 ACTUATOR_TITLE = "The actuator: twelve online runs, least squares, and replant's default"
@@ -78,19 +82,23 @@ def measure_tables(actuator: Actuator) -> Iterator[tuple[str, Texts, list[Texts]
         yield title, ("method", *names), rows
 
 
-def as_table(actuator: Actuator) -> Grid:
+def as_rich(actuator: Actuator) -> RichTable:
     """Return a table for the terminal, 80 columns wide: a section for each run, a line for each filter."""
-    table = Grid(gap=1, ruled=True)
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=box.SIMPLE_HEAD, show_lines=True, pad_edge=False, padding=0)
     for heading in ("method", "filter"):
-        table.column(heading, right=False, breaks=False)
+        table.add_column(heading, no_wrap=True)
     for heading in _headings(actuator):
-        table.column(heading, breaks=False)
+        table.add_column(heading, justify="right", no_wrap=True)
     for (method, variant), group in groupby(actuator.rows, lambda row: (row.method, row.variant)):
         rows = list(group)
         columns = zip(*((row.filters, *_fields(row)) for row in rows), strict=True)
         style = "bold" if method == DEFAULT else ""
         name = f"{method}\n{variant}" if variant else method
-        table.row(name, *map("\n".join, columns), style=style)
+        table.add_row(Text(name, style), *(Text("\n".join(column), style) for column in columns))
     return table
 
 

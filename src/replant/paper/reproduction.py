@@ -11,17 +11,18 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from statistics import fmean, stdev
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from replant.fleet.fit import sweep
 from replant.paper.tables import Row, Table, run_seeds
-from replant.report.terminal.console import Table as Grid
-from replant.report.terminal.console import Text
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
 
 SEEDS = 20  # runs of a row with a replay buffer: seeds 0 to 19 [count]
 
-LIMIT = 3.0
-"""Distance of a published figure of one run from the mean of ours up to which they agree [standard deviations]."""
+LIMIT = 3.0  # distance from the mean of our runs up to which a published figure agrees [standard deviations]
 
 
 @dataclass(frozen=True)
@@ -182,20 +183,23 @@ def as_markdown(results: Sequence[TableResult]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def as_table(result: TableResult) -> Grid:
+def as_rich(result: TableResult) -> RichTable:
     """Return a table for the terminal without title and notes: a section for each row, a line for each figure."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
     buffered = _has_std(result)
-    table = Grid(gap=3, ruled=True)
-    table.column(result.table.heading, right=False)
+    table = Table(box=box.SIMPLE_HEAD, show_lines=True, pad_edge=False)
+    table.add_column(result.table.heading)  # wraps on a narrow terminal
     for name in COLUMNS:
         if buffered or name != "std":
-            table.column(name, right=name not in ("index", "match"), breaks=False)
+            table.add_column(name, justify="left" if name in ("index", "match") else "right", no_wrap=True)
     for row in result.rows:
         columns = zip(*(_fields(cell, buffered) for cell in row.cells), strict=True)
         *figures, _ = ("\n".join(column) for column in columns)
-        lines = [(f"\n{cell.verdict}", "green" if cell.agrees else "yellow") for cell in row.cells]
-        first, colour = lines[0]
-        table.row(row.row.label, *figures, Text((first.lstrip(), colour), *lines[1:]))
+        match = Text("\n").join(Text(cell.verdict, "green" if cell.agrees else "yellow") for cell in row.cells)
+        table.add_row(row.row.label, *figures, match)
     return table
 
 

@@ -10,16 +10,16 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.assessment import Simulation
-from replant.online.defaults import settle
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
+from replant.online.startup import settle
 from replant.online.trace import Trace
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import screen
 from replant.runs.result import KNOTS, ClockRecorder, History, Result
 from replant.runs.thinning import Arrays, Batch, Recorder, Source, batched
 from replant.settings import LONGEST_STARTUP, STORED, Request
-from replant.simulation.score import FITTED, Score
+from replant.simulation.fitted_run import FITTED, Score
 from replant.simulation.stretches import (
     NONE,
     flags_of,

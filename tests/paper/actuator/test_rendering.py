@@ -1,12 +1,13 @@
 """What a person and a program get to read of the actuator experiment."""
 
+import io
 import json
 import re
 
 import pytest
 
 from replant.paper.actuator import DEFAULT
-from replant.paper.rendering import actuator_summary, as_json, as_markdown, as_table
+from replant.paper.rendering import actuator_summary, as_json, as_markdown, as_rich
 
 NAMES = ("a2", "a1", "a0", "b1", "b0")
 
@@ -27,7 +28,11 @@ def test_json_has_every_measure(actuator):
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_terminal_table_fits_and_hides_nothing(actuator, width):
-    text = "\n".join(map(str, as_table(actuator).lines(width)))
+    from rich.console import Console
+
+    console = Console(file=io.StringIO(), width=width, color_system=None)
+    console.print(as_rich(actuator))
+    text = console.file.getvalue()
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= width
     lines = [line.split() for line in text.splitlines()]

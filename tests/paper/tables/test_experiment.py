@@ -97,7 +97,7 @@ def test_the_seed_decides_a_run_with_a_buffer_and_no_other():
 def test_importing_the_package_imports_nothing_heavy():
     code = (
         "import sys, replant.paper, replant.cli.demo\n"
-        "print([name for name in ('scipy', 'matplotlib') if name in sys.modules])"
+        "print([name for name in ('scipy', 'matplotlib', 'rich') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -1,11 +1,12 @@
 """What a person and a program get to read."""
 
+import io
 import json
 
 import pytest
 
 from replant.paper import TABLES
-from replant.paper.reproduction import as_json, as_markdown, as_table, notes, summary
+from replant.paper.reproduction import as_json, as_markdown, as_rich, notes, summary
 
 
 def test_json_has_every_figure_beside_the_published_one(results):
@@ -23,8 +24,12 @@ def test_json_has_every_figure_beside_the_published_one(results):
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_terminal_table_fits_and_hides_nothing(results, width):
+    from rich.console import Console
+
     for result in results.values():
-        text = "\n".join(map(str, as_table(result).lines(width)))
+        console = Console(file=io.StringIO(), width=width, color_system=None)
+        console.print(as_rich(result))
+        text = console.file.getvalue()
         assert "…" not in text
         assert max(map(len, text.splitlines())) <= width
         for row in result.rows:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.assess_offline import MOST_SAMPLES
+from replant.assessment.assess import MOST_SAMPLES
 from replant.assessment.other_columns import OtherColumn
 from replant.data.conditioning import from_rest
 from replant.data.inspection.columns import Clock, Column, Contents, find_clock, read_contents

@@ -10,6 +10,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,10 +21,9 @@ from replant.live.observer.view import View
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
+from replant.plotting.numbers import grouped, off_by, std_alone, with_std
 from replant.report.findings import colour_of, without_reasons, words_of
-from replant.report.number_format import grouped, off_by, std_alone, with_std
-from replant.report.terminal.console import Console, Redrawn, Table, Text
-from replant.report.terminal.summary import REASON_INDENT, fraction, true_parameters, wrapped
+from replant.report.terminal import fraction, true_parameters, wrapped
 from replant.runs.result import Clock, History, Result
 from replant.simulation.stretches import stretches_of
 from replant.statistics.autoregression import one_step, one_step_with_lost
@@ -36,11 +36,18 @@ class TerminalStatus:
     """Write views to standard error."""
 
     def __init__(self, truth: TransferFunction | None = None) -> None:
+        from rich.console import Console
+
         self._truth = truth
         self._console = Console(stderr=True)
-        self._live = Redrawn(self._console) if self._console.is_terminal else None
+        self._live: Any = None
         self._next = 0.0
         self._gone = False
+        if self._console.is_terminal:
+            from rich.live import Live
+
+            self._live = Live(console=self._console, auto_refresh=False, transient=True)
+            self._live.start()
 
     def show(self, view: View | None, lines: Sequence[str] = ()) -> None:
         """Print lines, and show the view, if any, until the next call; after the terminal was closed, do nothing."""
@@ -48,18 +55,16 @@ class TerminalStatus:
             return
         try:
             self._show(view, lines)
-        except OSError:  # the window was closed, or the reader of a pipe
+        except (OSError, SystemExit):  # the window was closed, or the reader of a pipe, where rich would exit
             self._gone = True
 
     def _show(self, view: View | None, lines: Sequence[str]) -> None:
-        if lines and self._live is not None:
-            self._live.clear()
         for line in lines:
-            self._console.print(line, whole=True)
+            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
         if view is None:
             return
         if self._live is not None:
-            self._live.show(*render(view, self._truth))
+            self._live.update(render(view, self._truth), refresh=True)
         elif time.monotonic() >= self._next:
             self._next = time.monotonic() + LINES_APART
             print(status_line(view), file=sys.stderr, flush=True)
@@ -67,13 +72,15 @@ class TerminalStatus:
     def close(self) -> None:
         """Remove the status; printed lines stay."""
         if self._live is not None:
-            with contextlib.suppress(OSError):
-                self._live.clear()
+            with contextlib.suppress(OSError, SystemExit):
+                self._live.stop()
 
 
 def print_summary(view: View, truth: TransferFunction | None = None, *, to_stderr: bool = False) -> None:
     """Print the result at the end of a session."""
-    Console(stderr=to_stderr).print(*render(view, truth, running=False))
+    from rich.console import Console
+
+    Console(stderr=to_stderr).print(render(view, truth, running=False))
 
 
 def status_line(view: View) -> str:
@@ -90,29 +97,37 @@ def status_line(view: View) -> str:
     return "; ".join(part for part in parts if part)
 
 
-def render(view: View, truth: TransferFunction | None = None, *, running: bool = True) -> list[Text | Table]:
-    """Return a view as what is printed below each other."""
+def render(view: View, truth: TransferFunction | None = None, *, running: bool = True) -> Any:
+    """Return a view as an object that rich prints."""
+    from rich.console import Group
+    from rich.padding import Padding
+    from rich.text import Text
+
     shape, colour = words_of(view.verdict).shape, colour_of(view.verdict)
     frozen = "" if view.adapting else "  (frozen: samples arrive, but the estimate is not updated)"
-    rows: list[Text | Table] = [_head(view), Text(_traffic(view, running=running), cut=True)]
+    rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis")]
     if view.window.r.size:
         rows.append(Text(_newest(view)))
-    rows.append(Text())
+    rows.append(Text(""))
     if view.den.size:
         model = TransferFunction(view.num, view.den, view.delay)
-        rows += [Text(line, cut=True) for line in fraction(model)]
-        rows += [Text(), _coefficients(view, truth), Text()]
+        rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
+        rows += [Text(""), _coefficients(view, truth), Text("")]
         rows.append(Text(f"DC gain  {with_std(view.dc_gain, view.dc_gain_std)}    {_fit(view)}"))
-    rows.append(Text("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
-    rows += [Text(" " * REASON_INDENT + line) for reason in view.reasons for line in wrapped(reason, REASONS_WIDTH)]
+    rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
+    rows += [Padding(Text(line), (0, 0, 0, 9)) for reason in view.reasons for line in wrapped(reason, REASONS_WIDTH)]
     if running:
-        rows.append(Text(("Ctrl-C ends", "dim")))
-    return rows
+        rows.append(Text("Ctrl-C ends", style="dim"))
+    return Group(*rows)
 
 
-def _head(view: View) -> Text:
-    colour = {"connected": "green", "ended": ""}.get(view.source_state, "yellow")
-    return Text((view.source, "bold"), "  ", (view.source_state, colour), cut=True)
+def _head(view: View) -> Any:
+    from rich.text import Text
+
+    colour = {"connected": "green", "ended": "default"}.get(view.source_state, "yellow")
+    return Text.assemble(
+        (view.source, "bold"), "  ", (view.source_state, colour), no_wrap=True, overflow="ellipsis"
+    )  # fmt: skip
 
 
 def _traffic(view: View, *, running: bool) -> str:
@@ -140,15 +155,19 @@ def _lost(view: View) -> str:
     return ", ".join(f"{grouped(count, 0)} {reason}" for reason, count in counts if count)
 
 
-def _coefficients(view: View, truth: TransferFunction | None) -> Table:
+def _coefficients(view: View, truth: TransferFunction | None) -> Any:
+    from rich.table import Table
+
     true = true_parameters(truth) if truth is not None else []
-    table = Table("coefficient", "estimate", "std", *(("true", "off by") if true else ()))
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
+    for heading in ("coefficient", "estimate", "std", *(("true", "off by") if true else ())):
+        table.add_column(heading, justify="right")
     for i, name in enumerate(view.names):
         value, std = float(view.parameters[i]), float(view.std[i])
         cells = [name, f"{value:.5g}", std_alone(std)]
         if i < len(true):
             cells += [f"{true[i]:.5g}", off_by(value, true[i])]
-        table.row(*cells)
+        table.add_row(*cells)
     return table
 
 
@@ -163,7 +182,7 @@ ROUNDING = 1e-6  # difference between an interval and the sampling time that is 
 
 def report_of(identifier: Identifier, view: View) -> bytes:
     """Return the HTML report of an identifier."""
-    from replant.report.html.report import write_report
+    from replant.report.result_page import write_report
 
     if identifier.settings is None:
         raise ReplantError("there is no model to report on yet")
