@@ -38,13 +38,7 @@ class Doubt:
 
 
 def doubts(t: FloatArray, u: FloatArray | None, y: FloatArray | None) -> list[Doubt]:
-    """Return what may be wrong, in the order of time; ``t`` (K,) in s from the first sample.
-
-    >>> t = np.arange(400.0)
-    >>> y = np.where((t >= 100) & (t < 160), 5.0, np.sin(t))
-    >>> doubts(t, np.cos(t), y)
-    [Doubt(begin=100.0, end=160.0, what='the output stays at 5 while the input moves')]
-    """
+    """Return what may be wrong, in the order of time; ``t`` (K,) in s from the first sample."""
     found = _gaps(t)
     if y is not None:
         found += _missing(t, y)
