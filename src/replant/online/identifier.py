@@ -32,6 +32,7 @@ from replant.online.kept_model import model_of
 from replant.online.provisional_model import next_provisional
 from replant.online.renewal import next_renewal, renew
 from replant.online.restart import is_at_rest
+from replant.online.row_identifier import RowIdentifier
 from replant.online.startup import (
     begin,
     collected,
@@ -86,9 +87,9 @@ class Identifier(Estimate):
         Or ``poles``, ``zeros`` and ``delay`` in its place.
     dt : float
         Sampling time in s.
-    poles, zeros : int
-        Number of poles and of zeros.
-    delay : float
+    poles, zeros : int or tuple of int
+        Number of poles and of zeros; of several inputs an entry for each, see `replant.online.row_identifier`.
+    delay : float or tuple of float
         Dead time in s.
     filter : RefinedFilter, StateVariableFilter or "auto"
         "auto" is the refined filter for optimizers that keep a covariance, and else (s + cutoff)^n with the cutoff
@@ -154,15 +155,25 @@ class Identifier(Estimate):
     2 / (s + 0.5)
     """
 
+    def __new__(cls, *args: Any, **given: Any) -> Any:
+        """Return an identifier; of several inputs one of its own kind."""
+        orders = (given.get(name) for name in ("poles", "zeros", "delay"))
+        if cls is Identifier and any(isinstance(each, list | tuple) for each in orders):
+            names = dict(zip(("structure", "dt"), args, strict=False))
+            return in_our_words(RowIdentifier)(
+                **{name: each for name, each in names.items() if each is not None}, **given
+            )
+        return object.__new__(cls)
+
     @in_our_words
     def __init__(
         self,
         structure: Structure | None = None,
         dt: float | None = None,
         *,
-        poles: int | None = None,
-        zeros: int = 0,
-        delay: float = 0.0,
+        poles: int | tuple[int, ...] | None = None,
+        zeros: int | tuple[int, ...] = 0,
+        delay: float | tuple[float, ...] = 0.0,
         filter: Filter | str = AUTO,  # noqa: A002 - the field's word
         scaling: Scaling | str | None = AUTO,
         optimizer: Optimizer | str = AUTO,
@@ -173,7 +184,8 @@ class Identifier(Estimate):
         startup: int = 500,
         history: int = STORED,
     ) -> None:
-        structure = Structure.wanted(structure, poles, zeros, delay)
+        wanted: tuple[Any, Any, Any] = poles, zeros, delay
+        structure = Structure.wanted(structure, *wanted)
         if dt is None:
             raise ArgumentTypeError("give the sampling time in s, dt: Identifier(poles=2, dt=0.01)")
         self._request = Request(
@@ -266,10 +278,16 @@ class Identifier(Estimate):
         """
         from replant.checkpoint.encoding import decode
 
-        return cls._of(decode(data).attributes)
+        made: Identifier = cls._of(decode(data).attributes)
+        return made
 
     @classmethod
-    def _of(cls, attributes: dict[str, Any]) -> Identifier:
+    def _of(cls, attributes: dict[str, Any]) -> Any:
+        from replant.checkpoint.encoding import ROW
+        from replant.online.row_saving import restored as row
+
+        if ROW in attributes:
+            return RowIdentifier._with(row(attributes))
         (restored := cls.__new__(cls)).__setstate__(attributes)
         return restored
 
