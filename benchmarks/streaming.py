@@ -28,7 +28,7 @@ from replant.regressor.preprocess import Preprocess
 from replant.runs.run import CHUNK, run_source
 from replant.runs.thinning import Arrays
 from replant.settings import Request
-from replant.simulation.score import FITTED
+from replant.simulation.fitted_run import FITTED
 
 DT = 0.01
 PLANT = rp.TransferFunction([2.0, 6.0], [1.0, 2.0, 5.0])

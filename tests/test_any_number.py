@@ -34,9 +34,7 @@ from replant.checkpoint.settings_json import KINDS
 from replant.engine.dimensions import Dimensions
 from replant.errors import LONGEST
 from replant.fleet.job import Job
-from replant.identified.fields import ModelFields
-from replant.identified.provenance import Provenance
-from replant.identified.row_fields import RowFields
+from replant.identified.fields import ModelFields, Provenance, RowFields
 from replant.model.response import Response
 from replant.rigs import Rig
 from replant.settings import Request, Settings
@@ -84,6 +82,7 @@ MODEL: dict[str, Any] = {
 ROW: dict[str, Any] = {
     "structures": (rp.Structure(1), rp.Structure(1)), "parameters": [5.0, 2.0, 3.0, 4.0], "dt": 2.0,
     "covariance": np.eye(4).tolist(), "input_levels": [1.0, 2.0], "output_level": 3.0,
+    "provenance": Provenance("given", date="2026-01-01"),
 }  # fmt: skip
 EXAMPLES: dict[type, dict[str, Any]] = {
     Job: {"input": "u", "output": "y", "structure": rp.Structure(2), "dt": 2.0, "begin": 1.0, "end": 3.0},

@@ -146,7 +146,7 @@ def _is_numeric(value: ast.expr) -> bool:
 
 
 def measurable() -> dict[str, Any]:
-    """Return the constants whose sensitivity is measured, as "assessment.change_tests.SURE", and their values."""
+    """Return the constants to be measured, as "assessment.verdict.ALPHA", and their values."""
     chosen = [found for found in constants() if "Sensitivity" in found.paragraphs]
     return {f"{found.module}.{name}": _value(found.value) for found in chosen for name in found.names}
 

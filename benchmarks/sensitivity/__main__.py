@@ -85,7 +85,7 @@ def _compile(folder: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="*", help="names, as assessment.change_tests.SURE")
+    parser.add_argument("--only", nargs="*", help="names, as assessment.verdict.ALPHA")
     parser.add_argument("--out", type=Path, default=ROOT / "out" / "sensitivity.jsonl")
     parser.add_argument("--write", action="store_true", help="only write what was measured into the source")
     parser.add_argument("--seconds", type=float, default=math.inf, help="processor time to spend")

@@ -20,39 +20,20 @@ _UNIT = rf"\s*[\[(](?!{_INDEX})([^\[\]()]+)[\])]\s*$"
 
 
 def unit_of(label: str) -> str:
-    """Return the unit in brackets at the end of a label; an empty string if there is none.
-
-    Examples
-    --------
-    >>> unit_of("speed [rpm]"), unit_of("force (N)"), unit_of("flow [1/min]"), unit_of("u"), unit_of("data.y[:,0]")
-    ('rpm', 'N', '1/min', '', '')
-    """
+    """Return the unit in brackets at the end of a label; an empty string if there is none."""
     found = re.search(_UNIT, label)
     return found[1].strip() if found else ""
 
 
 def without_unit(label: str) -> str:
-    """Return a label without its unit.
-
-    Examples
-    --------
-    >>> without_unit("speed [rpm]"), without_unit("u"), without_unit("data.y[:,0]")
-    ('speed', 'u', 'data.y[:,0]')
-    """
+    """Return a label without its unit."""
     return re.sub(_UNIT, "", label)
 
 
 def trace_frame(
     names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None, time: FloatArray | None = None
 ) -> Any:
-    """Return the estimate and the error of each sample as a `pandas.DataFrame`.
-
-    >>> trace_frame(["a0"], np.array([[0.0], [0.5]]), np.array([1.0, 0.1]), dt=0.1)
-               a0  error
-    time [s]
-    0.0       0.0    1.0
-    0.1       0.5    0.1
-    """
+    """Return the estimate and the error of each sample as a `pandas.DataFrame`."""
     along, clock = _along(errors.size, dt, time)
     index = _index(along, clock)
     frame = _pandas().DataFrame(parameters, columns=list(names), index=index, copy=True)
@@ -64,12 +45,7 @@ def trace_frame(
 def trace_dataset(
     names: Sequence[str], parameters: FloatArray, errors: FloatArray, dt: float | None, time: FloatArray | None = None
 ) -> Any:
-    """Return the estimate and the error of each sample as an `xarray.Dataset`.
-
-    >>> dataset = trace_dataset(["a0"], np.array([[0.0], [0.5]]), np.array([1.0, 0.1]), dt=0.1)
-    >>> dict(dataset.sizes)
-    {'time': 2, 'parameter': 1}
-    """
+    """Return the estimate and the error of each sample as an `xarray.Dataset`."""
     along, clock = _along(errors.size, dt, time)
     return _xarray().Dataset(
         {
@@ -86,12 +62,7 @@ def trace_dataset(
 
 
 def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
-    """Return a log as a `pandas.DataFrame`.
-
-    >>> signals = {"input": ("u", np.zeros(2)), "output": ("y [rpm]", np.ones(2))}
-    >>> log_frame(signals, None, 0.5, "log.csv").attrs["units"]
-    {'y [rpm]': 'rpm'}
-    """
+    """Return a log as a `pandas.DataFrame`."""
     names = [name for name, _ in signals.values()]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
@@ -109,12 +80,7 @@ def log_frame(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | 
 
 
 def log_dataset(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray | None, dt: float, source: str) -> Any:
-    """Return a log as an `xarray.Dataset`, whose variables have the names of the roles.
-
-    >>> signals = {"input": ("u", np.zeros(2)), "output": ("y", np.ones(2))}
-    >>> list(log_dataset(signals, None, 0.5, "log.csv"))
-    ['input', 'output']
-    """
+    """Return a log as an `xarray.Dataset`, whose variables have the names of the roles."""
     clock = _clock(next(iter(signals.values()))[1].size, dt) if time is None else time
     described = {
         role: (("time",), samples.copy(), {"long_name": without_unit(name), "units": unit_of(name)})
@@ -126,13 +92,7 @@ def log_dataset(signals: Mapping[str, tuple[str, FloatArray]], time: FloatArray 
 
 
 def parameter_units(names: Sequence[str]) -> dict[str, str]:
-    """Return the unit of each parameter, in terms of the units y of the output and u of the input.
-
-    Examples
-    --------
-    >>> parameter_units(["a1", "a0", "b0", "bias"])
-    {'a1': '1/s', 'a0': '1/s^2', 'b0': 'y/u/s^2', 'bias': 'y'}
-    """
+    """Return the unit of each parameter, in terms of the units y of the output and u of the input."""
     poles = sum(name.startswith("a") for name in names)
     units = {}
     for name in names:
@@ -216,19 +176,7 @@ WORDS = {
 
 
 def in_our_words(function: Callable[P, R]) -> Callable[P, R]:
-    """Decorate a function so that an argument it does not have is answered in one line.
-
-    Examples
-    --------
-    >>> @in_our_words
-    ... def fit(poles: int = 1) -> int:
-    ...     return poles
-    >>> try:
-    ...     fit(order=2)
-    ... except ArgumentTypeError as error:
-    ...     print(error)
-    there is no argument 'order': poles=2 is the number of poles
-    """
+    """Decorate a function so that an argument it does not have is answered in one line."""
     known = tuple(name for name in inspect.signature(function).parameters if name != "self")
 
     @functools.wraps(function)
@@ -242,13 +190,7 @@ def in_our_words(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _answer(name: str, known: tuple[str, ...]) -> str:
-    """Return what to write in place of a word.
-
-    Examples
-    --------
-    >>> _answer("pole", ("poles", "zeros")), _answer("magic", ("poles", "zeros"))
-    ('poles is one', 'there are poles, zeros')
-    """
+    """Return what to write in place of a word."""
     if name in WORDS:
         return WORDS[name]
     near = get_close_matches(name, known, n=1)
@@ -259,12 +201,7 @@ Polynomials = tuple[FloatArray, FloatArray]
 
 
 def of_control(system: Any) -> Polynomials:
-    """Return num and den of a `control.TransferFunction` or `control.StateSpace`.
-
-    >>> import control
-    >>> of_control(control.tf([2.0], [1.0, 0.5]))
-    (array([2.]), array([1. , 0.5]))
-    """
+    """Return num and den of a `control.TransferFunction` or `control.StateSpace`."""
     try:
         import control
     except ImportError as cause:
@@ -289,12 +226,7 @@ def control_row(systems: Sequence[Any]) -> Any:
 
 
 def of_scipy(system: Any) -> Polynomials:
-    """Return num and den of a system of `scipy.signal`: TransferFunction, ZerosPolesGain or StateSpace.
-
-    >>> from scipy import signal
-    >>> of_scipy(signal.ZerosPolesGain([], [-0.5], 2.0))
-    (array([2.]), array([1. , 0.5]))
-    """
+    """Return num and den of a system of `scipy.signal`: TransferFunction, ZerosPolesGain or StateSpace."""
     from scipy import signal
 
     if not isinstance(system, signal.TransferFunction | signal.ZerosPolesGain | signal.StateSpace):
@@ -321,9 +253,6 @@ def of_state_space(a: Any, b: Any, c: Any, d: Any) -> Polynomials:
     Leading coefficients of the numerator that are zero are set to exactly 0, where `scipy.signal.ss2tf` leaves rounding
     errors.  The first non-zero coefficient has the same place as the first non-zero Markov parameter h_0 = D,
     h_k = C A^(k-1) B.
-
-    >>> of_state_space([[0.0, 1.0], [-3.0, -4.0]], [[0.0], [1.0]], [[2.0, 0.0]], [[0.0]])
-    (array([0., 0., 2.]), array([1., 4., 3.]))
     """
     a, b, c, d = (array_of_reals(name, value) for name, value in zip("ABCD", (a, b, c, d), strict=True))
     if a.size == 0:

@@ -21,11 +21,7 @@ holds the number of samples within any time.
 
 
 def duration(name: str, value: Any) -> float:
-    """Return ``value`` as a float, a time in s that is neither as short nor as long as no time of a plant is.
-
-    >>> duration("dt", 1)
-    1.0
-    """
+    """Return ``value`` as a float, a time in s that is neither as short nor as long as no time of a plant is."""
     result = positive(name, value)
     if not SHORTEST <= result <= LONGEST:
         raise InvalidArgumentError(f"{name} must lie between {SHORTEST:g} and {LONGEST:g} s, got {result:g} s")
@@ -33,21 +29,13 @@ def duration(name: str, value: Any) -> float:
 
 
 def dead_time(name: str, value: Any) -> float:
-    """Return ``value`` as a float, a dead time in s: zero, or as `duration`.
-
-    >>> dead_time("delay", 0), dead_time("delay", 0.5)
-    (0.0, 0.5)
-    """
+    """Return ``value`` as a float, a dead time in s: zero, or as `duration`."""
     result = not_negative(name, value)
     return duration(name, result) if result else 0.0
 
 
 def stamps_of(t: Any, samples: int) -> FloatArray:
-    """Return time stamps as a vector (K,), one for each of K ``samples``.
-
-    >>> stamps_of([0.0, 0.1], samples=2)
-    array([0. , 0.1])
-    """
+    """Return time stamps as a vector (K,), one for each of K ``samples``."""
     stamps = vector("t", t)
     if stamps.size != samples:
         raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
@@ -55,11 +43,7 @@ def stamps_of(t: Any, samples: int) -> FloatArray:
 
 
 def increasing(t: Any, samples: int) -> FloatArray:
-    """Return time stamps as a vector (K,), finite and strictly increasing, one for each of K ``samples``.
-
-    >>> increasing([0.0, 0.1], samples=2)
-    array([0. , 0.1])
-    """
+    """Return time stamps as a vector (K,), finite and strictly increasing, one for each of K ``samples``."""
     stamps = stamps_of(t, samples)
     wrong = ~np.isfinite(stamps)
     wrong[1:] |= ~(stamps[1:] > stamps[:-1])
@@ -72,14 +56,7 @@ def increasing(t: Any, samples: int) -> FloatArray:
 
 
 def count(name: str, value: Any, least: int, numbers: int = 1) -> int:
-    """Return ``value`` as an int, a number of things for which the system has memory.
-
-    >>> count("samples", 100, 0)
-    100
-    >>> count("samples", 10**18, 0)
-    Traceback (most recent call last):
-    replant.errors.InvalidArgumentError: samples must be smaller: 1000000000000000000 need 7.45e+09 GiB of memory, ...
-    """
+    """Return ``value`` as an int, a number of things for which the system has memory."""
     result = whole(name, value, least)
     granted(f"{name} must be smaller: {shown(result)} need", result * numbers)
     return result
@@ -89,10 +66,6 @@ def granted(what: str, numbers: int) -> None:
     """Raise InvalidArgumentError where the system does not grant memory for so many ``numbers`` of eight bytes.
 
     It is asked for the memory and given it back, untouched: so nothing of it is used, and no limit is guessed.
-
-    Examples
-    --------
-    >>> granted("a record of so many samples needs", 1000)
     """
     try:
         if numbers:
@@ -103,11 +76,7 @@ def granted(what: str, numbers: int) -> None:
 
 
 def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[Any, ...]:
-    """Return the values of an iterable, each checked; a single one stands for itself.
-
-    >>> several("delays", [0, 0.5], not_negative), several("delays", 1, not_negative)
-    ((0.0, 0.5), (1.0,))
-    """
+    """Return the values of an iterable, each checked; a single one stands for itself."""
     if not iterable(values):
         return (check(name, values),)
     taken = tuple(itertools.islice(values, MOST_TRIED + 1))
@@ -117,11 +86,7 @@ def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[A
 
 
 def file_path(name: str, value: Any) -> str:
-    """Return the path of a file or folder as text.
-
-    >>> file_path("path", "model.json")
-    'model.json'
-    """
+    """Return the path of a file or folder as text."""
     path = value.__fspath__() if hasattr(type(value), "__fspath__") else value
     if not isinstance(path, str):
         raise ArgumentTypeError(f"{name} must be a path, got {type(value).__name__} {shown(value)}")

@@ -17,13 +17,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 
 def is_regular(stamps: NDArray[np.float64]) -> bool:
-    """Return whether time stamps (K,) are those of a regular clock; fewer than two are.
-
-    Examples
-    --------
-    >>> is_regular(np.array([0.0, 0.033, 0.067, 0.1])), is_regular(np.array([0.0, 0.033, 0.1]))
-    (True, False)
-    """
+    """Return whether time stamps (K,) are those of a regular clock; fewer than two are."""
     if stamps.size < 2:
         return True
     with np.errstate(over="ignore", invalid="ignore"):
@@ -36,13 +30,7 @@ def is_regular(stamps: NDArray[np.float64]) -> bool:
 
 
 def is_regular_interval(least: float, most: float, median: float, digits: float) -> bool:
-    """Return whether intervals from ``least`` to ``most`` are a regular clock's, its stamps rounded to ``digits``.
-
-    Examples
-    --------
-    >>> is_regular_interval(0.033, 0.034, 0.033, 0.001), is_regular_interval(0.033, 0.067, 0.033, 0.001)
-    (True, False)
-    """
+    """Return whether intervals from ``least`` to ``most`` are a regular clock's, its stamps rounded to ``digits``."""
     deviation = max(most - median, median - least)
     return deviation <= TOLERANCE * median or _is_rounded_resolution(most - least, median, digits)
 
@@ -52,14 +40,6 @@ class StampResolution:
 
     It is the last decimal place if the stamps have few decimals, else two steps of float32 or float64.  Two, because an
     interval that crosses a power of two has one end on the finer and one on the coarser grid.
-
-    Examples
-    --------
-    >>> resolution = StampResolution()
-    >>> resolution.add(np.array([0.0, 0.033]))
-    >>> resolution.add(np.array([0.067, 0.1]))
-    >>> resolution.step
-    0.001
     """
 
     def __init__(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.assessment.change_tests import _powers
+from replant.assessment.record_tests import _powers
 from support.cases import every
 
 

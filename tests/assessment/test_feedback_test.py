@@ -7,8 +7,8 @@ import pytest
 from scipy.stats import binom
 
 import replant as rp
-from replant.assessment.feedback_test import NONE, answer, colour_left
-from replant.assessment.score_test import ALPHA
+from replant.assessment.loop_tests import NONE, answer, colour_left
+from replant.assessment.verdict import ALPHA
 from replant.engine.record import Record
 from replant.simulation.model_run import ModelRun, run_model
 from support.builders import G1, binary

@@ -10,8 +10,7 @@ import pytest
 
 import replant as rp
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.gain_error import LARGEST_ERROR, SIGMAS, excited_frequencies, gain_findings
-from replant.assessment.newton_step import distance
+from replant.assessment.newton_step import LARGEST_ERROR, SIGMAS, distance, excited_frequencies, gain_findings
 from replant.engine.record import Record
 from replant.model.uncertainty import Uncertainty
 from support.builders import binary

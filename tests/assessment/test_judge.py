@@ -11,10 +11,9 @@ import pytest
 
 import replant as rp
 from replant.assessment import Assessment, assess_record
-from replant.assessment.alternatives import LARGEST_PART, NEGLIGIBLE, Part
 from replant.assessment.evidence import Evidence
 from replant.assessment.judge import judge
-from replant.assessment.score_test import Explained
+from replant.assessment.score_test import LARGEST_PART, NEGLIGIBLE, Explained, Part
 from replant.assessment.verdict import (
     STATUSES,
     Finding,

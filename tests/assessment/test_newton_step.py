@@ -8,8 +8,8 @@ from scipy.signal import lfilter
 from scipy.stats import chi2
 
 import replant as rp
-from replant.assessment.change_tests import growth
 from replant.assessment.newton_step import Distance, distance, newest_distances
+from replant.assessment.record_tests import growth
 from replant.engine.record import Record
 from replant.simulation.model_run import run_model
 from replant.statistics.autoregression import whiteness

@@ -9,9 +9,8 @@ import pytest
 
 import replant as rp
 from replant.assessment import Assessment, assess_record
-from replant.assessment.alternatives import unexplained_by_reference
 from replant.assessment.evidence import Evidence
-from replant.assessment.reference_test import Reference
+from replant.assessment.loop_tests import Reference, unexplained_by_reference
 from replant.engine.record import Record
 from replant.simulation.model_run import run_model
 from support.builders import binary

@@ -8,9 +8,9 @@ from scipy.signal import lfilter
 from scipy.stats import binom, chi2
 
 import replant as rp
-from replant.assessment.alternatives import Part, unexplained
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.score_test import ALPHA, Residual
+from replant.assessment.score_test import Part, Residual, unexplained
+from replant.assessment.verdict import ALPHA
 from replant.engine.record import Record
 from replant.simulation.model_run import run_model
 from replant.statistics.autoregression import Autoregression

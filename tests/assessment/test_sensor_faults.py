@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.assessment.sensor_faults import (
+from replant.assessment.record_tests import (
     clock_finding,
     is_resolved,
     level_finding,

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
+import sqlite3
 from pathlib import Path
 
 import duckdb
@@ -19,6 +21,7 @@ from replant.errors import InvalidArgumentError, LogError, SystemRefusedError
 from replant.fleet import work
 from replant.fleet.job import Job
 from replant.fleet.store import Store
+from replant.operating_system import ENDING
 from replant.runs.run import run_source
 from replant.runs.thinning import Arrays
 from replant.settings import Request
@@ -82,7 +85,7 @@ def test_a_run_without_its_history_is_the_same_run(tmp_path: Path) -> None:
 def test_a_long_record_is_run_without_being_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = as_parquet(tmp_path / "logs" / "a.parquet", recorded(0, 3000), row_group_size=500)
     held = fitted(file, tmp_path / "held", method="run").table()
-    monkeypatch.setattr("replant.fleet.records.MOST_HELD", 1000)
+    monkeypatch.setattr("replant.fleet.work.MOST_HELD", 1000)
     streamed = fitted(file, tmp_path / "streamed", method="run").table()
     for name in ("a1", "a0", "b0", "samples", "begin", "end", "output_held"):
         assert streamed.column(name).to_pylist() == pytest.approx(held.column(name).to_pylist(), rel=1e-9)
@@ -96,7 +99,7 @@ def test_a_part_of_a_record_with_dates_begins_at_its_date(
     stamps = np.datetime64("1970-01-01T01:00:00") + (1000 * record.t).round().astype("timedelta64[ms]")
     (tmp_path / "logs").mkdir()
     pandas.DataFrame({"t": stamps, "u": record.u, "y": record.y}).to_csv(tmp_path / "logs" / "a.csv", index=False)
-    monkeypatch.setattr("replant.fleet.records.MOST_HELD", most_held)
+    monkeypatch.setattr("replant.fleet.work.MOST_HELD", most_held)
     row = fitted(tmp_path / "logs", tmp_path / "out", method="run", begin=2.0, end=12.0).table().to_pylist()[0]
     assert (row["begin"], row["end"]) == pytest.approx((3602.0, 3612.0))
 
@@ -250,23 +253,39 @@ def test_what_is_done_is_not_done_again(tmp_path: Path, counted: list[str]) -> N
     counted.clear()
     fitted(logs, out, poles=1)
     assert sorted(counted) == ["new.csv", "rig1.csv", "rig2.csv"]
-    assert len(list((out / "parts").iterdir())) == len(list((out / "manifest").glob("*.json"))) == 3
+    with contextlib.closing(sqlite3.connect(out / "fleet.sqlite")) as store:
+        assert store.execute("SELECT count(*) FROM rig").fetchone() == (3,)
 
 
-@pytest.mark.parametrize("lost", ["parts", "manifest"])
-def test_a_part_without_its_entry_and_an_entry_without_its_part_are_done_again(
-    tmp_path: Path, counted: list[str], lost: str
+@pytest.mark.parametrize("where", [0.0, 0.3, 0.5, 0.9])
+def test_what_a_damaged_file_does_not_tell_for_sure_is_done_again(
+    tmp_path: Path, counted: list[str], where: float
 ) -> None:
     logs, out = small_fleet(tmp_path / "logs", 3), tmp_path / "out"
     fitted(logs, out)
     first = bytes_of(out)
-    next(path for path in sorted((out / lost).iterdir()) if not path.name.startswith(".")).unlink()
-    (out / "parts" / ".half.parquet.new").write_bytes(b"half")
+    stored = bytearray((out / "fleet.sqlite").read_bytes())
+    stored[int(where * len(stored)) : int(where * len(stored)) + 200] = b"x" * 200
+    (out / "fleet.sqlite").write_bytes(stored)
+    (out / f".half{ENDING}").write_bytes(b"half")
     counted.clear()
     fitted(logs, out)
-    assert len(counted) == 1
     assert bytes_of(out) == first
-    assert not list((out / "parts").glob(".*"))
+    assert set(counted) <= {"rig0.csv", "rig1.csv", "rig2.csv"}
+    assert not list(out.glob(".*"))
+
+
+def test_a_cell_that_is_damaged_is_done_again(tmp_path: Path, counted: list[str]) -> None:
+    logs, out = small_fleet(tmp_path / "logs", 3), tmp_path / "out"
+    fitted(logs, out)
+    first = bytes_of(out)
+    with contextlib.closing(sqlite3.connect(out / "fleet.sqlite")) as store, store:
+        store.execute(
+            "UPDATE rig SET cells = CAST(substr(cells, 1, 300) || x'00' || substr(cells, 302) AS BLOB) WHERE rowid = 2"
+        )
+    counted.clear()
+    fitted(logs, out)
+    assert (len(counted), bytes_of(out)) == (1, first)
 
 
 def test_a_full_disk_ends_the_run_and_the_next_one_goes_on(tmp_path: Path, counted: list[str]) -> None:

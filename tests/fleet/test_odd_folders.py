@@ -177,7 +177,7 @@ def test_results_among_the_logs_are_refused(tmp_path: Path) -> None:
     assert rows_of(fitted(logs, tmp_path))["rig0.csv"]["verdict"] == "trusted"  # the folder that holds that of the logs
 
 
-@every("theirs", ["parts/mine.parquet", "rigs.parquet", "models.jsonl", "manifest/mine.json"])
+@every("theirs", ["rigs.parquet", "timing.parquet", "models.jsonl", "reports/mine.html"])
 def test_files_of_others_are_neither_overwritten_nor_removed(tmp_path: Path, theirs: str) -> None:
     file = tmp_path / "out" / theirs
     file.parent.mkdir(parents=True)
@@ -189,7 +189,7 @@ def test_files_of_others_are_neither_overwritten_nor_removed(tmp_path: Path, the
 
 def test_a_second_run_does_not_remove_what_the_first_one_is_writing(tmp_path: Path) -> None:
     job = Job("u", "y", rp.Structure(2), "fit")
-    writing = tmp_path / "out" / "parts" / f".part{ENDING}"
+    writing = tmp_path / "out" / f".part{ENDING}"
     with Store(tmp_path / "out", job).alone():
         writing.touch()
         Store(tmp_path / "out", job)

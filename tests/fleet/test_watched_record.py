@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from replant.fleet.records import UNKNOWN, Watched
+from replant.fleet.store import UNKNOWN
+from replant.fleet.work import Watched
 from support.cases import every
 
 SAMPLES = 60

@@ -19,8 +19,8 @@ from hypothesis import strategies as st
 
 import replant as rp
 from replant.assessment.verdict import STATUSES, Verdict
+from replant.identified.fields import Provenance
 from replant.identified.model_json import as_object
-from replant.identified.provenance import Provenance
 from support.cases import every, examples
 
 SCHEMA = json.loads(files("replant.identified").joinpath("schema/model-1.json").read_text())

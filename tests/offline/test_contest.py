@@ -243,6 +243,25 @@ def test_a_change_counts_beside_how_differently_any_stretch_is_fitted() -> None:
     assert weighed([load, worse])[1].fair == pytest.approx(9.0)  # what is open stays open
 
 
+def test_one_model_of_all_samples_is_as_likely_as_its_most_likely_model() -> None:
+    """A slow mode beside one pole: the output error's model is served, the filtered one is likelier by 100 nats."""
+    u, structure = binary(0, 4000, 12), rp.Structure(1)
+    y = sum(rp.TransferFunction([num], [1.0, pole]).simulate(u, DT) for num, pole in ((3.0, 3.0), (0.1, 0.05)))
+    record = Record(u, y + NOISE * np.random.default_rng(0).standard_normal(u.size), np.array([DT]))
+    whole, trial = solve(structure, record), Contest(structure, record, 800, known(record, structure, 800)[0])
+    assert whole is not None
+    assert whole.found.disagreement > 0.0
+    one = trial.whole(whole.found.theta, whole)
+    load = next(claim for claim in trial.claims(again=True) if claim.supposition is Supposition.LOAD)
+    assert one.fair < load.fair - 50.0
+    assert one.fair + one.unserved > load.fair - 50.0
+    change = Claim(Supposition.PART, dispersed(1.0, math.inf), one.fair + 0.9 * one.unserved, odds_of(Supposition.PART))
+    assert decided([one, change]) is one
+    found = decided([replace(one, unserved=0.0), change])
+    assert found is not None
+    assert found.supposition is Supposition.PART
+
+
 @every("dispersion", [1.0, 4.0])
 def test_another_change_is_less_likely_by_what_it_leaves(dispersion: float) -> None:
     """Two changes that are far from none are told from each other by their own distance."""

@@ -34,6 +34,17 @@ from support.references import TWINS
 
 every_optimizer = every("name", OPTIMIZERS)
 
+
+def test_at_a_prompt_it_says_in_a_line_what_it_knows() -> None:
+    ident = rp.Identifier(poles=1, delay=0.1, dt=0.01)
+    assert (
+        repr(ident) == "<Identifier: poles 1, zeros 0, dead time 0.1 s, dt 0.01 s; 0 samples, starting, no model yet>"
+    )
+    u = np.where(np.arange(2000) // 125 % 2 == 0, 1.0, -1.0)
+    ident.update_many(u, rp.TransferFunction([2.0], [1.0, 0.5], 0.1).simulate(u, dt=0.01))
+    assert repr(ident).endswith(f"; 2,000 samples, running, {ident.transfer_function}>")
+
+
 # --- chunks of any size
 
 SAMPLES, STARTUP = 90, 25

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.assessment.excitation import WORST_CONDITION, excitation
+from replant.assessment.record_tests import WORST_CONDITION, excitation
 from replant.engine.record import Record
 from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.autoregression import whiteness

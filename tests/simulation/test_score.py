@@ -10,7 +10,7 @@ import pytest
 
 from replant.assessment import fit_percent, simulate
 from replant.model.transfer_function import TransferFunction
-from replant.simulation.score import Score
+from replant.simulation.fitted_run import Score
 from replant.statistics.autoregression import one_step
 
 DT = 0.05

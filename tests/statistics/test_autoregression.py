@@ -82,9 +82,10 @@ def test_few_samples_count_as_white() -> None:
 
 def test_models_of_every_order_are_kept() -> None:
     found = Autoregression.of(coloured([1.0, -1.6, 0.9], 5000))
-    assert [model.size for model, _ in found.nested] == [1, 2, 3, 4, 5]
-    assert (np.diff([power for _, power in found.nested]) <= 0.0).all()
-    np.testing.assert_array_equal(found.nested[found.order][0], found.coefficients)
+    np.testing.assert_array_equal(found.models[:, 0], np.ones(LAGS + 1))
+    assert not np.triu(found.models, 1).any()  # row j holds a model of order j
+    assert (np.diff(found.powers) <= 0.0).all()
+    np.testing.assert_array_equal(found.models[found.order, : found.order + 1], found.coefficients)
     assert found.variances[found.order] == pytest.approx(found.power / found.count)
 
 

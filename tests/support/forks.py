@@ -1,7 +1,7 @@
 """Reading files in forks: as safe from crashes as the process that reads a file for a user, and far quicker.
 
 Lines on standard input name files; lines of JSON on standard output say what came of them.  Each fork has the limits of
-a process that reads a file (`replant.data.logs.table`).
+a process that reads a file (`replant.data.logs.isolated`).
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from replant.data.logs import parser_process, read_columns, read_log
-from replant.data.logs import table as reading
+from replant.data.logs import isolated, read_columns, read_log
 from replant.errors import ReplantError
 
 WALL = 240  # s after which a fork hangs; its processor time is limited far below
@@ -54,7 +53,7 @@ def is_isolated(path: Path) -> bool:
     """Whether a user's process does not read such a file itself."""
     from replant.data.logs.formats import FORMATS
 
-    return FORMATS.get(path.suffix.lower()) in parser_process.PARSERS
+    return FORMATS.get(path.suffix.lower()) in isolated.PARSERS
 
 
 def read(path: Path) -> Outcome:
@@ -133,7 +132,7 @@ def _one(path: Path, send: int) -> None:
     os.dup2(nowhere, 2)
     tempfile.tempdir = str(path.parent)
     signal.alarm(WALL)
-    reading.begin(path.stat().st_size)
+    isolated.begin(path.stat().st_size)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         outcome = read(path)
@@ -148,7 +147,7 @@ class Forks:
     """A process that forks."""
 
     def __init__(self, *modules: str) -> None:
-        environment = {**os.environ, **parser_process.ENVIRONMENT}
+        environment = {**os.environ, **isolated.ENVIRONMENT}
         tests = Path(__file__).parents[1]
         environment["PYTHONPATH"] = os.pathsep.join([str(tests), str(tests.parent / "src")])
         self._process = subprocess.Popen(

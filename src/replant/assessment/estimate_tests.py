@@ -10,11 +10,9 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.gain_error import gain_findings, output_frequency
-from replant.assessment.newton_step import Distance
+from replant.assessment.newton_step import Distance, gain_findings, output_frequency
 from replant.assessment.newton_step import distance as distance_of
-from replant.assessment.score_test import ALPHA, MATTERS
-from replant.assessment.verdict import Finding, figure, percent
+from replant.assessment.verdict import ALPHA, MATTERS, Finding, figure, percent
 from replant.model.shared_root import cancelled_pole
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import chi2_quantile, inverse_of, roots
@@ -34,94 +32,29 @@ those whose error is below 4 % at the best have 0.046 and less.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-MOST_SCATTER = math.sqrt(MATTERS)
-"""Effect of the estimate's own error on the simulated output beyond which the estimate is not known yet [root mean
-square, part of the output's].
-Derivation: the amplitude that matters.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-MINOR_SCATTER = 0.5 * MOST_SCATTER
-"""The same up to which the model is known, whatever a single coefficient is [root mean square, part of the output's].
-Derivation: two standard deviations are then no more than MOST_SCATTER.
-Sensitivity: not measured.
-"""
-
-MOST_MOVED = math.sqrt(MATTERS)
-"""Movement of a coefficient below which the estimate stands still [part of its size].
-Derivation: the amplitude that matters.
-Sensitivity: halved, right estimates no longer trusted: 'noise of 1 s'; doubled, nothing changes on these records.
-"""
-
-MOVED_SIGMAS = 4.0
-"""Movement of a coefficient beyond which it is no chance [standard deviations].
-Level: a normal deviate beyond 4 has the chance 6e-5.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-SLOW = 3.0
-"""Scatter of the estimate along its path beyond which slow noise is named as the reason [standard deviations that the
-residual's power and colour make].
-Level: a normal deviate beyond 3 has the chance 0.3 %; it adds a reason, and decides nothing.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-MENTIONED = 1e-3
-"""Uncertainty below which slow noise is not named: what rounding leaves may be slow, too [part of a coefficient's
-size].
-Origin: a choice of what a user would ask the reason of.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-FARTHEST = 0.5 * math.sqrt(MATTERS)
-"""Distance from where the samples would put the coefficients that is of no account [part of their size].
-Derivation: half of the amplitude that matters.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-SUSPECT = 0.05
-"""Chance that the distance is taken for real where it is not, of an estimate without instruments: noise does bias it,
-and the only question is how much [probability].
-Level: 5 %.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-IMPROVED = 0.9
-"""Power left by the present estimate, over that left by the earlier one, below which an estimate that moved improves
-[ratio of powers].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-INTEGRATOR_SIGMAS = 3.0
-"""Distance from the origin below which a pole may be an integrator's [standard deviations].
-Level: 99.7 %.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
+MOST_SCATTER = math.sqrt(MATTERS)  # rms that the estimate's own error makes, at most [part of the output's]
+MINOR_SCATTER = 0.5 * MOST_SCATTER  # up to which the model is known whatever a coefficient is [part of the output's]
+MOST_MOVED = math.sqrt(MATTERS)  # movement of a coefficient below which the estimate stands still [part of its size]
+MOVED_SIGMAS = 4.0  # movement of a coefficient that is no chance: 6e-5 of a normal deviate [standard deviations]
+SLOW = 3.0  # scatter of the path from which on slow noise is named as the reason [standard deviations by its colour]
+MENTIONED = 0.01 * MOST_MOVED  # uncertainty below which slow noise is not named: rounding is slow [part of the size]
+IMPROVED = 1.0 - MOST_MOVED  # of the power that an earlier estimate left: less by as much as one must move [ratio]
+FARTHEST = 0.5 * math.sqrt(MATTERS)  # distance from what the samples give that is of no account [part of the size]
+SUSPECT = 0.05  # chance of a distance by chance, of an estimate that noise biases: how much is asked [probability]
+INTEGRATOR_SIGMAS = 3.0  # distance from the origin below which a pole may be an integrator's [standard deviations]
 
 LONGER = re.compile(r"(?:record [\d.]+ times as long|take more samples), (?:or )?")  # as `_more` says it
 
 
 @dataclass(frozen=True)
 class Certainty:
-    """The figures of the estimate, by their names in `Assessment`, and the findings from them.
+    """The figures of the estimate, by their names in `Assessment`, and the findings from them."""
 
-    Attributes
-    ----------
-    figures : dict
-        "uncertainty", "movement" and "distance".
-    improves : bool
-        Whether the estimate moved, and explains the newest samples better than the earlier estimate.
-    findings : list of Finding
-    disagreement : float
-        By how much the output of the estimate that the noise model gives differs, of the samples that this one was
-        solved for, where that is no chance; as a part of the output's amplitude.
-    """
-
-    figures: dict[str, float]
-    improves: bool
+    figures: dict[str, float]  # "uncertainty", "movement" and "distance"
+    improves: bool  # whether the estimate moved, and explains the newest samples better than the earlier one
     findings: list[Finding]
+    # by how much the output of the estimate that the noise model gives of the same samples differs, where that is no
+    # chance, as a part of the output's amplitude
     disagreement: float = 0.0
 
     @classmethod
@@ -138,12 +71,9 @@ class Certainty:
         std = np.sqrt(np.maximum(np.diag(known), 0.0))
         uncertainty = runs.size(std[: evidence.structure.poles], speeds.poles)
         step = (evidence.estimate - evidence.earlier)[:size]
-        moved, sigmas = (
-            runs.size(step, speeds.poles),
-            float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max()),
-        )
+        moved = runs.size(step, speeds.poles)
+        sigmas = float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max())
         distance = runs.size(away.step, speeds.poles)
-        figures = {"uncertainty": uncertainty, "movement": sigmas, "distance": distance}
         errors = runs.now.error, runs.old.error
         if by_reference is not None:  # the rest is the disturbances', which may drift
             errors = one_step(errors[0]), one_step(errors[1])
@@ -154,14 +84,20 @@ class Certainty:
         cancelled = cancelled_pole(evidence.structure, evidence.estimate, known)
         slow, surprise = slow_noise(evidence, uncertainty), _surprise(evidence, away, known)
         is_apart = evidence.is_solved and cancelled is None and surprise > 1.0
-        figures["uncertainty"] = uncertainty if cancelled is None else math.inf
-        findings = [
-            *_of_uncertainty(evidence, uncertainty, most, math.inf if closed else scatter, cancelled, slow),
-            *_of_scatter(evidence, scatter),
-            *(_of_movement(evidence, moved, sigmas, improves) if cancelled is None or _shows(runs) else []),
-            *(_of_distance(evidence, distance, surprise) if cancelled is None else []),
-            *gain_findings(evidence, runs, known, away.covariance),
-        ]
+        figures = {
+            "uncertainty": uncertainty if cancelled is None else math.inf, "movement": sigmas, "distance": distance
+        }  # fmt: skip
+        more = "take more samples" if not evidence.finished else ""
+        findings = uncertainty_findings(uncertainty, most, math.inf if closed else scatter, cancelled, slow, more)
+        if not scatter <= MOST_SCATTER:
+            reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
+            reason += f": {more or longer(scatter, MOST_SCATTER)}, or move the input more"
+            findings.append(Finding("converging", reason))
+        if cancelled is None or _shows(runs):
+            findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
+        if cancelled is None and surprise > 1.0 and distance > FARTHEST and not is_apart:
+            findings.append(_of_distance(evidence, distance))
+        findings += gain_findings(evidence, runs, known, away.covariance)
         return cls(figures, improves, findings, _apart(runs, away.step) if is_apart else 0.0)
 
 
@@ -169,23 +105,15 @@ class Certainty:
 class Speeds:
     """How fast the poles are, by which errors of the denominator are judged.
 
-    Attributes
-    ----------
-    poles : (n,) array
-        What each pole counts as, in rad/s: its magnitude.  A pole slower than the record is long counts as one just as
-        long.  Where the loop is closed, the controller and not a slow pole decides what the output does: where a pole
-        may as well lie in the origin, as an integrator's does, every pole counts by its distance from where the
-        output moves, j output, which makes of an error of A(s) that of A(j output).
-    output : float
-        How fast the output moves: its root mean square frequency in rad/s where a reference tells it from the noise,
-        else the mean frequency of the model's output.
-    integrators : int
-        How many poles count as that fast.
+    A pole counts by its magnitude; one slower than the record is long, as one just as long.  Where the loop is closed,
+    the controller and not a slow pole decides what the output does: where a pole may as well lie in the origin, as an
+    integrator's does, every pole counts by its distance from where the output moves, j output, which makes of an error
+    of A(s) that of A(j output).
     """
 
-    poles: FloatArray
-    output: float = 0.0
-    integrators: int = 0
+    poles: FloatArray  # (n,): what each counts as, in rad/s
+    output: float = 0.0  # how fast the output moves: its rms frequency by a reference, else the mean of the model's
+    integrators: int = 0  # how many poles count as that fast
 
     @classmethod
     def of(cls, evidence: Evidence, closed: bool, by_reference: FloatArray | None = None) -> Speeds:
@@ -220,10 +148,7 @@ class Speeds:
 
 
 def slow_noise(evidence: Evidence, uncertainty: float) -> str:
-    """Return the reason for the estimate's uncertainty where it is slow noise, as words in brackets; else nothing.
-
-    Slow noise is noise that the autoregression of the residual does not describe, see `statistics.robust`.
-    """
+    """Return, in brackets, that noise which no autoregression describes (`statistics.robust`) makes the uncertainty."""
     if evidence.slowness < SLOW or uncertainty < MENTIONED:
         return ""
     return " (because the residual varies slowly: the output drifts, or the plant is slightly nonlinear)"
@@ -244,21 +169,19 @@ def _scatter(
     return math.sqrt(max(made, 0.0)) / float(size.std()) if size.std() > 0.0 else math.inf
 
 
-def _more(evidence: Evidence, uncertainty: float, most: float) -> str:
-    """Return in words what makes an uncertainty smaller; of a record that has ended, how long another one has to be."""
-    if not evidence.finished:
-        return "take more samples"
-    return f"record {figure((uncertainty / most) ** 2)} times as long"  # a standard deviation falls as 1/sqrt(N)
+def longer(uncertainty: float, most: float) -> str:
+    """Return in words how long another record has to be: a standard deviation falls as 1/sqrt(N)."""
+    return f"record {figure((uncertainty / most) ** 2)} times as long"
 
 
-def _of_uncertainty(
-    evidence: Evidence, uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str
-) -> list[Finding]:  # fmt: skip
+def uncertainty_findings(
+    uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str, more: str
+) -> list[Finding]:
     """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
     if uncertainty <= most and cancelled is None:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
-    advice = f"{_more(evidence, uncertainty, most)}, move the input more, or ask for fewer poles and zeros"
+    advice = f"{more or longer(uncertainty, most)}, move the input more, or ask for fewer poles and zeros"
     if cancelled is not None:
         real = cancelled.real + 0.0  # not -0
         pole = f"a zero may cancel the pole near {real:.3g}"
@@ -272,22 +195,16 @@ def _of_uncertainty(
     return [Finding("converging", f"{reason}: {advice}")]
 
 
-def _of_scatter(evidence: Evidence, scatter: float) -> list[Finding]:
-    if scatter <= MOST_SCATTER:
-        return []
-    reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
-    return [Finding("converging", f"{reason}: {_more(evidence, scatter, MOST_SCATTER)}, or move the input more")]
-
-
 def _shows(runs: Runs) -> bool:
     """Return whether the movement of the estimate shows in the modelled output."""
     return float(np.std(runs.now.forced - runs.old.forced)) > MINOR_SCATTER * float(np.std(runs.now.forced))
 
 
-def _of_movement(evidence: Evidence, moved: float, sigmas: float, improves: bool) -> list[Finding]:
+def movement_findings(moved: float, sigmas: float, span: str, *, improves: bool = False) -> list[Finding]:
+    """Say where the estimate has moved by more than matters, and not by chance."""
     if not (moved > MOST_MOVED and (sigmas > MOVED_SIGMAS or improves)):
         return []
-    reason = f"a coefficient has moved by {percent(moved)} over {evidence.span} ({figure(sigmas)} standard deviations)"
+    reason = f"a coefficient has moved by {percent(moved)} over {span} ({figure(sigmas)} standard deviations)"
     return [Finding("converging", reason)]
 
 
@@ -309,12 +226,10 @@ def _apart(runs: Runs, step: FloatArray) -> float:
     return float(np.std(runs.now.zeta @ step)) / output if output > 0.0 else 0.0  # nothing explained: said elsewhere
 
 
-def _of_distance(evidence: Evidence, distance: float, statistic: float) -> list[Finding]:
-    if not (statistic > 1.0 and distance > FARTHEST) or evidence.is_solved:
-        return []
+def _of_distance(evidence: Evidence, distance: float) -> Finding:
     reason = f"the samples give a coefficient that differs by {percent(distance)}"
     if not evidence.adapts:
-        return [Finding("inconsistent", f"{reason}: the plant has changed since, or is another one")]
+        return Finding("inconsistent", f"{reason}: the plant has changed since, or is another one")
     if not evidence.instruments:
-        return [Finding("inconsistent", f"{reason}: noise biases an estimate without instruments")]
-    return [Finding("converging", f"{reason}: the estimate has not converged to them yet")]
+        return Finding("inconsistent", f"{reason}: noise biases an estimate without instruments")
+    return Finding("converging", f"{reason}: the estimate has not converged to them yet")

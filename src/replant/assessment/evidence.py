@@ -2,178 +2,81 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
-from replant.assessment.score_test import MATTERS
-from replant.assessment.verdict import duration
+from replant.assessment.verdict import MATTERS, duration
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.model.uncertainty import UncertainMode, Uncertainty
 from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.linear_algebra import roots
 
-FEWEST = 100
-"""Samples held out below which they say nothing for a model [samples].
-Derivation: one column explains 1 / 100 of the noise's power by chance, as much as MATTERS.
-Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, nothing changes on these records.
-"""
-
-PER_COEFFICIENT = 10
-"""Samples held out for each coefficient below which they say nothing [samples].
-Derivation: by chance a model explains a tenth of the noise's power then.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-LEAST_POWER = 0.01 * MATTERS
-"""Variance of the input over the newest samples below which it rests [part of the largest that it has been].
-Derivation: a hundredth of what matters, a hundredth of the amplitude.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-RESTED = 2500
-"""Samples for which an input must have rested before it is noted whether the model is trusted [samples].
-Derivation: half of the samples between two reviews.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-UNSTABLE_SIGMAS = 3.0
-"""Standard deviations by which a pole must lie right of the imaginary axis for the model to count as unstable: an
-estimate of an integrator lies on either side [standard deviations].
-Level: 99.7 %.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+FEWEST = 100  # samples held out below which one column explains as much as MATTERS by chance [samples]
+PER_COEFFICIENT = 10  # samples held out for each, else a model explains a tenth of the noise by chance [samples]
+LEAST_POWER = 0.01 * MATTERS  # variance of the newest input below which it rests [part of the largest it has been]
+RESTED = 2500  # rest after which it is noted whether the model is trusted: half of the way between reviews [samples]
+RESTING = 1e-12  # movement that is rounding of float64, some thousand times its precision [part of the largest value]
+ROUNDING = 1e-6  # what is rounding of a log: its numbers have six digits and more [part of a signal]
+UNSTABLE_SIGMAS = 3.0  # of a pole right of the axis, where an integrator's may be by chance [standard deviations]
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The estimates and samples that a verdict is made from, and what was noticed about them online.
-
-    Attributes
-    ----------
-    structure : Structure
-    dt : float
-        Nominal sampling time in s.
-    record : Record
-        The newest samples.
-    estimate : (P,) array
-    covariance : (P, P) array or None
-        Of the estimate; None where none is known.
-    earlier : (P,) array
-        An earlier estimate, which has not used the newest ``unseen`` samples.
-    unseen : int
-        How many samples came after ``earlier``.
-    learned : int
-        How many samples ``earlier`` was made from.
-    in_sample : bool
-        Whether there is no earlier estimate: every sample was used, as in an offline fit.
-    refused : bool
-        Whether an update was undone because it would have left float64.
-    adapts : bool
-        False where the user froze the estimate.
-    instruments : bool
-        False where noise biases the estimate.
-    follows : bool
-        Whether the estimate follows a plant that changes: it is then tested on the newest samples alone.
-    largest_power : float
-        Largest moving variance that the input has had; 0 where it is not known.
-    usual_interval : float
-        Median time between samples in s, interruptions included; 0 where there are no time stamps.
-    disagreement : float
-        By how much two estimates of the record differ that a right structure makes equal; 0 where they do not.
-    grown : int
-        Samples since the residual began to exceed its usual size, if that is statistically significant; else 0.
-    after_change : bool
-        Whether the estimate was begun anew, or revised, after a change of the plant; an estimate that forgets counts as
-        such only while the newest samples kept reach back to the change.
-    since_change : int
-        Samples since the plant has changed within the record, so that no one model explains it; else 0.
-    undecided : bool
-        Whether the samples since the last change do not yet tell what it was.
-    after_alarm : bool
-        Whether the record begins where an alarm ended, and nothing is believed to have changed.
-    trusted_before : bool
-        Whether the model was trusted when the input came to rest, and nothing has been noticed since.
-    since_trusted : int
-        Samples since that was last known.
-    finished : bool
-        Whether the record has ended, and the estimate was then made from all of it.
-    missing : int
-        Newest samples in a row that came without an output.
-    stuck : bool
-        Whether the sensor is stuck or saturated, or was just now.
-    left_out : int
-        Outputs that neither the estimate nor the verdict is made from, as the sensor was stuck or at its limit.
-    input_zero : float
-        The record's input where that of the actuator is zero.
-    slowness : float
-        Standard deviation of the estimate over that which the residual's power and colour predict; 1 where they agree.
-    output_unit : float
-        Unit of the record's output, in the user's unit.
-    measured : (W,) array or None
-        The output as the sensor gave it; None where the record's output is just that.
-    bridged : (W,) array of bool or None
-        The samples whose output in the record is the model's, because it is in doubt: the tests of the model leave
-        them out.
-    """
+    """The estimates and samples (W) that a verdict is made from, and what was noticed about them online."""
 
     structure: Structure
-    dt: float
-    record: Record
-    estimate: FloatArray
-    covariance: FloatArray | None
-    earlier: FloatArray
+    dt: float  # nominal sampling time in s
+    record: Record  # the newest samples
+    estimate: FloatArray  # (P,)
+    covariance: FloatArray | None  # (P, P): of the estimate; None where none is known
+    earlier: FloatArray  # (P,): an estimate that has not used the newest ``unseen`` samples
     unseen: int
-    learned: int
-    in_sample: bool = False
-    refused: bool = False
-    adapts: bool = True
-    instruments: bool = True
-    follows: bool = False
-    largest_power: float = 0.0
-    usual_interval: float = 0.0
-    disagreement: float = 0.0
-    grown: int = 0
-    after_change: bool = False
-    since_change: int = 0
-    undecided: bool = False
-    after_alarm: bool = False
-    trusted_before: bool = False
-    since_trusted: int = 0
-    finished: bool = False
-    missing: int = 0
-    stuck: bool = False
-    left_out: int = 0
-    input_zero: float = 0.0
-    slowness: float = 1.0
-    output_unit: float = 1.0
-    measured: FloatArray | None = None
-    bridged: BoolArray | None = None
+    learned: int  # samples that ``earlier`` was made from
+    in_sample: bool = False  # whether there is no earlier estimate: every sample was used, as in an offline fit
+    refused: bool = False  # whether an update was undone because it would have left float64
+    adapts: bool = True  # False where the user froze the estimate
+    instruments: bool = True  # False where noise biases the estimate
+    follows: bool = False  # whether the estimate follows a plant that changes: the newest samples alone test it
+    largest_power: float = 0.0  # largest moving variance that the input has had; 0 where it is not known
+    usual_interval: float = 0.0  # median time between samples in s, gaps included; 0 where there are no time stamps
+    disagreement: float = 0.0  # difference of two estimates of the record that a right structure makes equal
+    grown: int = 0  # samples since the residual began to exceed its usual size beyond chance; else 0
+    after_change: bool = False  # whether the estimate was begun anew, or revised, after a change that it remembers
+    since_change: int = 0  # samples since the plant has changed within the record, so that no one model explains it
+    undecided: bool = False  # whether the samples since the last change do not yet tell what it was
+    after_alarm: bool = False  # whether the record begins where an alarm ended, and nothing is believed to have changed
+    trusted_before: bool = False  # whether the model was trusted when the input came to rest, and no alarm came since
+    since_trusted: int = 0  # samples since that was last known
+    finished: bool = False  # whether the record has ended, and the estimate was then made from all of it
+    missing: int = 0  # newest samples in a row that came without an output
+    stuck: bool = False  # whether the sensor is stuck or saturated, or was just now
+    left_out: int = 0  # outputs without which estimate and verdict are made, as the sensor was stuck or at its limit
+    input_zero: float = 0.0  # the record's input where that of the actuator is zero
+    slowness: float = 1.0  # standard deviation of the estimate over that which the residual's power and colour predict
+    output_unit: float = 1.0  # unit of the record's output, in the user's unit
+    measured: FloatArray | None = None  # (W,): the output as the sensor gave it; None where it is the record's
+    bridged: BoolArray | None = None  # (W,): samples whose output is the model's, as it is in doubt: not tested on
 
     def in_own_units(self) -> Evidence:
-        """Return the same evidence with input and output scaled to about one, so that their squares fit into float64.
-
-        The scales are powers of two, so that no sample is rounded.
-        """
+        """Return the same evidence scaled to about one by powers of two, so that squares fit into float64."""
         of_input, of_output = _power_of_two(self.record.u), _power_of_two(self.record.y)
         n = self.structure.poles
         with np.errstate(over="ignore"):
             factors = np.full(self.estimate.size, of_input / of_output)
         factors[:n] = 1.0
         factors[self.coefficients :] = 1.0 / of_output
-        record = dataclasses.replace(self.record, u=self.record.u / of_input, y=self.record.y / of_output)
-        if record.before is not None:
-            before = record.before
-            record = dataclasses.replace(
-                record, before=dataclasses.replace(before, u=before.u / of_input, y=before.y / of_output)
-            )
-        return dataclasses.replace(
+
+        def scaled(record: Record) -> Record:
+            before = None if record.before is None else scaled(record.before)
+            return replace(record, u=record.u / of_input, y=record.y / of_output, before=before)
+
+        return replace(
             self,
-            record=record,
+            record=scaled(self.record),
             estimate=self.estimate * factors,
             earlier=self.earlier * factors,
             covariance=None if self.covariance is None else self.covariance * factors * factors[:, None],
@@ -186,7 +89,7 @@ class Evidence:
     def as_whole(self) -> Evidence:
         """Return the same evidence with nothing held out: every sample tests the present estimate."""
         learned = self.learned + self.unseen
-        return dataclasses.replace(self, earlier=self.estimate, unseen=0, learned=learned, in_sample=True)
+        return replace(self, earlier=self.estimate, unseen=0, learned=learned, in_sample=True)
 
     @property
     def is_solved(self) -> bool:
@@ -206,7 +109,7 @@ class Evidence:
     @property
     def past(self) -> IntArray:
         """How many used samples in a row come before each of those that the estimate should explain, up to LAGS."""
-        record = dataclasses.replace(self.record, measured=self.used, before=None)
+        record = replace(self.record, measured=self.used, before=None)
         return np.minimum(record.predecessors[self.known], np.arange(self.samples)[: self.samples - self.known.start])
 
     @property
@@ -224,16 +127,12 @@ class Evidence:
         """The estimate's poles with their uncertainty; none where no covariance is known."""
         if self.covariance is None:
             return ()
-        size, structure = self.coefficients, dataclasses.replace(self.structure, bias=False)
+        size, structure = self.coefficients, replace(self.structure, bias=False)
         return Uncertainty(structure, self.estimate[:size], self.covariance[:size, :size]).first_order_modes
 
     @property
     def unstable_pole(self) -> float:
-        """Real part of the pole farthest to the right, in rad/s, if the model is unstable; else 0.
-
-        It is not where what grows by that pole grows less than e-fold over the record, nor where the pole may as well
-        lie on the axis.
-        """
+        """Real part of the rightmost pole, in rad/s, if it surely grows more than e-fold over the record; else 0."""
         pole = float(roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]])).real.max())
         if not pole * self.record.span > 1.0:
             return 0.0
@@ -303,35 +202,20 @@ class Evidence:
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """The earlier and the present estimate, each run over the samples.
-
-    Attributes
-    ----------
-    old, now : ModelRun
-    error : (N,) array
-        Error of the earlier estimate over the N newest samples, its mean subtracted.
-    power : float
-        Variance of the output over the newest samples.
-    """
+    """The earlier and the present estimate, each run over the samples."""
 
     old: ModelRun
     now: ModelRun
-    error: FloatArray
-    power: float
+    error: FloatArray  # (N,): of the earlier estimate over the N newest samples, its mean subtracted
+    power: float  # variance of the output over them
 
     @classmethod
     def of(cls, evidence: Evidence, by_reference: FloatArray | None = None) -> Runs | None:
-        """Run both estimates; None where a signal leaves float64.
-
-        ``by_reference`` (K, 2) is what a reference explains of input and output.
-        """
-        old = run_model(evidence.structure, evidence.earlier, evidence.record, evidence.dt, by_reference)
-        if old is None:
-            return None
-        now: ModelRun | None = old
+        """Run both estimates; None where a signal leaves float64; ``by_reference`` (K, 2) as for `run_model`."""
+        old = now = run_model(evidence.structure, evidence.earlier, evidence.record, evidence.dt, by_reference)
         if not np.array_equal(evidence.earlier, evidence.estimate):
             now = run_model(evidence.structure, evidence.estimate, evidence.record, evidence.dt, by_reference)
-        if now is None:
+        if old is None or now is None:
             return None
         error = old.error[evidence.newest]
         return cls(old, now, error - error.mean(), float(np.var(evidence.record.y[evidence.newest])))
@@ -339,9 +223,8 @@ class Runs:
     def size(self, step: FloatArray, speeds: FloatArray) -> float:
         """Return the relative size of a step (n,) or (n + m + 1,) of the coefficients; ``speeds`` (n,) of the poles.
 
-        It is the largest of two kinds of terms.  For a_i: abs(step) over the coefficient of prod(s + speed), which is
-        the size that a_i would have if all poles were real.  For b_j: half of the output that the step makes, over the
-        output.
+        For a_i it is abs(step) over the coefficient of prod(s + speed), the size of a_i if all poles were real; for b_j
+        half of the output that the step makes, over the output.
         """
         n = self.now.structure.poles
         sizes = np.poly(-speeds)[1:]

@@ -27,30 +27,30 @@ from dataclasses import replace
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.alternatives import LARGEST_PART, NEGLIGIBLE, Part, dynamics, power_of, residual_of, unexplained
 from replant.assessment.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.score_test import ALPHA, Explained
-from replant.assessment.verdict import Finding, percent
+from replant.assessment.score_test import (
+    LARGEST_PART,
+    NEGLIGIBLE,
+    Explained,
+    Part,
+    dynamics,
+    power_of,
+    residual_of,
+    unexplained,
+)
+from replant.assessment.verdict import ALPHA, Finding, percent
 from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.linear_algebra import chi2_quantile
 from replant.statistics.projections import without
 
-WIDTHS = (0.2, 0.5)
-"""Half widths of the plays tried [part of the largest input].
-Derivation: two of them explain the larger part of any play between 0.1 and 0.7.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]
+SMOOTH = 1.5  # of second over first differences: 2 of single steps, 3 of noise, w^2 of a sine of w [ratio of powers]
 
 ADVICE = "stay where it is straight, or map the input by its curve"
 SATURATES, DEAD = f"the actuator seems to saturate ({ADVICE})", f"the actuator seems to have a dead zone ({ADVICE})"
 LOPSIDED = f"the actuator seems to have another gain in the other direction ({ADVICE})"
 LOOSE = "the actuator seems to have play or friction (move it by more, or so that it comes from one side)"
-
-SMOOTH = 1.5
-"""Power of an input's second differences, over that of its first, below which the input is smooth [ratio of powers].
-Derivation: 2 where single steps follow each other slowly, 3 for white noise, w^2 for a sine of w rad a sample.
-"""
 
 
 def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:

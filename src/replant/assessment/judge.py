@@ -25,64 +25,24 @@ from typing import Any
 
 import numpy as np
 
-from replant.assessment import sensor_faults
-from replant.assessment.alternatives import NEGLIGIBLE, unexplained, unexplained_before, unexplained_by_reference
-from replant.assessment.change_tests import burst_finding, growth_finding
-from replant.assessment.control_loop import COLOURED, Loop
-from replant.assessment.estimate_tests import (
-    Certainty,
-    slow_noise,
-)
-from replant.assessment.evidence import LEAST_POWER, Evidence, Runs
-from replant.assessment.excitation import excitation
+from replant.assessment import record_tests
+from replant.assessment.estimate_tests import Certainty, slow_noise
+from replant.assessment.evidence import LEAST_POWER, RESTING, Evidence, Runs
 from replant.assessment.input_faults import actuator_findings, dead_time_findings, hold_findings
-from replant.assessment.reference_test import Reference
-from replant.assessment.score_test import MATTERS
-from replant.assessment.verdict import (
-    Assessment,
-    Finding,
-    conclude,
-    duration,
-    percent,
-)
+from replant.assessment.loop_tests import COLOURED, Loop, Reference, unexplained_by_reference
+from replant.assessment.score_test import NEGLIGIBLE, unexplained, unexplained_before
+from replant.assessment.verdict import MATTERS, STATUSES, Assessment, Finding, conclude, duration, percent
 from replant.engine.state import GAP
-from replant.simulation.offset_fit import fit_percent
+from replant.simulation.fitted_run import fit_percent
 from replant.statistics.autoregression import one_step, whiteness
 from replant.statistics.linear_algebra import quiet, roots
 from replant.statistics.robust import robust_std
 
-POOREST_FIT = 10.0
-"""Simulated fit below which the input explains next to nothing [%].
-Derivation: at a fit of 10 the noise has four times the power of the model's output: a right model of such a plant is of
-little use.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-DISAGREES = 0.5 * math.sqrt(MATTERS)
-"""Difference of two estimates' outputs that a right structure makes equal, from which on it matters [part of the
-output's amplitude].
-Derivation: half of the amplitude that matters.
-"""
-
+POOREST_FIT = 10.0  # simulated fit below which the input explains next to nothing: noise has four times its power [%]
 WORST_FIT = -1000.0  # simulated fit below which fits are not told apart in words [%]
-
-RESTING = 1e-12
-"""Movement of the input that is rounding [part of its largest magnitude].
-Derivation: some thousand times the precision of float64.
-"""
-
-FEWEST_MOVING = 500
-"""Samples before the input came to rest, below which these alone do not speak for a model [samples].
-Derivation: the start-up of the default: a model of fewer was never tested by samples that came after it.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-MANY = 10
-"""Samples from which on a model may be tested on those that it was made from [samples that a test needs].
-Derivation: of a hundred samples for each coefficient, a model explains a hundredth of the noise by chance.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
+DISAGREES = 0.5 * math.sqrt(MATTERS)  # difference of estimates that a right structure makes equal [part of the output]
+FEWEST_MOVING = 500  # before the input rests, to speak for a model: those of the default's start-up [samples]
+MANY = 10  # from which on a model may be tested on those that it was made from [samples that a test needs]
 BEFORE = "the model was trusted when the input came to rest, and the output has shown nothing against it since"
 
 Figures = dict[str, Any]
@@ -106,20 +66,14 @@ def judge(evidence: Evidence) -> Assessment:
         if evidence.finished and not evidence.in_sample and verdict.status != "trusted":
             return _judged(evidence.as_whole())
         return verdict
-    if evidence.was_trusted and not _objections(evidence):
+    objections = _of_samples(evidence) + _of_guard(evidence)
+    if evidence.was_trusted and not any(found.status in ("diverged", "inconsistent") for found in objections):
         return replace(verdict, status="trusted", reasons=(BEFORE, verdict.reasons[0]))
     few = 0 if evidence.finished else FEWEST_MOVING
     before = verdict if evidence.in_sample or evidence.moving < few else _judged(evidence.as_whole())
     if before.excited:
         return replace(before, excited=False, reasons=(*before.reasons, verdict.reasons[0]))
     return verdict
-
-
-def _objections(evidence: Evidence) -> list[Finding]:
-    """Return what speaks against a model though the input rests."""
-    return [
-        found for found in _of_samples(evidence) + _of_guard(evidence) if found.status in ("diverged", "inconsistent")
-    ]
 
 
 def _judged(evidence: Evidence) -> Assessment:
@@ -135,7 +89,7 @@ def _judged(evidence: Evidence) -> Assessment:
         reason = f"the model's signals leave float64 (a pole at {pole:+.3g} rad/s)"
         findings.append(Finding("inconsistent", reason))
     if runs is not None:
-        found = excitation(runs.now, evidence.newest)
+        found = record_tests.excitation(runs.now, evidence.newest)
         figures |= {"condition": found.condition, "excitation": found.share}
         findings += _of_sensor(evidence, runs)
         # what the comparison with the model names is not named again
@@ -155,32 +109,22 @@ def _lacks_excitation(findings: list[Finding]) -> bool:
     return any(finding.status == "not excited" for finding in findings)
 
 
-def _input_is_constant(evidence: Evidence) -> bool:
-    u = evidence.record.joined.u
-    return bool(np.ptp(u) <= RESTING * np.abs(u).max())
-
-
 def _of_samples(evidence: Evidence) -> list[Finding]:
     """Return the findings that need no model."""
-    findings = []
-    if evidence.refused:
-        reason = "updates left the range of float64 and were undone: lower the gain or step size, then reset"
-        findings.append(Finding("diverged", reason))
+    findings = [Finding("diverged", record_tests.REFUSED)] if evidence.refused else []
     if evidence.usual_interval:
-        findings += sensor_faults.clock_finding(evidence.usual_interval, evidence.dt)
-    u = evidence.record.u
-    if _input_is_constant(evidence):
+        findings += record_tests.clock_finding(evidence.usual_interval, evidence.dt)
+    u, whole = evidence.record.u, evidence.record.joined.u
+    if np.ptp(whole) <= RESTING * np.abs(whole).max():
         reason = "the input is constant: move it"
         if evidence.largest_power > (RESTING * float(np.abs(u).max())) ** 2:
             rested = duration(evidence.seconds(evidence.samples))
             reason = f"the input has rested for the last {rested} and more: move it to learn more"
-        findings.append(Finding("not excited", reason))
-        return findings
+        return [*findings, Finding("not excited", reason)]
     if evidence.counted < evidence.enough:
         since = "" if evidence.in_sample else " (since the last interruption)"
         reason = f"{evidence.counted} samples{since} are too few for a verdict: it takes {evidence.enough}"
-        findings.append(Finding("converging", reason))
-        return findings
+        return [*findings, Finding("converging", reason)]
     if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
         part = percent(float(np.var(u[evidence.newest])) / evidence.largest_power)
         reason = f"the input hardly moves any more: its variance over {evidence.span} is {part} of its largest so far"
@@ -189,27 +133,20 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         few = f"{evidence.unseen} samples that the estimate has not used are too few"
         reason = f"{few if evidence.unseen else 'the estimate has used every sample: none is left'} to test it on"
         findings.append(Finding("converging", reason))
-    return findings + sensor_faults.level_finding(u, evidence.raw)
+    return findings + record_tests.level_finding(u, evidence.raw)
 
 
 def _of_guard(evidence: Evidence) -> list[Finding]:
     """Return the findings of the online monitoring."""
-    findings = []
-    if evidence.missing > GAP:
-        reason = f"no output has arrived for {duration(evidence.seconds(evidence.missing))}, only the input"
-        findings.append(Finding("inconsistent", f"{reason}: check the sensor and its cable"))
-    elif evidence.stuck:
-        reason = "the output is constant to the bit, or was just now: a stuck or saturated sensor, or a cable off"
-        findings.append(Finding("inconsistent", reason))
-    elif evidence.grown:
-        reason = f"the residual began to grow {duration(evidence.seconds(evidence.grown))} ago"
-        findings.append(Finding("inconsistent", f"{reason}: the plant, the sensor or the disturbances have changed"))
+    findings = record_tests.guard_findings(
+        evidence.seconds(evidence.missing) if evidence.missing > GAP else 0.0,
+        evidence.stuck,
+        evidence.seconds(evidence.grown) if evidence.grown else 0.0,
+        evidence.undecided,
+    )
     if evidence.since_change:
         reason = f"the plant seems to have changed {duration(evidence.seconds(evidence.since_change))} before the end"
         findings.append(Finding("inconsistent", f"{reason}: identify the parts before and since by themselves"))
-    if evidence.undecided:
-        reason = "the residual had grown, and the samples since do not tell yet whether a load or the plant has changed"
-        findings.append(Finding("converging", f"{reason}: move the input"))
     return findings
 
 
@@ -224,13 +161,13 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     count = newest.size
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
-    resolved = sensor_faults.is_resolved(y, noise)
+    resolved = record_tests.is_resolved(y, noise)
     elapsed, unit = np.cumsum(steps), evidence.output_unit
     u, y, modelled = evidence.record.u[newest], y[newest], modelled[newest]
-    found = sensor_faults.end_finding(u, y, modelled, noise, elapsed)
-    found = found or sensor_faults.saturation_finding(y, modelled, unit)
-    found = found or sensor_faults.stuck_finding(y, modelled, noise, resolved, elapsed, unit)
-    return found + sensor_faults.left_out_finding(evidence.left_out)
+    found = record_tests.end_finding(u, y, modelled, noise, elapsed)
+    found = found or record_tests.saturation_finding(y, modelled, unit)
+    found = found or record_tests.stuck_finding(y, modelled, noise, resolved, elapsed, unit)
+    return found + record_tests.left_out_finding(evidence.left_out)
 
 
 def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
@@ -243,12 +180,12 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *([] if loop.is_closed else actuator_findings(evidence, runs)),
         *_unexplained(evidence, runs, loop, figures),
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
-        *growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
-        *burst_finding(evidence, runs, referenced=loop.reference is not None),
+        *record_tests.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
+        *record_tests.burst_finding(evidence, runs, referenced=loop.reference is not None),
         *_disagreement(max(evidence.disagreement, certainty.disagreement)),
     ]
     if certainty.improves:  # the present estimate may explain what the earlier one does not
-        model = [Finding(max(found.status, "converging", key=_gravity), found.reason) for found in model]
+        model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
     held = [] if loop.reference is not None else hold_findings(evidence, runs)
     # an input that acts half a sample earlier than it was taken to act seems to answer the residual
     return (held or loop.findings) + model + certainty.findings
@@ -257,15 +194,9 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
 def _disagreement(size: float) -> list[Finding]:
     if size <= DISAGREES:
         return []
-    reason = (
-        f"filtered by its noise model the same record gives another model, whose output differs by "
-        f"{percent(size)}: too few poles or zeros, a wrong dead time, or a plant that is not linear"
-    )
+    reason = f"filtered by its noise model the same record gives another model, whose output differs by {percent(size)}"
+    reason += ": too few poles or zeros, a wrong dead time, or a plant that is not linear"
     return [Finding("inconsistent", reason)]
-
-
-def _gravity(status: str) -> int:
-    return ("inconsistent", "converging", "trusted").index(status)
 
 
 def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
@@ -280,7 +211,7 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
     else:
         fit = fit_percent(shown, y - runs.error)
     figures["fit"] = fit
-    if loop.reference is not None and not _is_sure_by_reference(evidence, runs, loop.reference):
+    if loop.reference is not None and not unexplained_by_reference(evidence, runs.old, loop.reference).is_sure:
         return []  # a poor fit may be chance
     if fit >= POOREST_FIT:
         if evidence.unstable_pole > 0.0 and loop.reference is None:
@@ -289,21 +220,12 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
         return []
     if math.isnan(fit):
         return [Finding("inconsistent", f"the output is constant over {evidence.span} while the input moves")]
-    run = f"{_how_run(evidence, loop)} over {evidence.span}{_in_sample(evidence)}"
+    run = f"{_how_run(evidence, loop)} over {evidence.span}{' (in sample)' if evidence.in_sample else ''}"
     figure = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
     reason = f"{run}, the model explains almost nothing of the output (fit {figure})"
     if evidence.record.r is None:
         reason += f": {COLOURED}" if loop.feedback.found else ": if a controller moves the input, give its reference"
     return [Finding("inconsistent", reason)]
-
-
-def _is_sure_by_reference(evidence: Evidence, runs: Runs, reference: Reference) -> bool:
-    """Return whether the reference explains a part of the residual, over the samples held out, that is not chance."""
-    return unexplained_by_reference(evidence, runs.old, reference).is_sure
-
-
-def _in_sample(evidence: Evidence) -> str:
-    return " (in sample)" if evidence.in_sample else ""
 
 
 def _how_run(evidence: Evidence, loop: Loop) -> str:
@@ -341,11 +263,9 @@ def _unexplained_before(evidence: Evidence, runs: Runs) -> list[Finding]:
     part = unexplained_before(evidence, runs) if evidence.held_out and evidence.used[evidence.newest].any() else None
     if part is None or not (part.is_sure and part.is_large):
         return []
-    reason = (
-        f"the input could explain another {percent(min(part.size, 1.0))} of the output's power over {evidence.span}"
-    )
+    part_of = f"{percent(min(part.size, 1.0))} of the output's power over {evidence.span}"
     past = f"unexplained by the estimate of {evidence.age} ago: it still converges, or the plant changes"
-    return [Finding("converging", f"{reason}, {past}")]
+    return [Finding("converging", f"the input could explain another {part_of}, {past}")]
 
 
 def _in_favour(evidence: Evidence, loop: Loop, figures: Figures) -> str:

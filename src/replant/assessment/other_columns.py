@@ -21,45 +21,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.alternatives import Part, dynamics, known_columns, power_of, residual_of
-from replant.assessment.assess_offline import MOST_SAMPLES
+from replant.assessment.assess import MOST_SAMPLES
 from replant.assessment.estimate_tests import LONGER
 from replant.assessment.evidence import Evidence, Runs
-from replant.assessment.feedback_test import answer
-from replant.assessment.reference_test import Reference
-from replant.assessment.score_test import MATTERS, Explained, Residual
-from replant.assessment.verdict import Assessment, percent
+from replant.assessment.loop_tests import Reference, answer
+from replant.assessment.score_test import Explained, Part, Residual, dynamics, known_columns, power_of, residual_of
+from replant.assessment.verdict import MATTERS, Assessment, percent
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.simulation.model_run import ModelRun, run_model
 from replant.statistics.linear_algebra import quiet
 
-REFINED = 2
-"""How often the noise is estimated again from what a column leaves [count].
-Derivation: the third time nothing changes any more that a verdict depends on.
-"""
+REFINED = 2  # times that the noise is estimated again from what a column leaves: a third changes no verdict [count]
 
 
 @dataclass(frozen=True)
 class OtherColumn:
-    """A column that explains a part of what a model leaves of the output.
-
-    Attributes
-    ----------
-    name : str
-    size : float
-        The part of the output's power.
-    left : float
-        The part of the power that the model leaves.
-    bias : float
-        What leaving the column out makes the model explain in its place, as it moves with the input [part of the
-        output's power].
-    """
+    """A column that explains a part of what a model leaves of the output."""
 
     name: str
-    size: float
-    left: float
-    bias: float
+    size: float  # part of the output's power
+    left: float  # part of the power that the model leaves
+    bias: float  # part of the output's power that the model explains in its place, as it moves with the input
 
     @property
     def reason(self) -> str:

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.score_test import ALPHA, MATTERS
-from replant.assessment.verdict import Finding, figure, percent
+from replant.assessment.verdict import ALPHA, MATTERS, Finding, figure, percent
 from replant.model.structure import Structure
 from replant.simulation.auxiliary_model import AuxiliaryModel
 from replant.simulation.row import Point, Row, Stretch

@@ -1,9 +1,21 @@
-"""Verdict: the value that a judgement results in, with status, reasons and figures."""
+"""Verdict: the value that a judgement results in, its reasons and figures; the two numbers behind all tests."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+
+ALPHA = 1e-4
+"""Chance that a test finds something where there is nothing [probability].
+Level: 0.01 %: the verdict is asked for many times in a run.
+Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
+"""
+
+MATTERS = 0.01
+"""What matters: a tenth of the output's amplitude [part of the output's power].
+Origin: a choice of what a user may rely on.
+Sensitivity: not measured.
+"""
 
 #: The statuses, the gravest first.  The verdict has that of its gravest finding.
 STATUSES = ("diverged", "not excited", "inconsistent", "converging", "trusted")
@@ -92,8 +104,6 @@ class Finding:
 def percent(part: float) -> str:
     """Return a part in percent with two digits; a very small or large one as a bound.
 
-    Examples
-    --------
     >>> percent(0.12345), percent(0.00123), percent(6.789)
     ('12 %', '0.12 %', '680 %')
     >>> percent(6.6e-32), percent(2e7)
@@ -107,8 +117,6 @@ def percent(part: float) -> str:
 def figure(value: float) -> str:
     """Return a positive figure with two digits and without a power of ten; a very large one as a bound.
 
-    Examples
-    --------
     >>> figure(2.234), figure(123.0), figure(float("inf"))
     ('2.2', '120', 'more than 10000')
     """
@@ -118,8 +126,6 @@ def figure(value: float) -> str:
 def duration(seconds: float) -> str:
     """Return a length of time in s with three digits, from 1000 s on to the second.
 
-    Examples
-    --------
     >>> duration(28.44), duration(2451.3), duration(50_000.0), duration(1e300)
     ('28.4 s', '2451 s', '50,000 s', '1e+300 s')
     """
@@ -129,14 +135,8 @@ def duration(seconds: float) -> str:
 
 
 def conclude(findings: list[Finding], otherwise: str) -> tuple[str, tuple[str, ...]]:
-    """Return the status of the gravest finding and every reason, the gravest first.
+    """Return the status of the gravest finding and every reason, the gravest first, or a reason for trust.
 
-    ``otherwise`` is the reason for trust where nothing speaks against it.
-
-    Examples
-    --------
-    >>> conclude([Finding("converging", "young"), Finding("inconsistent", "poor fit")], "good")
-    ('inconsistent', ('poor fit', 'young'))
     >>> conclude([Finding("trusted", "but for the offset")], "good")
     ('trusted', ('good', 'but for the offset'))
     """

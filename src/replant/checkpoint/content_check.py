@@ -48,13 +48,7 @@ DECIDED = [slot for slot in (*StateSlots.integers, *StateSlots.scalars, *StateSl
 
 @cache
 def layout_of_state() -> str:
-    """Return a fingerprint of the layout of a state; versions of the kernels with different layouts differ in it.
-
-    Examples
-    --------
-    >>> len(layout_of_state())
-    16
-    """
+    """Return a fingerprint of the layout of a state; versions of the kernels with different layouts differ in it."""
     from replant.kernels.filters import bank
 
     slots = [

@@ -73,18 +73,10 @@ FLOAT = "<f8"
 
 @dataclass(frozen=True, eq=False)
 class Contents:
-    """The content of a checkpoint.
+    """The content of a checkpoint."""
 
-    Attributes
-    ----------
-    attributes : dict
-        Attributes of the identifier, without those that follow from others.
-    progress : dict
-        Entries of the caller, such as the number of samples read and counters.
-    """
-
-    attributes: dict[str, Any]
-    progress: dict[str, int | float | str]
+    attributes: dict[str, Any]  # of the identifier, without those that follow from others
+    progress: dict[str, int | float | str]  # entries of the caller, such as the number of samples read and counters
 
 
 def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> bytes:

@@ -31,13 +31,6 @@ def write(path: AnyPath, data: bytes) -> None:
     """Replace the content of the file ``path`` by ``data``, and keep the file before as ``path`` + ".previous".
 
     When the function returns, the data are on the disk.  Only one process may write a file; any may read it meanwhile.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     write(Path(folder, "rig"), b"first")
-    ...     write(Path(folder, "rig"), b"second")
-    ...     read(Path(folder, "rig")), read(previous(Path(folder, "rig")))
-    (b'second', b'first')
     """
     file = _resolve_link(path)
     try:
@@ -49,12 +42,7 @@ def write(path: AnyPath, data: bytes) -> None:
 
 
 def read(path: AnyPath) -> bytes:
-    """Return the bytes of a file.
-
-    >>> read("no-such-file")
-    Traceback (most recent call last):
-    replant.errors.MissingCheckpointError: no-such-file: no such file
-    """
+    """Return the bytes of a file."""
     path = file_path("path", path)
     try:
         status = Path(path).stat()
@@ -70,13 +58,7 @@ def read(path: AnyPath) -> bytes:
 
 
 def previous(path: AnyPath) -> Path:
-    """Return the path under which `write` keeps the previous file.
-
-    Examples
-    --------
-    >>> previous("rig.replant").name
-    'rig.replant.previous'
-    """
+    """Return the path under which `write` keeps the previous file."""
     return _with_ending(_resolve_link(path), ".previous")
 
 

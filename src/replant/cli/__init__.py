@@ -80,12 +80,6 @@ def main(arguments: Sequence[str] | None = None) -> Any:
     """Run the command line.
 
     A user's mistake, or a refusal of the system, prints one line to standard error and exits with code 2.
-
-    Examples
-    --------
-    >>> main(["--version"])
-    replant, version ...
-    0
     """
     replace_unencodable()
     try:

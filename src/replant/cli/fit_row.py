@@ -16,7 +16,7 @@ from replant.cli.output import Keeping, check_required
 from replant.cli.terminal import is_quiet
 from replant.data.logs.recording import digest
 from replant.errors import InvalidArgumentError
-from replant.identified import row_json
+from replant.identified import model_json
 from replant.offline.fit import fit
 from replant.report.terminal.comparison import print_validation, validation_as_json
 from replant.report.terminal.row import print_row
@@ -44,7 +44,7 @@ def fit_several(as_json: bool, out: Path | None, method: str, keeping: Keeping, 
     if keeping.saved is not None:
         model.save(keeping.saved)
     if as_json:
-        whole = row_json.as_object(model) | {"elapsed_seconds": round(time.perf_counter() - begun, 3)}
+        whole = model_json.as_object(model) | {"elapsed_seconds": round(time.perf_counter() - begun, 3)}
         if validations:
             whole["validations"] = [validation_as_json(each, name) for name, each in validations]
         click.echo(json.dumps(whole, allow_nan=False))

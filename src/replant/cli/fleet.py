@@ -113,13 +113,7 @@ def _check_some(found: Fleet) -> None:
 
 
 def _plain(text: str) -> str:
-    r"""Return a name in one line, without what would move the cursor of a terminal or colour it.
-
-    Examples
-    --------
-    >>> _plain("rig\n\x1b[31m7 é")
-    'rig??[31m7 é'
-    """
+    r"""Return a name in one line, without what would move the cursor of a terminal or colour it."""
     return "".join(sign if sign.isprintable() else "?" for sign in text)
 
 

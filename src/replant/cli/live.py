@@ -36,11 +36,7 @@ class Time(click.ParamType[float]):
     name = "time"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the length of time in s.
-
-        >>> Time().convert("10min", None, None)
-        600.0
-        """
+        """Return the length of time in s."""
         found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*(ms|s|min|h|d|)", str(value).strip())
         seconds = float(found[1]) * UNITS[found[2]] if found else math.nan
         if not 0.0 < seconds < math.inf:
@@ -166,37 +162,21 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
 
 
 def looped(source: str) -> str:
-    """Return the demo's address with the motor under a controller.
-
-    >>> looped("demo"), looped("demo?speed=max")
-    ('demo?loop=pi', 'demo?speed=max&loop=pi')
-    """
+    """Return the demo's address with the motor under a controller."""
     if not is_demo(source):
         raise InvalidArgumentError(f"--loop goes with the source demo, not with {source}; give r as a column instead")
     return source if LOOP in source else f"{source}{'&' if '?' in source else '?'}{LOOP}"
 
 
 def demo_rig(source: str) -> Rig | None:
-    """Return the simulated rig whose address the source is; None if it is none.
-
-    Examples
-    --------
-    >>> demo_rig("demo?loop=pi&seed=3").dt, demo_rig("demo").dt, demo_rig("log.csv")
-    (0.01, 0.001, None)
-    """
+    """Return the simulated rig whose address the source is; None if it is none."""
     if not is_demo(source):
         return None
     return motor_rig() if LOOP in source.partition("?")[2].split("&") else deap_rig()
 
 
 def demo_signals(source: str) -> SignalNames:
-    """Return the names of the signals of the simulated rig whose address the source is; of another source no names.
-
-    Examples
-    --------
-    >>> demo_signals("demo").input, demo_signals("demo?loop=pi").output, demo_signals("log.csv").output
-    ('voltage [kV]', 'speed [rad/s]', 'output')
-    """
+    """Return the names of the signals of the simulated rig whose address the source is; of another source no names."""
     rig = demo_rig(source)
     if rig is None:
         return SignalNames()
@@ -205,13 +185,7 @@ def demo_signals(source: str) -> SignalNames:
 
 
 def is_demo(source: str) -> bool:
-    """Return whether a source is the simulated rig.
-
-    Examples
-    --------
-    >>> is_demo("demo?speed=max"), is_demo("demo.csv")
-    (True, False)
-    """
+    """Return whether a source is the simulated rig."""
     return source == DEMO or source.startswith(DEMO + "?")
 
 
@@ -248,13 +222,7 @@ def _request(options: dict[str, Any]) -> Request:
 
 
 def address_of(option: str, text: str) -> tuple[str, int]:
-    """Return host and port of a page.
-
-    Examples
-    --------
-    >>> address_of("--dashboard", "127.0.0.1:8710")
-    ('127.0.0.1', 8710)
-    """
+    """Return host and port of a page."""
     host, _, port = text.rpartition(":")
     if not host or not port.isdigit() or int(port) > 65535:
         off = ", or off" if option == "--dashboard" else ""

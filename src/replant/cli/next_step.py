@@ -140,13 +140,7 @@ def _fewer(situation: Situation) -> NextStep:
 
 
 def _is_step_test(u: FloatArray) -> bool:
-    """Return whether an input (K,) has moved from rest, and no more often than in a step test.
-
-    Examples
-    --------
-    >>> _is_step_test(np.array([0.0, 0.0, 1.0, 1.0])), _is_step_test(np.array([0.0, 1.0, 0.0, 2.0, 2.0]))
-    (True, False)
-    """
+    """Return whether an input (K,) has moved from rest, and no more often than in a step test."""
     known = u[np.isfinite(u)]
     return bool(0 < np.count_nonzero(np.diff(known)) <= STEPS_OF_A_TEST)
 

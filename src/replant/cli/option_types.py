@@ -34,11 +34,7 @@ class Range(click.ParamType[tuple[Any, ...]]):
     example = ""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
-        """Return every number of the range, including the last.
-
-        >>> Whole().convert("1:4", None, None)
-        (1, 2, 3, 4)
-        """
+        """Return every number of the range, including the last."""
         if isinstance(value, tuple):
             return value
         if "," in str(value):
@@ -65,15 +61,7 @@ class Range(click.ParamType[tuple[Any, ...]]):
             self.fail(f"{value!r} must be a {self.name} for each input, with commas between", param, ctx)
 
     def written(self, values: tuple[Any, ...]) -> str:
-        """Return numbers as `convert` reads them.
-
-        Examples
-        --------
-        >>> Whole().written((2,)), Seconds().written(Seconds().convert("0:1:0.1", None, None))
-        ('2', '0.0:1.0:0.1')
-        >>> Whole().written(Whole().convert("2,1", None, None))
-        '2,1'
-        """
+        """Return numbers as `convert` reads them."""
         if isinstance(values, Each):
             return ",".join(map(str, values))
         if len(values) == 1:
@@ -102,13 +90,7 @@ class OptimizerChoice(click.ParamType["str | Optimizer"]):
     name = "optimizer"
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str | Optimizer:
-        """Return the name as `Request` knows it, or the optimizer with the settings that were given.
-
-        >>> OptimizerChoice().convert("amsgrad:step_size=0.001", None, None)
-        AMSGrad(step_size=0.001, beta1=0.9, beta2=0.999, epsilon=1e-08)
-        >>> OptimizerChoice().convert("AMSGrad", None, None)
-        'amsgrad'
-        """
+        """Return the name as `Request` knows it, or the optimizer with the settings that were given."""
         if isinstance(value, Optimizer):
             return value
         typed, colon, settings = str(value).partition(":")
@@ -123,14 +105,7 @@ class OptimizerChoice(click.ParamType["str | Optimizer"]):
             self.fail(f"{value!r}: {error}", param, ctx)
 
     def written(self, value: str | Optimizer) -> str:
-        """Return the optimizer as `convert` reads it.
-
-        Examples
-        --------
-        >>> from replant.optimizers import Gradient
-        >>> OptimizerChoice().written(Gradient(gain=2.0))
-        'gradient:gain=2.0'
-        """
+        """Return the optimizer as `convert` reads it."""
         if isinstance(value, str):
             return value
         name = next(name for name, kind in OPTIMIZERS.items() if kind is type(value))

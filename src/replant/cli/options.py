@@ -322,13 +322,7 @@ def check_one_input(options: dict[str, Any]) -> None:
 
 
 def preprocess_of(options: dict[str, Any]) -> Preprocess:
-    """Return input map and working point, which is the record's mean: a rig is rarely at rest at zero.
-
-    Examples
-    --------
-    >>> preprocess_of({"input_map": "square"})
-    Preprocess(input_map='square', input_offset='mean', output_offset='mean')
-    """
+    """Return input map and working point, which is the record's mean: a rig is rarely at rest at zero."""
     return Preprocess(options["input_map"], "mean", "mean")
 
 

@@ -214,10 +214,7 @@ def write_errors_reported(out: Path) -> Iterator[None]:
 
 
 def make_folder(out: Path | None) -> None:
-    """Make the folder for results; called before the computation, so that a mistake costs no time.
-
-    >>> make_folder(None)
-    """
+    """Make the folder for results; called before the computation, so that a mistake costs no time."""
     if out is None:
         return
     if out.exists() and not out.is_dir():

@@ -38,7 +38,7 @@ from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source
 from replant.runs.run_log import judged_by_log
 from replant.settings import Request
-from replant.simulation.score import FITTED
+from replant.simulation.fitted_run import FITTED
 
 
 @click.command(name="run")

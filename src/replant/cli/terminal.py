@@ -28,13 +28,7 @@ def replace_unencodable() -> None:
 
 
 def to_ascii(text: str) -> str:
-    r"""Return text in ASCII; a character without a similar one in ASCII is written as its number.
-
-    Examples
-    --------
-    >>> to_ascii("(1.2 ± 0.1)×10⁻⁷"), to_ascii("Döner")
-    ('(1.2 +- 0.1)x10^-7', 'D\\xf6ner')
-    """
+    r"""Return text in ASCII; a character without a similar one in ASCII is written as its number."""
     text = re.sub(f"[{_SUPERSCRIPTS}]+", lambda found: "^" + found[0].translate(_LOWERED), text)
     return text.translate(_SIGNS).encode("ascii", "backslashreplace").decode("ascii")
 
@@ -49,13 +43,7 @@ NEAR = 0.6  # likeness from which on a word is taken for a misspelling [ratio of
 
 
 def did_you_mean(word: str, words: Sequence[str]) -> str:
-    """Return a question for the nearest of ``words``; empty if none is near.
-
-    Examples
-    --------
-    >>> did_you_mean("amsgrd", ["adam", "amsgrad"]), did_you_mean("magic", ["adam", "amsgrad"])
-    ("did you mean 'amsgrad'?", '')
-    """
+    """Return a question for the nearest of ``words``; empty if none is near."""
     near = get_close_matches(_plain(word), words, n=1, cutoff=NEAR)
     return f"did you mean {near[0]!r}?" if near else ""
 
@@ -68,11 +56,7 @@ class Choice(click.Choice[str]):
     """The type of options that are one of several words, in any case, with - or _; a near one is proposed."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
-        """Return the word as the option knows it.
-
-        >>> Choice(["srivc", "least_squares"]).convert("least-squares", None, None)
-        'least_squares'
-        """
+        """Return the word as the option knows it."""
         found = next((choice for choice in self.choices if _plain(choice) == _plain(str(value))), None)
         if found is None:
             listed = ", ".join(map(repr, self.choices))
@@ -91,13 +75,7 @@ def silence() -> None:
 
 
 def is_quiet() -> bool:
-    """Return whether the command that is running was called with --quiet.
-
-    Examples
-    --------
-    >>> is_quiet()
-    False
-    """
+    """Return whether the command that is running was called with --quiet."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(QUIET))
 
@@ -167,15 +145,6 @@ EXAMPLES = {
 
 
 def epilog_of(command: str) -> str:
-    r"""Return the examples of a command as click's epilog, whose lines stay as they are.
-
-    Examples
-    --------
-    >>> print(epilog_of("demo").replace("\b", ""))
-    <BLANKLINE>
-    Examples:
-      # plots and a report
-      replant demo --out plots
-    """
+    r"""Return the examples of a command as click's epilog, whose lines stay as they are."""
     lines = [line for what, typed in EXAMPLES[command] for line in (f"  # {what}", f"  {typed}")]
     return "\n".join(["\b", "Examples:", *lines])

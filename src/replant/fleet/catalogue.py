@@ -128,15 +128,7 @@ _MAGIC = frozenset("*?[")
 
 
 def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = None) -> list[Rig]:
-    """Return the rigs of a folder of logs, sorted by name.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     for name in ("b.csv", "a.csv", "notes.md"):
-    ...         _ = Path(folder, name).write_text("t,u,y")
-    ...     [rig.name for rig in find_rigs(folder, by="file")]
-    ['a.csv', 'b.csv']
-    """
+    """Return the rigs of a folder of logs, sorted by name."""
     if not text("by", by).strip():
         raise InvalidArgumentError("by is empty; it must be file, folder, or the name of a column (by, --by)")
     if not os.fspath(instance("logs", logs, str, os.PathLike)):
@@ -248,13 +240,7 @@ def _own_name(root: Path, names: Iterable[str]) -> str:
 
 
 def _hive_key(name: str, column: str) -> str | None:
-    """Return the value of ``COLUMN=value`` among the folders of a path.
-
-    Examples
-    --------
-    >>> _hive_key("year=2026/rig=a%20b/part.parquet", "rig"), _hive_key("rig/part.parquet", "rig")
-    ('a b', None)
-    """
+    """Return the value of ``COLUMN=value`` among the folders of a path."""
     for part in Path(name).parts[:-1]:
         found, sign, value = part.partition("=")
         if sign and found == column:
@@ -308,13 +294,7 @@ def looked_at(path: Path) -> Found:
 
 
 def is_log(path: Path) -> bool:
-    """Return whether a file is a log by its name.
-
-    Examples
-    --------
-    >>> is_log(Path("a.csv.gz")), is_log(Path("_a.csv")), is_log(Path("a.md"))
-    (True, False, False)
-    """
+    """Return whether a file is a log by its name."""
     suffixes = [suffix.lower() for suffix in path.suffixes[-2:]]
     if suffixes and suffixes[-1] in PACKED:
         suffixes.pop()

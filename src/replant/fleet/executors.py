@@ -30,6 +30,9 @@ MOST_WAITING = 1024
 MOST_LOST = 3
 """How often in a row all workers of a pool may die without a task done: then one of the tasks kills them [count]."""
 
+#: Errors of Dask that say that a worker died, by their names: it may not be installed.
+LOST = ("KilledWorker", "CancelledError", "FutureCancelledError")
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -37,70 +40,38 @@ R = TypeVar("R")
 def carried_out(workers: Workers, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[tuple[int, R]]:
     """Yield the number of each task and what came of it, in the order in which they end.
 
-    >>> from replant.fleet.executors import workers
-    >>> with workers(None) as found:
-    ...     list(carried_out(found, abs, [-1, -2]))
-    [(0, 1), (1, 2)]
+    A worker that dies takes the pool with it: the pool is made anew, and what it had not done is done again.
     """
-    queue = enumerate(tasks)
-    again: list[tuple[int, T]] = []
+    waiting = list(enumerate(tasks))[::-1]
     running: dict[Future[R], tuple[int, T]] = {}
     lost = 0
     try:
-        while True:
+        while waiting or running:
+            death: BaseException | None = None
             try:
-                _fill(workers, function, queue, again, running)
+                while waiting and len(running) < workers.at_a_time:
+                    running[workers.executor.submit(function, waiting[-1][1])] = waiting[-1]
+                    waiting.pop()
             except BrokenExecutor as error:
-                workers, lost = _renewed(workers, error, lost)
-                continue
-            if not running:
-                return
-            ended, _ = wait(running, return_when=FIRST_COMPLETED)
-            broken: BaseException | None = None  # why a worker died
+                death = error
+            ended = wait(running, return_when=FIRST_COMPLETED)[0] if running and death is None else ()
             for future in sorted(ended, key=lambda each: running[each][0]):
-                number, task = running.pop(future)
                 raised = CancelledError() if future.cancelled() else future.exception()
-                if isinstance(raised, BrokenExecutor) or _is_lost(raised):
-                    again.append((number, task))
-                    broken = raised
+                if isinstance(raised, BrokenExecutor) or type(raised).__name__ in LOST:
+                    death = raised
                     continue
                 lost = 0
-                yield number, future.result()
-            if broken is not None:
-                again += running.values()
+                yield running.pop(future)[0], future.result()
+            if death is not None:
+                waiting += running.values()
                 running.clear()
-                workers, lost = _renewed(workers, broken, lost)
+                workers, lost = _renewed(workers, death, lost), lost + 1
     finally:
         for future in running:
             future.cancel()
 
 
-def _fill(
-    workers: Workers,
-    function: Callable[[T], R],
-    queue: Iterator[tuple[int, T]],
-    again: list[tuple[int, T]],
-    running: dict[Future[R], tuple[int, T]],
-) -> None:
-    """Give workers tasks until enough wait."""
-    while len(running) < MOST_WAITING:
-        entry: Any = again.pop() if again else next(queue, None)
-        if entry is None:
-            return
-        try:
-            running[workers.executor.submit(function, entry[1])] = entry
-        except BrokenExecutor:
-            again += [entry, *running.values()]
-            running.clear()
-            raise
-
-
-def _is_lost(error: BaseException | None) -> bool:
-    """Return whether an error says that a worker of Dask died, by the error's name: Dask may not be installed."""
-    return type(error).__name__ in ("KilledWorker", "CancelledError", "FutureCancelledError")
-
-
-def _renewed(workers: Workers, error: BaseException, lost: int) -> tuple[Workers, int]:
+def _renewed(workers: Workers, error: BaseException, lost: int) -> Workers:
     if workers.renew is None:
         raise SystemRefusedError(
             f"the workers died ({type(error).__name__}): start them again, with more memory each if they lacked "
@@ -111,7 +82,7 @@ def _renewed(workers: Workers, error: BaseException, lost: int) -> tuple[Workers
             f"the workers died {lost + 1} times in a row without a task done: give fewer of them (--on), so that each "
             "has more memory; what is done stays done"
         ) from error
-    return workers.renew(), lost + 1
+    return workers.renew()
 
 
 @dataclass(frozen=True)
@@ -140,16 +111,11 @@ class Workers:
 
     executor: Executor
     renew: Callable[[], Workers] | None = None  # returns the same with a new executor; None where that is the caller's
+    at_a_time: int = MOST_WAITING  # tasks that are with the executor
 
 
 class InThisThread(Executor):
-    """Runs each task at once where it is submitted.
-
-    Examples
-    --------
-    >>> InThisThread().submit(pow, 2, 3).result()
-    8
-    """
+    """Runs each task at once where it is submitted."""
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Run a function, and return its result as a future."""
@@ -163,14 +129,9 @@ class InThisThread(Executor):
 
 @contextmanager
 def workers(on: Executor | str | None) -> Iterator[Workers]:
-    """Open an executor for the ``with`` block; one that the caller gives stays open.
-
-    >>> with workers("threads:2") as found:
-    ...     found.executor.submit(pow, 2, 3).result()
-    8
-    """
+    """Open an executor for the ``with`` block; one that the caller gives stays open."""
     if on is None:
-        yield Workers(InThisThread())
+        yield Workers(InThisThread(), at_a_time=1)
         return
     if not isinstance(on, str):
         if not callable(getattr(on, "submit", None)):
@@ -204,11 +165,7 @@ def workers(on: Executor | str | None) -> Iterator[Workers]:
 
 
 def parsed(on: str) -> tuple[str, str]:
-    """Return the kind of an executor, and the number of its workers or the address of its scheduler.
-
-    >>> parsed("processes:4"), parsed("dask://localhost:8786")
-    (('processes', '4'), ('dask', 'localhost:8786'))
-    """
+    """Return the kind of an executor, and the number of its workers or the address of its scheduler."""
     kind, _, rest = on.partition(":")
     if kind in ("threads", "processes") and rest.isdecimal() and int(rest) > 0:
         return kind, rest

@@ -21,9 +21,9 @@ from replant.arguments import iterable
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, ReplantError, shown
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
-from replant.fleet.job import ABOUT, MODELS, TABLE, Job
+from replant.fleet.job import ABOUT, MODELS, TABLE, Job, planned
 from replant.fleet.store import Store, column, read_table
-from replant.fleet.work import carry_out, one_thread, planned
+from replant.fleet.work import carry_out, one_thread
 from replant.identified.model import Model
 from replant.limits import file_path
 from replant.model.structure import Structure
@@ -331,7 +331,7 @@ def fit(
 def _identify_all(
     store: Store, missing: list[Any], rigs: int, on: Executor | str | None, progress: Callable[[Progress], None]
 ) -> None:
-    tasks = planned(store.job, missing, store.folder) if missing else []
+    tasks = planned(store.job, missing) if missing else []
     work, ended, failed, samples = sum(task.work for task in tasks), 0, 0, 0
     count = rigs - len(missing)
     progress(Progress(rigs, count, 0, 0, 0.0 if tasks else 1.0))
@@ -340,7 +340,8 @@ def _identify_all(
     with workers(on) as found, one_thread():
         for number, done in carried_out(found, carry_out, tasks):
             ended += tasks[number].work
-            count, failed, samples = count + done.rigs, failed + done.failed, samples + done.samples
+            store.add(tasks[number].rigs, done.cells)
+            count, failed, samples = count + len(done.cells), failed + done.failed, samples + done.samples
             progress(Progress(rigs, count, failed, samples, ended / work))
 
 

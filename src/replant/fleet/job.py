@@ -1,4 +1,4 @@
-"""The job of a fleet, and the files of its folder."""
+"""The job of a fleet, its tasks, and the files of its folder."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -15,7 +15,7 @@ from typing import Any
 
 from replant import operating_system
 from replant.arguments import finite, instance, keep, one_of, text, whole
-from replant.data.logs.arrow import RowGroups
+from replant.data.logs.arrow import SUFFIXES, RowGroups
 from replant.errors import InvalidArgumentError, SystemRefusedError
 from replant.limits import duration
 from replant.model.structure import Structure
@@ -25,16 +25,12 @@ from replant.regressor.preprocess import Preprocess
 from replant.settings import AUTO, Request
 
 METHODS = ("run", "fit")
-FORMAT = 1  # version of the files that a fleet writes; those of another version are made anew [number]
+FORMAT = 2  # version of the files that a fleet writes; those of another version are made anew [number]
 
 
 @dataclass(frozen=True)
 class Job:
-    """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all.
-
-    >>> Job("u", "y", Structure(2)).key == Job("u", "y", Structure(3)).key
-    False
-    """
+    """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all."""
 
     input: str | int
     output: str | int
@@ -108,30 +104,15 @@ class Piece:
 
 @dataclass(frozen=True)
 class Rig:
-    """A rig: its name, and the files with its samples.
-
-    Attributes
-    ----------
-    name : str
-    pieces : tuple of Piece
-    problem : str
-        Why it cannot be identified, where that is known beforehand.
-    """
+    """A rig: its name, and the files with its samples."""
 
     name: str
     pieces: tuple[Piece, ...] = field(repr=False)
-    problem: str = ""
+    problem: str = ""  # why it cannot be identified, where that is known beforehand
 
     @property
     def fingerprint(self) -> str:
-        """Digest of names, sizes and times of its files: another one means that the rig is done again.
-
-        Examples
-        --------
-        >>> piece = Piece("/logs/a.csv", "a.csv", size=10, modified=5)
-        >>> Rig("a.csv", (piece,)).fingerprint == Rig("a.csv", (piece,)).fingerprint
-        True
-        """
+        """Digest of names, sizes and times of its files: another one means that the rig is done again."""
         told = [(one.name, one.size, one.modified, one.groups, one.column, one.key) for one in self.pieces]
         return digest(sorted(map(repr, told)))
 
@@ -142,13 +123,7 @@ def _column(name: str, value: Any) -> str | int:
 
 
 def digest(*told: object) -> str:
-    """Return a digest of values by what they show.
-
-    Examples
-    --------
-    >>> digest(1, "a") == digest(1, "a"), digest(1) == digest(2), len(digest(1))
-    (True, False, 20)
-    """
+    """Return a digest of values by what they show."""
     return hashlib.sha256(repr(told).encode()).hexdigest()[:20]
 
 
@@ -170,50 +145,79 @@ def clear(folder: Path) -> None:
 
 
 def printable(text: str) -> str:
-    r"""Return a text with the bytes of a file's name that are no UTF-8 written out: tables and pages hold text alone.
-
-    Examples
-    --------
-    >>> print(printable("rig \udcff.csv"))
-    rig \udcff.csv
-    """
+    """Return a text with the bytes of a file's name that are no UTF-8 written out: tables hold text alone."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 TABLE, TIMING, MODELS, ABOUT = "rigs.parquet", "timing.parquet", "models.jsonl", "fleet.json"
-PARTS, MANIFEST, REPORTS = "parts", "manifest", "reports"
-MARK = ".lock"  # A file in the manifest that every run makes first: where it is, a fleet has written
+STORE, REPORTS = "fleet.sqlite", "reports"
+BEFORE = Path("manifest", ".lock")  # what a fleet wrote in place of `STORE` before replant had that
 
 
 def is_results(folder: Path) -> bool:
-    """Return whether a fleet has written into a folder, be it done or not.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     before = is_results(Path(folder))
-    ...     _ = Path(folder, ABOUT).write_text("{}")
-    ...     before, is_results(Path(folder))
-    (False, True)
-    """
-    return (folder / ABOUT).is_file() or (folder / MANIFEST / MARK).is_file()
+    """Return whether a fleet has written into a folder, be it done or not."""
+    return any((folder / name).is_file() for name in (ABOUT, STORE, BEFORE))
 
 
 def foreign(folder: Path) -> list[str]:
     """Return the names in a folder under which a fleet would write, although no fleet has written there."""
     if is_results(folder):
         return []
-    return [name for name in (TABLE, TIMING, MODELS, PARTS, MANIFEST, REPORTS) if (folder / name).exists()]
+    return [name for name in (TABLE, TIMING, MODELS, REPORTS) if (folder / name).exists()]
 
 
 def report_path(rig: str) -> str:
-    """Return the path of a rig's report, from the folder of the fleet on; rigs with like names have different ones.
-
-    Examples
-    --------
-    >>> report_path("hall 2/rig 7.csv")
-    'reports/hall-2-rig-7-csv-5b25fc.html'
-    """
+    """Return the path of a rig's report, from the folder of the fleet on; rigs with like names have different ones."""
     plain = re.sub(r"[^A-Za-z0-9]+", "-", rig).strip("-")[:60]
     return f"{REPORTS}/{plain}-{digest(rig)[:6]}.html"
+
+
+FIXED = 100_000
+"""Work of a rig beside its samples: starting, solving as a whole, judging; benchmarks/fleet measures it [samples that
+take as long].
+"""
+TEXT_ROW, BINARY_ROW = 24, 12  # usual size of a row of time, input and output in text, and in other formats [bytes]
+FEWEST, LARGEST = 64, 20_000_000
+"""Tasks that a fleet is divided into at least, so that workers end together, and work of a task at most, so that little
+is lost with a worker: about a minute [count, samples].
+"""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A group of rigs that one worker identifies one after the other."""
+
+    job: Job
+    rigs: tuple[Rig, ...]
+
+    @property
+    def work(self) -> int:
+        """How long it takes, in samples that take as long."""
+        return sum(map(work_of, self.rigs))
+
+
+def work_of(rig: Rig) -> int:
+    """Return how long a rig takes, in samples that take as long."""
+    rows = 0
+    for piece in rig.pieces:
+        suffix = Path(piece.path).suffix.lower()
+        binary = suffix in SUFFIXES or suffix not in (".csv", ".txt", ".tsv", ".dat", ".jsonl")
+        rows += piece.rows or piece.size // (BINARY_ROW if binary else TEXT_ROW)
+    return FIXED + rows
+
+
+def planned(job: Job, rigs: Sequence[Rig]) -> list[Task]:
+    """Return the tasks for rigs, which are sorted by name; those with the most work first."""
+    share = min(LARGEST, sum(map(work_of, rigs)) / FEWEST)
+    tasks = [Task(job, tuple(group)) for group in _grouped(rigs, share)]
+    return sorted(tasks, key=lambda task: -task.work)
+
+
+def _grouped(rigs: Iterable[Rig], share: float) -> list[list[Rig]]:
+    groups: dict[int, list[Rig]] = {}
+    before = 0
+    for rig in rigs:
+        work = work_of(rig)
+        groups.setdefault(int((before + work / 2) // share), []).append(rig)
+        before += work
+    return list(groups.values())

@@ -13,20 +13,21 @@ from replant.arguments import BoolArray, FloatArray
 from replant.errors import InvalidArgumentError
 from replant.fleet.fit import Fleet
 from replant.fleet.job import TABLE
-from replant.fleet.quantities import Figures, Location, Quantity, figures_of, located, quantities_of, unit_factor
+from replant.fleet.statistics import (
+    Figures,
+    Location,
+    Quantity,
+    deviations,
+    distances,
+    figures_of,
+    limit_of,
+    located,
+    quantities_of,
+    unit_factor,
+)
 from replant.fleet.store import FAILED, column, read_table
 from replant.model.structure import Structure
 
-CHANCE = 0.01
-"""Probability that a fleet without an odd rig has one named [probability].
-Level: a hundredth for the whole fleet, divided among its rigs.
-"""
-EFFICIENCY = 1.5
-"""By how many times fewer rigs tell the scale than there are, as it is made from quantiles [number].
-Origin: of fleets without an odd rig one is then named in 7 of 600 with 20 rigs, 3 of 400 with 50, 1 of 200 with 300;
-with 1 in 13 of 300, 3 of 100 and 2 of 100.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
 FEWEST = 8  # trusted rigs beyond their coefficients from which on there is something usual [count]
 FEW_SIGMA = 4.0
 """Distance in one quantity from which on it is named as well [standard deviations].
@@ -77,7 +78,7 @@ def oddness_of(table: Any, structure: Structure) -> Oddness:
     base = trusted & figures.known & ~figures.reversed.any(axis=1)
     if base.sum() >= FEWEST + len(figures.names):
         place = located(figures.x[base], figures.covariances[base])
-        squared = _squared_distances(figures, place)
+        squared = distances(figures, place)
         distance[figures.known] = np.sqrt(squared[figures.known])
         usual = _usual(figures, place, quantities_of(structure))
         limit = limit_of(len(figures.names), int(base.sum()), len(verdicts))
@@ -91,21 +92,6 @@ def oddness_of(table: Any, structure: Structure) -> Oddness:
     far = np.where(np.isfinite(distance), distance, 0.0)
     order = np.lexsort((np.arange(len(words)), -far, ~by_signal & odd, rank))
     return Oddness(order, odd, tuple(words), distance, usual)
-
-
-def limit_of(size: int, base: int, rigs: int) -> float:
-    """Return the squared distance that is reached by chance in one of 1/`CHANCE` fleets."""
-    from scipy.stats import f
-
-    return float(size * f.isf(CHANCE / rigs, size, max((base - size) / EFFICIENCY, 1.0)))
-
-
-def _squared_distances(figures: Figures, place: Location) -> FloatArray:
-    """Return squared distances (N,); a coefficient of the other sign counts by how sure that sign is."""
-    squared = place.squared_distances(figures.x, figures.covariances)
-    spread = np.diag(place.spread)
-    turned = 4.0 / (spread + 1.0 / np.square(figures.certainty)) / place.scale
-    return np.asarray(squared + np.where(figures.reversed, turned, 0.0).sum(axis=1))
 
 
 def _usual(figures: Figures, place: Location, quantities: list[Quantity]) -> tuple[tuple[Quantity, float, float], ...]:
@@ -122,29 +108,19 @@ def _usual(figures: Figures, place: Location, quantities: list[Quantity]) -> tup
 
 def _of_figures(figures: Figures, place: Location, row: int, usual: tuple[tuple[Quantity, float, float], ...]) -> str:
     """Return in words how a rig differs from the fleet, the quantity that differs most first."""
-    off = figures.x[row] - place.centre
     total = (place.spread + figures.covariances[row]) * place.scale
-    said: list[tuple[float, str]] = []
-    gain_turned = False
-    for quantity, _, _ in usual:
-        w = figures.weights(quantity)
-        assert w is not None
-        log_ratio, std = float(w @ off), math.sqrt(float(w @ total @ w))
-        turned = bool(figures.reversed[row][w != 0.0].sum() % 2)
-        sure = min(float(figures.certainty[row][w != 0.0].min()), 1.0 / std) if turned else 0.0
-        said.append(
-            (max(abs(log_ratio) / std, sure), compared(quantity, log_ratio, std, is_reversed=turned, sure=sure))
-        )
-        gain_turned |= turned and quantity.name == "gain"
-    said.sort(key=lambda each: -each[0])
-    factor = unit_factor(usual, figures, place, row)
-    head = [f"reversed sign: {text}" for _, text in said if gain_turned and "opposite sign" in text][:1]
+    off, quantities = figures.x[row] - place.centre, [quantity for quantity, _, _ in usual]
+    found = deviations(figures, quantities, off, total, figures.reversed[row], figures.certainty[row], bound=1.0)
+    turned, factor = any(each.turned % 2 and each.quantity.name == "gain" for each in found), unit_factor(found)
+    found.sort(key=lambda each: -each.size)
+    head = [f"reversed sign: {each.words()}" for each in found if turned and each.turned % 2][:1]
     if not head and factor:
         head = [f"wrong unit? {factor}"]
-    rest = [text for size, text in said if size >= FEW_SIGMA and not (head and text in head[0])]
+    rest = [each.words() for each in found if each.size >= FEW_SIGMA]
     if not head:
-        rest = rest or [text for _, text in said[:1]] or ["the coefficients together lie far from the fleet's"]
-    return "; ".join([*head, *(rest[:2] if not factor or gain_turned else [])])
+        rest = rest or [each.words() for each in found[:1]] or ["the coefficients together lie far from the fleet's"]
+    rest = [text for text in rest if not (head and text in head[0])]
+    return "; ".join([*head, *(rest[:2] if not factor or turned else [])])
 
 
 def _of_signals(table: Any, verdicts: Any) -> dict[int, str]:
@@ -172,53 +148,14 @@ def _of_signals(table: Any, verdicts: Any) -> dict[int, str]:
 
 
 def _least_fit(trusted: FloatArray) -> float:
-    """Return the fit in percent below which the model leaves `UNEXPLAINED` times as much as it usually does at most.
-
-    Examples
-    --------
-    >>> _least_fit(np.full(20, 95.0)), _least_fit(np.array([]))
-    (80.0, -inf)
-    """
+    """Return the fit in percent below which the model leaves `UNEXPLAINED` times as much as it usually does at most."""
     known = trusted[np.isfinite(trusted)]
     if known.size < FEWEST:
         return -math.inf
     return 100.0 - UNEXPLAINED * float(np.quantile(100.0 - known, 0.9))
 
 
-MEDIAN, BEFORE = "the fleet's median", "what it was"
-
-
-def compared(
-    quantity: Quantity,
-    log_ratio: float,
-    std: float,
-    *,
-    is_reversed: bool = False,
-    sure: float = 0.0,
-    beside: str = MEDIAN,
-) -> str:
-    """Return a quantity beside another value of it in words.
-
-    >>> compared(Quantity("time constant", ()), math.log(2.1), math.log(2.1) / 14)
-    "time constant 2.1 times the fleet's median, 14 standard deviations"
-    """
-    times = _ratio(math.exp(min(max(log_ratio, -700.0), 700.0)))
-    if is_reversed:
-        return f"{quantity.name} of the opposite sign, {times} times {beside}, {sure:,.0f} standard deviations"
-    return f"{quantity.name} {times} times {beside}, {abs(log_ratio) / std:,.0f} standard deviations"
-
-
-def _ratio(value: float) -> str:
-    """Return a ratio with two digits, near one with three.
-
-    Examples
-    --------
-    >>> _ratio(2.143), _ratio(1.052), _ratio(1234.0)
-    ('2.1', '1.05', '1,234')
-    """
-    if 0.9 < value < 1.1:
-        return f"{value:.3g}"
-    return f"{value:.2g}" if value < 100.0 else f"{value:,.0f}" if value < 1e6 else f"{value:.1e}"
+BEFORE = "what it was"
 
 
 @dataclass(frozen=True)
@@ -314,39 +251,18 @@ def _differences(
     certainty = np.minimum(first.certainty, second.certainty)
     squared += np.where(turned & usable[:, None], np.square(certainty), 0.0).sum(axis=1)
     limit = limit_of(size, int(straight.sum()), int(usable.sum()))
-    drifted = []
+    drifted, quantities = [], quantities_of(structure)
     for row in np.flatnonzero(usable & (squared > limit)).tolist():
-        words = _of_rig(second, off[row], place.scale * P[row], turned[row], certainty[row], structure)
-        drifted.append((row, math.sqrt(squared[row]), words))
+        moved = deviations(second, quantities, off[row], place.scale * P[row], turned[row], certainty[row])
+        moved.sort(key=lambda each: -each.size)
+        sure = [each for each in moved if each.size >= FEW_SIGMA][:2] or moved[:1]
+        drifted.append((row, math.sqrt(squared[row]), "; ".join(each.words(BEFORE) for each in sure)))
     return drifted, told
 
 
 def _of_fleet(figures: Figures, around: Location, P: FloatArray, structure: Structure) -> tuple[str, ...]:
     """Return by which ratio the fleet's quantities have changed, where that is more than chance."""
-    said = []
     uncertain = np.linalg.inv(np.linalg.inv(around.spread + P).sum(axis=0)) * around.scale
-    for quantity in quantities_of(structure):
-        w = figures.weights(quantity)
-        if w is None:
-            continue
-        moved, std = float(w @ around.centre), math.sqrt(float(w @ uncertain @ w))
-        if abs(moved) > 4.0 * std > 0.0:
-            said.append(compared(quantity, moved, std, beside=BEFORE))
-    return tuple(said)
-
-
-def _of_rig(
-    figures: Figures, off: FloatArray, P: FloatArray, turned: BoolArray, certainty: FloatArray, structure: Structure
-) -> str:
-    said = []
-    for quantity in quantities_of(structure):
-        w = figures.weights(quantity)
-        if w is None:
-            continue
-        log_ratio, std = float(w @ off), math.sqrt(float(w @ P @ w))
-        is_reversed = bool(turned[w != 0.0].sum() % 2)
-        sure = float(certainty[w != 0.0].min()) if is_reversed else 0.0
-        words = compared(quantity, log_ratio, std, is_reversed=is_reversed, sure=sure, beside=BEFORE)
-        said.append((max(abs(log_ratio) / std, sure), words))
-    said.sort(key=lambda each: -each[0])
-    return "; ".join([text for size, text in said if size >= 4.0][:2] or [text for _, text in said[:1]])
+    none = np.zeros(len(figures.names))
+    found = deviations(figures, quantities_of(structure), around.centre, uncertain, none > 0.0, none)
+    return tuple(each.words(BEFORE) for each in found if abs(each.log_ratio) > FEW_SIGMA * each.std > 0.0)

@@ -18,11 +18,10 @@ from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import carried_out, workers
 from replant.fleet.fit import Fleet
 from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
-from replant.fleet.oddness import CHANCE, Drift, Oddness, drift_between, oddness_of
-from replant.fleet.quantities import Quantity, quantities_of
-from replant.fleet.records import Watched, opened
+from replant.fleet.oddness import Drift, Oddness, drift_between, oddness_of
+from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
-from replant.fleet.work import one_thread, result_of
+from replant.fleet.work import Watched, one_thread, opened, result_of
 from replant.report.html.page import asset, heading, icon, section, style, today, words
 from replant.report.html.report import write_report
 from replant.report.number_format import number

@@ -1,12 +1,15 @@
-"""Store: the folder of a fleet's results, and the row that is kept of a rig."""
+"""Store: what a fleet has done, in one SQLite file, and the tables that are made of it at the end."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib.util
 import json
 import math
-from collections import OrderedDict
+import os
+import sqlite3
+import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -20,72 +23,65 @@ from replant.data.logs.arrow import CHECKED
 from replant.errors import InvalidArgumentError, LogError, MissingDependencyError, SystemRefusedError
 from replant.fleet.job import (
     ABOUT,
-    MANIFEST,
-    MARK,
     MODELS,
-    PARTS,
+    STORE,
     TABLE,
     TIMING,
     Job,
     Rig,
     clear,
+    digest,
     foreign,
     printable,
     replacing,
     report_path,
 )
-from replant.fleet.records import UNKNOWN, Movement
 from replant.identified.model import Model
 from replant.model.structure import Structure
 from replant.operating_system import refusal
 
-CHUNK_ROWS = 1 << 14  # rows that are merged at a time [rows]
-PARTS_HELD = 64  # parts that are held in memory while they are merged [count]
+CHUNK_ROWS = 1 << 14  # rows of a row group of the table [rows]
+PROBE = 1 << 16  # bytes beyond the size of the file that are written to learn why it cannot grow [bytes]
 
 
 class Store:
-    """The folder of a fleet's results."""
+    """The folder of a fleet's results; what is done so far is a row of a file for each rig, written task by task."""
 
     def __init__(self, folder: Path, job: Job) -> None:
         if importlib.util.find_spec("pyarrow") is None:
             raise MissingDependencyError("the results of a fleet are Parquet files: pip install 'replant[parquet]'")
-        self.folder, self.job = folder.absolute(), job
+        self.folder, self.job, self._key = folder.absolute(), job, job.key
         try:
             others = foreign(self.folder)
-            if others:
-                raise InvalidArgumentError(
-                    f"{folder}: {', '.join(others)} there are not of a fleet, and would be overwritten; name another "
-                    "folder (out, --out)"
-                )
-            for each in (PARTS, MANIFEST):
-                (self.folder / each).mkdir(parents=True, exist_ok=True)
-            (self.folder / MANIFEST / MARK).touch()
+            self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise SystemRefusedError(f"{folder} cannot be written: {refusal(error)}") from error
+        if others:
+            raise InvalidArgumentError(
+                f"{folder}: {', '.join(others)} there are not of a fleet, and would be overwritten; name another "
+                "folder (out, --out)"
+            )
 
     @contextlib.contextmanager
     def alone(self) -> Iterator[None]:
         """Hold the folder: two runs that write into the same one would do the work twice."""
-        try:
-            import fcntl
-        except ImportError:  # Windows
-            self._clear()
+        with self._refusals_said():
+            self._file = _opened(self.folder / STORE)
+        with contextlib.closing(self._file):
+            clear(self.folder)  # what killed writers have left; only now, as others may be writing before
             yield
-            return
-        with (self.folder / MANIFEST / MARK).open("a") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError as error:
+
+    @contextlib.contextmanager
+    def _refusals_said(self) -> Iterator[None]:
+        path = self.folder / STORE
+        try:
+            yield
+        except sqlite3.Error as error:
+            if _is(error, sqlite3.SQLITE_BUSY):
                 raise SystemRefusedError(
                     f"{self.folder}: another run writes there; wait for its end, or give another folder"
                 ) from error
-            self._clear()
-            yield
-
-    def _clear(self) -> None:
-        """Remove what killed writers have left; only while the folder is held, as others may be writing."""
-        for each in (self.folder / PARTS, self.folder / MANIFEST, self.folder):
-            clear(each)
+            raise SystemRefusedError(f"{path} cannot be written: {_reason(path, error)}") from error
 
     def forget_reports(self, rigs: Sequence[Rig]) -> None:
         """Remove the reports of rigs that are identified anew: the page would lead to those of the models before."""
@@ -93,25 +89,25 @@ class Store:
             with contextlib.suppress(OSError):
                 (self.folder / report_path(rig.name)).unlink(missing_ok=True)
 
-    def done(self, rigs: Sequence[Rig]) -> dict[str, str]:
-        """Return the rigs whose results are there, made from the same files by the same job, and the part of each."""
-        wanted = {rig.name: rig.fingerprint for rig in rigs}
-        found: dict[str, str] = {}
-        for entry in sorted((self.folder / MANIFEST).glob("*.json")):
-            written = _entry(entry)
-            if written.get("job") != self.job.key or not self._part(entry.stem).exists():
-                continue
-            for name, fingerprint in written["rigs"].items():
-                if wanted.get(name) == fingerprint:
-                    found.setdefault(name, entry.stem)
-        return found
+    def done(self, rigs: Sequence[Rig]) -> set[str]:
+        """Return the names of the rigs whose results are there, made from the same files by the same job."""
+        wanted = {self._key_of(rig): rig.name for rig in rigs}
+        with self._refusals_said():
+            rows = self._file.execute("SELECT key, cells FROM rig")
+            return {wanted[key] for key, cells in rows if key in wanted and _cells_in(cells) is not None}
+
+    def add(self, rigs: Sequence[Rig], cells: Sequence[str]) -> None:
+        """Add the results of rigs, all of them or none."""
+        rows = [(self._key_of(rig), zlib.compress(text.encode(), 1)) for rig, text in zip(rigs, cells, strict=True)]
+        with self._refusals_said(), self._file:
+            self._file.executemany("INSERT OR REPLACE INTO rig VALUES (?, ?)", rows)
 
     def merge(self, rigs: Sequence[Rig], about: dict[str, Any]) -> None:
         """Write the table of all rigs, sorted by their names, the seconds of each, and the models."""
         import pyarrow
         from pyarrow import parquet
 
-        done, held, models_written = self.done(rigs), _Parts(self.folder / PARTS), 0
+        models_written = 0
         columns = schema(self.job.structure)
         seconds = pyarrow.schema([("rig", pyarrow.string()), ("seconds", pyarrow.float64())])
         with ExitStack() as files:
@@ -122,60 +118,83 @@ class Store:
             times = files.enter_context(parquet.ParquetWriter(timing, seconds, **CHECKED))
             lines = files.enter_context(models.open("w", encoding="utf-8"))
             for start in range(0, len(rigs), CHUNK_ROWS):
-                names = [rig.name for rig in rigs[start : start + CHUNK_ROWS]]
-                chunk = held.rows(names, [done[name] for name in names])
-                rows.write_table(chunk.select(columns.names))
-                times.write_table(chunk.select(seconds.names))
-                for name, model in zip(names, chunk.column("model").to_pylist(), strict=True):
-                    if model is not None:
-                        lines.write(f'{{"rig": {json.dumps(name)}, "model": {model}}}\n')
+                chunk = [self._cells_of(rig) for rig in rigs[start : start + CHUNK_ROWS]]
+                rows.write_table(pyarrow.Table.from_pylist(chunk, columns))
+                times.write_table(pyarrow.Table.from_pylist(chunk, seconds))
+                for cells in chunk:
+                    if "model" in cells:
+                        lines.write(f'{{"rig": {json.dumps(cells["rig"])}, "model": {cells["model"]}}}\n')
                         models_written += 1
         with replacing(self.folder / ABOUT) as new:
             new.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
         if models_written:  # else an option is wrong, and what was done before is wanted again
-            self._forget_all_but(set(done.values()))
+            self._forget_all_but(rigs)
 
-    def _part(self, key: str) -> Path:
-        return self.folder / PARTS / f"{key}.parquet"
+    def _key_of(self, rig: Rig) -> bytes:
+        return digest(self._key, rig.name, rig.fingerprint).encode()
 
-    def _forget_all_but(self, used: set[str]) -> None:
-        """Remove parts of which nothing is used any more: of other options, or of files that have changed."""
-        for folder in (MANIFEST, PARTS):
-            for path in (self.folder / folder).iterdir():
-                if path.suffix in (".json", ".parquet") and path.stem not in used:
-                    with contextlib.suppress(OSError):
-                        path.unlink()
+    def _cells_of(self, rig: Rig) -> dict[str, Any]:
+        with self._refusals_said():
+            ((cells,),) = self._file.execute("SELECT cells FROM rig WHERE key = ?", (self._key_of(rig),))
+        found = _cells_in(cells)
+        assert found is not None
+        return found
+
+    def _forget_all_but(self, rigs: Sequence[Rig]) -> None:
+        """Remove what nobody uses any more: of other options, of files that have changed, of rigs that are gone."""
+        with self._refusals_said(), self._file:
+            used = {self._key_of(rig) for rig in rigs}
+            gone = [(key,) for (key,) in self._file.execute("SELECT key FROM rig") if key not in used]
+            self._file.executemany("DELETE FROM rig WHERE key = ?", gone)
 
 
-class _Parts:
-    """The parts of the results, of which the latest used ones are held: neighbours by name mostly share one."""
+def _opened(path: Path) -> sqlite3.Connection:
+    """Open the file of what is done, and hold it until it is closed; a damaged one begins anew."""
+    for is_new in (False, True):
+        if is_new:
+            path.unlink(missing_ok=True)
+        file = sqlite3.connect(path, timeout=0.0)
+        file.text_factory = bytes  # damage may make a text of a blob
+        try:
+            file.execute("PRAGMA locking_mode = EXCLUSIVE")
+            file.execute("BEGIN EXCLUSIVE")
+            file.execute("CREATE TABLE IF NOT EXISTS rig (key BLOB PRIMARY KEY, cells BLOB)")
+            file.commit()
+            if file.execute("PRAGMA quick_check(1)").fetchone() == (b"ok",) or is_new:
+                return file
+            file.close()
+        except sqlite3.Error as error:
+            file.close()
+            if is_new or not (_is(error, sqlite3.SQLITE_NOTADB) or _is(error, sqlite3.SQLITE_CORRUPT)):
+                raise
+    raise AssertionError
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._held: OrderedDict[str, tuple[Any, dict[str, int]]] = OrderedDict()
 
-    def rows(self, names: Sequence[str], parts: Sequence[str]) -> Any:
-        """Return the rows of rigs as a `pyarrow.Table`, in their order."""
-        import pyarrow
+def _is(error: sqlite3.Error, code: int) -> bool:
+    """Return whether an error of SQLite is of a kind, whose variants have further bits."""
+    return getattr(error, "sqlite_errorcode", 0) & 0xFF == code
 
-        pieces, begin = [], 0
-        for end in range(1, len(names) + 1):
-            if end == len(names) or parts[end] != parts[begin]:
-                table, places = self._open(parts[begin])
-                pieces.append(table.take([places[name] for name in names[begin:end]]))
-                begin = end
-        return pyarrow.concat_tables(pieces).combine_chunks()
 
-    def _open(self, key: str) -> tuple[Any, dict[str, int]]:
-        from pyarrow import parquet
+def _reason(path: Path, error: sqlite3.Error) -> str:
+    """Return in words why the system refused to write; SQLite does not tell, so a plain file of that size is tried."""
+    if _is(error, sqlite3.SQLITE_FULL):
+        return refusal(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))) or ""
+    try:
+        with replacing(path.with_suffix(".probe")) as new:
+            new.write_bytes(bytes((path.stat().st_size if path.exists() else 0) + PROBE))
+        path.with_suffix(".probe").unlink()
+    except SystemRefusedError as refused:
+        return str(refused).partition(" cannot be written: ")[2]
+    return str(error)
 
-        if key not in self._held:
-            table = parquet.read_table(self._folder / f"{key}.parquet", partitioning=None)
-            self._held[key] = table, {name: row for row, name in enumerate(table.column("rig").to_pylist())}
-        self._held.move_to_end(key)
-        while len(self._held) > PARTS_HELD:
-            self._held.popitem(last=False)
-        return self._held[key]
+
+def _cells_in(stored: bytes) -> dict[str, Any] | None:
+    """Return the cells of a rig; None where they are damaged, which their checksum says."""
+    try:
+        found: dict[str, Any] = json.loads(zlib.decompress(stored))
+    except (zlib.error, ValueError, TypeError):
+        return None
+    return found
 
 
 def read_table(folder: Path, name: str = TABLE) -> Any:
@@ -193,16 +212,19 @@ def column(table: Any, name: str) -> Any:
     return np.asarray(table.column(name).to_numpy(zero_copy_only=False), np.float64)
 
 
-def _entry(path: Path) -> dict[str, Any]:
-    """Return an entry of the manifest; an empty one where it cannot be read, so that its rigs are done again."""
-    try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) and isinstance(found.get("rigs"), dict) else {}
-
-
 FAILED = "failed"  # what stands in place of the verdict where a rig could not be identified
+
+
+@dataclass(frozen=True)
+class Movement:
+    """How far the signals of a record move."""
+
+    input_std: float = math.nan  # input_std, output_std: standard deviations of the raw signals; NaN without a sample
+    output_std: float = math.nan
+    output_held: float = math.nan  # longest stretch over which the output is constant to the bit [part of the record]
+
+
+UNKNOWN = Movement()
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,26 +247,20 @@ class Row:
     seconds: float = 0.0  # how long it took
 
 
+def cells_of(row: Row, structure: Structure) -> str:
+    """Return a row as an object of JSON: a cell by column, the model's JSON, and the seconds that it took."""
+    return json.dumps(_cells(row, structure), allow_nan=False)
+
+
 def table_of(rows: Sequence[Row], structure: Structure) -> Any:
-    """Return rows as a `pyarrow.Table`: the columns of `schema`, the model's JSON, and the seconds that each took."""
+    """Return rows as the table of results, a `pyarrow.Table`."""
     import pyarrow
 
-    columns: dict[str, list[Any]] = {field.name: [] for field in schema(structure)} | {"model": [], "seconds": []}
-    for row in rows:
-        cells = _cells(row, structure)
-        for name, values in columns.items():
-            values.append(cells.get(name))
-    return pyarrow.table(columns, schema=part_schema(structure))
+    return pyarrow.Table.from_pylist([_cells(row, structure) for row in rows], schema(structure))
 
 
 def schema(structure: Structure) -> Any:
-    """Return the columns of the table of results as a `pyarrow.Schema`.
-
-    Examples
-    --------
-    >>> [name for name in schema(Structure(1)).names if "b0" in name or "pole" in name]
-    ['b0', 'b0_std', 'pole1_real', 'pole1_imag']
-    """
+    """Return the columns of the table of results as a `pyarrow.Schema`."""
     import pyarrow
 
     text, number, count = pyarrow.string(), pyarrow.float64(), pyarrow.int64()
@@ -256,15 +272,6 @@ def schema(structure: Structure) -> Any:
     fields += [(name, number) for name in ("begin", "end", "input_std", "output_std", "output_held")]
     fields += [("source", text), ("files", count), ("notes", text), ("covariance", pyarrow.list_(number))]
     return pyarrow.schema(fields)
-
-
-def part_schema(structure: Structure) -> Any:
-    """Return the columns of a task's part of the results."""
-    import pyarrow
-
-    return schema(structure).append(pyarrow.field("model", pyarrow.string())).append(
-        pyarrow.field("seconds", pyarrow.float64())
-    )  # fmt: skip
 
 
 def _cells(row: Row, structure: Structure) -> dict[str, Any]:

@@ -1,30 +1,37 @@
-"""Identify one rig after the other: what a worker of the fleet does."""
+"""What a worker of the fleet does: read the record of a rig, watch how its signals move, and identify it."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
-import json
+import math
+import sys
 import time
 import warnings
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from replant.data.logs import Recording
-from replant.data.logs.arrow import CHECKED, SUFFIXES
-from replant.errors import ReplantError, SystemRefusedError
-from replant.fleet.job import MANIFEST, PARTS, Job, Rig, digest, printable, replacing
-from replant.fleet.records import Watched, begin_of, opened
-from replant.fleet.store import FAILED, Row, table_of
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.data.logs import Recording, Table, open_recording, read_columns
+from replant.data.logs.arrow import first_stamp, read_row_groups
+from replant.data.logs.read import time_columns
+from replant.data.logs.recording import MOST_HELD, joined
+from replant.errors import LogError, ReplantError, SystemRefusedError
+from replant.fleet.catalogue import is_parquet
+from replant.fleet.job import Job, Piece, Rig, Task, printable
+from replant.fleet.store import FAILED, UNKNOWN, Movement, Row, cells_of
 from replant.identified.model import Model
 from replant.offline.fit import fit
 from replant.operating_system import refusal
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source
-from replant.simulation.score import FITTED
+from replant.runs.thinning import Batch
+from replant.simulation.fitted_run import FITTED
 
 
 def identify(rig: Rig, job: Job) -> Row:
@@ -100,31 +107,19 @@ def _named(model: Model, recording: Recording) -> Model:
 class Done:
     """What a task reports."""
 
-    key: str  # of the task
-    rigs: int
+    cells: tuple[str, ...]  # of each rig, see `cells_of`
     failed: int
     samples: int
-    seconds: float  # time that the worker spent on the rigs
 
 
 def carry_out(task: Task) -> Done:
-    """Identify the rigs of a task, and write their results; this is what an executor calls."""
-    from pyarrow import parquet
-
+    """Identify the rigs of a task; this is what an executor calls."""
     with one_thread():
         rows = [identify(rig, task.job) for rig in task.rigs]
-    folder = Path(task.folder)
-    with replacing(folder / PARTS / f"{task.key}.parquet") as new:
-        parquet.write_table(table_of(rows, task.job.structure), new, **CHECKED)
-    entry = {"job": task.job.key, "rigs": {rig.name: rig.fingerprint for rig in task.rigs}}
-    with replacing(folder / MANIFEST / f"{task.key}.json") as new:
-        new.write_text(json.dumps(entry), encoding="utf-8")
     return Done(
-        task.key,
-        len(rows),
+        tuple(cells_of(row, task.job.structure) for row in rows),
         sum(row.verdict == FAILED for row in rows),
         sum(row.samples for row in rows),
-        sum(row.seconds for row in rows),
     )
 
 
@@ -142,73 +137,146 @@ def one_thread() -> Iterator[None]:
         yield
 
 
-FIXED = 100_000
-"""Work of a rig beside its samples: starting, solving as a whole, judging; benchmarks/fleet measures it [samples that
-take as long].
-"""
-TEXT_ROW, BINARY_ROW = 24, 12  # usual size of a row of time, input and output in text, and in other formats [bytes]
-FEWEST, LARGEST = 64, 20_000_000
-"""Tasks that a fleet is divided into at least, so that workers end together, and work of a task at most, so that little
-is lost with a worker: about a minute [count, samples].
-"""
+class Watched:
+    """A recording as a source for `run_source`, which notes its `Movement` in the first whole pass."""
 
-
-@dataclass(frozen=True)
-class Task:
-    """A group of rigs that one worker identifies one after the other."""
-
-    job: Job
-    rigs: tuple[Rig, ...]
-    folder: str  # where its part of the results is written, as every worker finds it
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.movement = UNKNOWN
+        self._done = False
 
     @property
-    def key(self) -> str:
-        """Name of its part of the results: the same for the same rigs, files and options."""
-        return digest(self.job.key, [(rig.name, rig.fingerprint) for rig in self.rigs])
+    def samples(self) -> int:
+        """Number of samples."""
+        return self.recording.samples
 
     @property
-    def work(self) -> int:
-        """How long it takes, in samples that take as long."""
-        return sum(map(work_of, self.rigs))
+    def complete(self) -> bool:
+        """Whether every sample is finite."""
+        return self.recording.complete
+
+    def batches(self) -> Iterator[Batch]:
+        """Yield the batches of the recording."""
+        if self._done:
+            yield from self.recording.batches()
+            return
+        moments, held = (_Moments(), _Moments()), _Held()
+        for batch in self.recording.batches():
+            for signal, of in zip(batch, moments, strict=False):
+                of.take(signal)
+            held.take(batch[1])
+            yield batch
+        self._done = True
+        self.movement = Movement(moments[0].std, moments[1].std, held.part)
 
 
-def work_of(rig: Rig) -> int:
-    """Return how long a rig takes, in samples that take as long.
+class _Moments:
+    """Mean and standard deviation of a signal that comes batch by batch, combined as Chan, Golub and LeVeque do."""
 
-    Examples
-    --------
-    >>> from replant.fleet.job import Piece
-    >>> work_of(Rig("a", (Piece("a.csv", "a.csv", size=2_400_000, modified=0),)))
-    200000
-    """
-    rows = 0
-    for piece in rig.pieces:
-        suffix = Path(piece.path).suffix.lower()
-        binary = suffix in SUFFIXES or suffix not in (".csv", ".txt", ".tsv", ".dat", ".jsonl")
-        rows += piece.rows or piece.size // (BINARY_ROW if binary else TEXT_ROW)
-    return FIXED + rows
+    def __init__(self) -> None:
+        self._count, self._mean, self._sum = 0, 0.0, 0.0
 
+    def take(self, signal: FloatArray) -> None:
+        known = signal[np.isfinite(signal)]
+        if not known.size:
+            return
+        mean = float(known.mean())
+        off, count = mean - self._mean, self._count + known.size
+        self._sum += float(np.square(known - mean).sum()) + off * off * self._count * known.size / count
+        self._mean += off * known.size / count
+        self._count = count
 
-def planned(job: Job, rigs: Sequence[Rig], folder: Path) -> list[Task]:
-    """Return the tasks for rigs, which are sorted by name; those with the most work first.
-
-    Examples
-    --------
-    >>> from replant.model.structure import Structure
-    >>> tasks = planned(Job("u", "y", Structure(1)), [Rig(f"{k:03}", ()) for k in range(128)], Path("out"))
-    >>> len(tasks), [rig.name for rig in tasks[0].rigs]
-    (64, ['000', '001'])
-    """
-    share = min(LARGEST, sum(map(work_of, rigs)) / FEWEST)
-    tasks = [Task(job, tuple(group), str(folder)) for group in _grouped(rigs, share)]
-    return sorted(tasks, key=lambda task: -task.work)
+    @property
+    def std(self) -> float:
+        return math.sqrt(self._sum / self._count) if self._count else math.nan
 
 
-def _grouped(rigs: Iterable[Rig], share: float) -> list[list[Rig]]:
-    groups: dict[int, list[Rig]] = {}
-    before = 0
-    for rig in rigs:
-        work = work_of(rig)
-        groups.setdefault(int((before + work / 2) // share), []).append(rig)
-        before += work
-    return list(groups.values())
+class _Held:
+    """The longest stretch of equal values."""
+
+    def __init__(self) -> None:
+        self._count, self._longest, self._now, self._last = 0, 0, 0, math.nan
+
+    def take(self, signal: FloatArray) -> None:
+        if not signal.size:
+            return
+        changes = np.flatnonzero(np.diff(signal, prepend=self._last) != 0.0)  # NaN is a change
+        first = int(changes[0]) if changes.size else signal.size
+        inner = int(np.diff(changes).max()) if changes.size > 1 else 0
+        self._longest = max(self._longest, self._now + first, inner)
+        self._now = int(signal.size - changes[-1]) if changes.size else self._now + signal.size
+        self._longest = max(self._longest, self._now)
+        self._last = float(signal[-1])
+        self._count += signal.size
+
+    @property
+    def part(self) -> float:
+        return self._longest / self._count if self._count else math.nan
+
+
+def opened(rig: Rig, job: Job) -> Recording:
+    """Open the record of a rig; one of several files is joined in the order of their first time stamps."""
+    if rig.problem:
+        raise LogError(rig.problem)
+    return open_recording(
+        _table(rig, job), input=job.input, output=job.output, time=job.time, dt=job.dt, reference=job.reference,
+        begin=job.begin, end=job.end, most_held=sys.maxsize if job.method == "fit" else MOST_HELD,
+    )  # fmt: skip
+
+
+def begin_of(rig: Rig, recording: Recording, job: Job) -> float:
+    """Return the time of a rig's first sample in s: by its time column, dates since 1970; 0 without one."""
+    table = recording.table
+    number = None if job.dt is not None else _time_column(table, job)
+    if number is None:
+        return 0.0
+    if number in table.in_seconds and all(map(is_parquet, rig.pieces)):
+        first = min(first_stamp(piece.row_groups, number) for piece in rig.pieces)
+        return first + (job.begin or 0.0)
+    origin = table.origins.get(number, 0) / 1e9
+    log = recording.held
+    if log is not None and log.time is not None:
+        return origin + float(log.time[0])
+    known = next((block[np.isfinite(block)] for (block,) in table.stream([number])), np.empty(0))
+    return origin + (float(known[0]) * recording.unit if known.size else 0.0)
+
+
+def _table(rig: Rig, job: Job) -> Table:
+    if len(rig.pieces) == 1 and not is_parquet(rig.pieces[0]):
+        return read_columns(rig.pieces[0].path)
+    if all(map(is_parquet, rig.pieces)):
+        return read_row_groups([piece.row_groups for piece in _parquet_by_time(rig, job)])
+    tables = [read_columns(Path(piece.path)) for piece in rig.pieces]
+    firsts = [_first(table, job) for table in tables]
+    order = sorted(range(len(tables)), key=lambda k: (firsts[k], rig.pieces[k].name))
+    return joined([tables[k] for k in order])
+
+
+def _parquet_by_time(rig: Rig, job: Job) -> list[Piece]:
+    if len(rig.pieces) == 1:
+        return list(rig.pieces)
+    number = _time_column(read_row_groups([rig.pieces[0].row_groups]), job)
+    if number is None:
+        return list(rig.pieces)
+    return sorted(rig.pieces, key=lambda piece: (first_stamp(piece.row_groups, number), piece.name))
+
+
+def _first(table: Table, job: Job) -> float:
+    """Return the first value of the time column; infinite where there is none, so that names decide."""
+    number = _time_column(table, job)
+    if number is None:
+        return math.inf
+    blocks = table.stream([number])
+    try:
+        (block,) = next(blocks, [np.empty(0)])
+    finally:
+        blocks.close()
+    known = block[np.isfinite(block)]
+    return table.origins.get(number, 0) / 1e9 + float(known[0]) if known.size else math.inf
+
+
+def _time_column(table: Table, job: Job) -> int | None:
+    if job.time is not None:
+        return table.find(job.time)
+    candidates = time_columns(table)
+    return candidates[0] if len(candidates) == 1 else None

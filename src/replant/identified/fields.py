@@ -1,9 +1,13 @@
-"""ModelFields: the data of a model, checked, and what follows from them at once."""
+"""The data of a model, of one input or of several, checked field by field; and what follows from them at once."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cached_property
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
@@ -12,6 +16,7 @@ from replant.arguments import (
     FloatArray,
     finite,
     instance,
+    iterable,
     keep,
     number,
     one_of,
@@ -22,7 +27,6 @@ from replant.arguments import (
 )
 from replant.assessment.verdict import Verdict
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
-from replant.identified.provenance import Provenance
 from replant.limits import duration
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
@@ -33,8 +37,131 @@ from replant.regressor.preprocess import InputMap, Preprocess
 NOT_JUDGED = Verdict("converging", ("no verdict was asked for",))
 
 
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a model comes from.
+
+    Attributes
+    ----------
+    method : str
+        "srivc", "least_squares", or the optimizer of an identifier.
+    source : str
+        Name of the log's file; empty for arrays and live samples.
+    sha256 : str
+        Digest of that file in hexadecimal; empty where it is not known.
+    samples : int
+        Samples that the model was made from.
+    version : str
+        Version of replant.
+    date : str
+        When the model was made, UTC in ISO 8601.  Two models that differ in nothing else are equal.
+
+    Examples
+    --------
+    >>> Provenance("srivc", "motor.csv", samples=2000).source
+    'motor.csv'
+    """
+
+    method: str
+    source: str = ""
+    sha256: str = ""
+    samples: int = 0
+    version: str = field(default_factory=lambda: version("replant"))
+    date: str = field(default_factory=_now, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("method", "source", "sha256", "version", "date"):
+            keep(self, name, text)
+        keep(self, "samples", whole, 0, 2**63 - 1)
+
+
+def _counts(name: str, value: Any) -> tuple[tuple[str, int], ...]:
+    """Return how many samples were rejected for which reason."""
+    try:
+        pairs = [(reason, count) for reason, count in value]
+    except (TypeError, ValueError) as cause:
+        raise ArgumentTypeError(f"{name} must be pairs (reason, count), got {shown(value)}") from cause
+    return tuple((text(name, reason), whole(name, count, 0, 2**63 - 1)) for reason, count in pairs)
+
+
+def _known(name: str, value: Any) -> float:
+    value = number(name, value)
+    return value if math.isfinite(value) else math.nan
+
+
+def _map(_: str, value: Any) -> InputMap:
+    return Preprocess(value).input_map
+
+
+#: How the fields are checked that models of one input and of several share, and those of one input.
+CHECKS: dict[str, tuple[Any, ...]] = {
+    "dt": (duration,),
+    "noise": (instance, NoiseModel, None),
+    "input_hold": (one_of, ("zoh", "foh")),
+    "input_map": (_map,),
+    "input_level": (finite,),
+    "output_level": (finite,),
+    "input_name": (text,),
+    "output_name": (text,),
+    "simulated_fit": (_known,),
+    "one_step_fit": (_known,),
+    "rejected": (_counts,),
+    "verdict": (instance, Verdict),
+    "provenance": (instance, Provenance),
+}
+
+
+class _Fields:
+    """What the fields of models of one input and of several have in common: their checks, and when they are equal."""
+
+    parameters: FloatArray
+    covariance: FloatArray | None
+
+    def _check(self, size: int) -> None:
+        """Check the fields of a model of so many parameters."""
+        keep(self, "parameters", owned, (size,))
+        if not np.isfinite(self.parameters).all():
+            raise InvalidArgumentError(f"parameters must be finite, got {shown(self.parameters.tolist())}")
+        if self.covariance is not None:
+            covariance = owned("covariance", self.covariance, (size, size))
+            # one that is not known is none: what is kept can be written down to the bit
+            object.__setattr__(self, "covariance", covariance if np.isfinite(covariance).all() else None)
+        own = {each.name for each in dataclasses.fields(self)}  # type: ignore[arg-type]
+        for name, (check, *how) in CHECKS.items():
+            if name in own:
+                keep(self, name, check, *how)
+
+    def __eq__(self, other: object) -> bool:
+        return self._key == other._key if isinstance(other, _Fields) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return tuple(_bits(getattr(self, each.name)) for each in dataclasses.fields(self))  # type: ignore[arg-type]
+
+
+def _bits(value: Any) -> Any:
+    """Return what makes a value equal to another one, to the bit."""
+    match value:
+        case np.ndarray():
+            return value.tobytes()
+        case float():
+            return np.float64(value).tobytes()
+        case NoiseModel():
+            return tuple(map(_bits, (value.coefficients, value.variance, value.residual_variance, value.dt)))
+        case Verdict():
+            return value.status, value.reasons, value.excited
+    return value
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class ModelFields:
+class ModelFields(_Fields):
     r"""What is kept of an identification, and what follows from it at once; see `Model`.
 
     .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
@@ -59,27 +186,7 @@ class ModelFields:
 
     def __post_init__(self) -> None:
         keep(self, "structure", instance, Structure)
-        keep(self, "dt", duration)
-        size = self.structure.size
-        keep(self, "parameters", owned, (size,))
-        if not np.isfinite(self.parameters).all():
-            raise InvalidArgumentError(f"parameters must be finite, got {shown(self.parameters.tolist())}")
-        if self.covariance is not None:
-            covariance = owned("covariance", self.covariance, (size, size))
-            # one that is not known is none: what is kept can be written down to the bit
-            object.__setattr__(self, "covariance", covariance if np.isfinite(covariance).all() else None)
-        keep(self, "noise", instance, NoiseModel, None)
-        keep(self, "input_hold", one_of, ("zoh", "foh"))
-        object.__setattr__(self, "input_map", Preprocess(self.input_map).input_map)
-        for name in ("input_level", "output_level"):
-            keep(self, name, finite)
-        for name in ("input_name", "output_name"):
-            keep(self, name, text)
-        for name in ("simulated_fit", "one_step_fit"):
-            keep(self, name, _known)
-        keep(self, "rejected", _counts)
-        keep(self, "verdict", instance, Verdict)
-        keep(self, "provenance", instance, Provenance)
+        self._check(self.structure.size)
 
     @property
     def transfer_function(self) -> TransferFunction:
@@ -127,27 +234,72 @@ class ModelFields:
         mapped = self.preprocess.map_input(vector("u", u))
         return np.where(np.isfinite(mapped), mapped - self.input_level, np.nan)
 
-    def __eq__(self, other: object) -> bool:
-        return self._key == other._key if isinstance(other, ModelFields) else NotImplemented
 
-    def __hash__(self) -> int:
-        return hash(self._key)
+@dataclass(frozen=True, eq=False, repr=False)
+class RowFields(_Fields):
+    """What is kept of an identification of several inputs; see `RowModel`."""
+
+    structures: tuple[Structure, ...]
+    parameters: FloatArray
+    dt: float
+    covariance: FloatArray | None = None
+    noise: NoiseModel | None = None
+    input_hold: str = "zoh"
+    input_names: tuple[str, ...] = ()
+    output_name: str = "y"
+    input_levels: FloatArray = field(default_factory=lambda: np.zeros(0))
+    output_level: float = 0.0
+    simulated_fit: float = math.nan
+    one_step_fit: float = math.nan
+    verdict: Verdict = NOT_JUDGED
+    provenance: Provenance = field(default_factory=lambda: Provenance("given"))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        if not iterable(self.structures) or not self.structures:
+            raise ArgumentTypeError(f"structures must be one Structure per input, got {shown(self.structures)}")
+        put(self, "structures", tuple(instance("structures", each, Structure) for each in self.structures))
+        count = len(self.structures)
+        self._check(sum(each.size for each in self.structures))
+        if not iterable(self.input_names):
+            raise ArgumentTypeError(f"input_names must be a name for each input, got {shown(self.input_names)}")
+        names = tuple(self.input_names) or tuple(f"u{i}" for i in range(1, count + 1))
+        put(self, "input_names", tuple(text("input_names", name) for name in names))
+        if len(set(names)) != count or len(names) != count:
+            raise InvalidArgumentError(f"input_names must be {count} different names, got {shown(list(names))}")
+        levels = self.input_levels if np.size(self.input_levels) else np.zeros(count)
+        put(self, "input_levels", owned("input_levels", levels, (count,)))
 
     @property
-    def _key(self) -> tuple[Any, ...]:
-        noise = self.noise
-        numbers = [self.dt, self.input_level, self.output_level, self.simulated_fit, self.one_step_fit]
-        return (
-            self.structure,
-            self.parameters.tobytes(),
-            None if self.covariance is None else self.covariance.tobytes(),
-            noise and (noise.coefficients.tobytes(), noise.variance, noise.residual_variance, noise.dt),
-            (self.input_hold, self.input_map, self.input_name, self.output_name),
-            np.array(numbers).tobytes(),
-            self.rejected,
-            (self.verdict.status, self.verdict.reasons, self.verdict.excited),
-            self.provenance,
-        )
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in their order, each with that of its input: a0.u1, b0.u1, a0.u2, .."""
+        each = zip(self.input_names, self.structures, strict=True)
+        return tuple(f"{parameter}.{name}" for name, structure in each for parameter in structure.names)
+
+    @property
+    def input_name(self) -> tuple[str, ...]:
+        """The names of the inputs, as `Model` has one."""
+        return self.input_names
+
+    @property
+    def transfer_functions(self) -> tuple[TransferFunction, ...]:
+        """G(s) from each input."""
+        pairs = zip(self.structures, self.places, strict=True)
+        return tuple(each.transfer_function(self.parameters[rows]) for each, rows in pairs)
+
+    @cached_property
+    def uncertainty(self) -> tuple[Uncertainty, ...] | None:
+        """Standard deviations of each G(s): of its parameters, poles, gain and response; None without a covariance."""
+        if self.covariance is None:
+            return None
+        pairs = zip(self.structures, self.places, strict=True)
+        return tuple(Uncertainty(each, self.parameters[k], self.covariance[k, k]) for each, k in pairs)
+
+    @property
+    def places(self) -> list[slice]:
+        """Which of the parameters are those of each input."""
+        ends = np.cumsum([each.size for each in self.structures]).tolist()
+        return [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
 
 
 def has_rest(model: TransferFunction, span: float) -> bool:
@@ -160,17 +312,3 @@ def has_rest(model: TransferFunction, span: float) -> bool:
     (True, False)
     """
     return bool((model.poles.real < (-1.0 / span if span > 0.0 else 0.0)).all())
-
-
-def _counts(name: str, value: Any) -> tuple[tuple[str, int], ...]:
-    """Return how many samples were rejected for which reason."""
-    try:
-        pairs = [(reason, count) for reason, count in value]
-    except (TypeError, ValueError) as cause:
-        raise ArgumentTypeError(f"{name} must be pairs (reason, count), got {shown(value)}") from cause
-    return tuple((text(name, reason), whole(name, count, 0, 2**63 - 1)) for reason, count in pairs)
-
-
-def _known(name: str, value: Any) -> float:
-    value = number(name, value)
-    return value if math.isfinite(value) else math.nan

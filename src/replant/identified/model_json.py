@@ -1,8 +1,8 @@
-"""The JSON of a model: one object, versioned, from which the model is rebuilt to the bit.
+"""The JSON of a model, of one input or of several: one object, versioned, from which it is rebuilt to the bit.
 
 What follows from other entries, as ``num``, ``den``, ``poles`` and each ``std``, is written for readers of other
-programs; ``num``, ``den`` and ``delay`` are compared when the model is read.  `schema/model-1.json` describes every
-entry.
+programs; ``num``, ``den`` and ``delay`` are compared when the model is read.  Of several inputs they are lists, in the
+order of the inputs.  `schema/model-1.json` and `schema/model-2.json` describe every entry.
 """
 
 from __future__ import annotations
@@ -20,10 +20,11 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.assessment.verdict import STATUSES, Verdict
 from replant.errors import ArgumentTypeError, InvalidArgumentError, ModelFileError, ReplantError, shown
-from replant.identified.fields import ModelFields
-from replant.identified.provenance import Provenance
+from replant.identified.fields import ModelFields, Provenance, RowFields
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
 from replant.statistics.linear_algebra import quiet
 
 ROUNDED = 1e-6
@@ -37,71 +38,112 @@ VERSION = 1  # version of the layout; raised where an entry changes its meaning 
 OF_SEVERAL = 2  # that of a model of several inputs, whose entries are lists [count]
 
 
-def dumps(model: ModelFields) -> str:
+#: The fields of a structure and of where a model comes from, and the kinds of their entries.
+STRUCTURE: dict[str, tuple[type, ...]] = {
+    "poles": (int,),
+    "zeros": (int,),
+    "delay": (float, int),
+    "bias": (bool,),
+    "feedthrough": (bool,),
+}
+OF_PROVENANCE = ("method", "source", "sha256", "version", "date")
+
+
+def dumps(model: ModelFields | RowFields) -> str:
     """Return a model as JSON, indented."""
     return json.dumps(as_object(model), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
 @quiet
-def as_object(model: ModelFields) -> dict[str, Any]:
-    """Return a model as an object of JSON; what is not known is null.
-
-    >>> as_object(ModelFields(Structure(1), [1.0, 2.0], dt=0.1))["num"]
-    [2.0]
-    """
-    if callable(model.input_map):
-        raise InvalidArgumentError(
-            "the input map is a Python function, which JSON cannot hold: "
-            "map the input before the identification, or use input_map='square'"
-        )
-    g, known = model.transfer_function, model.uncertainty
-    std = [math.nan] * model.structure.size if known is None else known.std.tolist()
+def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
+    """Return a model as an object of JSON; what is not known is null."""
+    structures: tuple[Structure, ...]
+    plants: tuple[TransferFunction, ...]
+    known: tuple[Uncertainty, ...] | None
+    if isinstance(model, ModelFields):
+        if callable(model.input_map):
+            raise InvalidArgumentError(
+                "the input map is a Python function, which JSON cannot hold: "
+                "map the input before the identification, or use input_map='square'"
+            )
+        layout, structures, plants = VERSION, (model.structure,), (model.transfer_function,)
+        known = None if model.uncertainty is None else (model.uncertainty,)
+        inputs: list[dict[str, Any]] = [{"name": model.input_name, "map": model.input_map, "level": model.input_level}]
+        rejected: dict[str, Any] = {"rejected": dict(model.rejected)}
+    else:
+        layout, structures, plants, known = OF_SEVERAL, model.structures, model.transfer_functions, model.uncertainty
+        levels = zip(model.input_names, model.input_levels.tolist(), strict=True)
+        inputs, rejected = [{"name": name, "level": level} for name, level in levels], {}
+    std = [math.nan] * model.parameters.size
+    if known is not None:
+        std = [value for each in known for value in each.std.tolist()]
+    of_inputs = {
+        "num": [g.num.tolist() for g in plants],
+        "den": [g.den.tolist() for g in plants],
+        "delay": [g.delay for g in plants],
+        "structure": [{name: getattr(each, name) for name in STRUCTURE} for each in structures],
+        "poles": [[pole_object(pole) for pole in g.poles.tolist()] for g in plants],
+        "zeros": [[{"real": finite(z.real), "imag": finite(z.imag)} for z in g.zeros.tolist()] for g in plants],
+        "dc_gain": [finite(g.dc_gain) for g in plants],
+        "input": inputs,
+    }
+    of_input: dict[str, Any] = {key: each[0] if layout == VERSION else each for key, each in of_inputs.items()}
     return {
-        "schema_version": VERSION,
-        "num": g.num.tolist(),
-        "den": g.den.tolist(),
-        "delay": g.delay,
-        "structure": {
-            "poles": model.structure.poles,
-            "zeros": model.structure.zeros,
-            "delay": model.structure.delay,
-            "bias": model.structure.bias,
-            "feedthrough": model.structure.feedthrough,
-        },
+        "schema_version": layout,
+        **{key: of_input[key] for key in ("num", "den", "delay", "structure")},
         "parameters": {
             name: {"value": value, "std": finite(each)}
             for name, value, each in zip(model.names, model.parameters.tolist(), std, strict=True)
         },
         "covariance": None if model.covariance is None else model.covariance.tolist(),
-        "poles": [pole_object(pole) for pole in g.poles.tolist()],
-        "zeros": [{"real": finite(zero.real), "imag": finite(zero.imag)} for zero in g.zeros.tolist()],
-        "dc_gain": finite(g.dc_gain),
+        **{key: of_input[key] for key in ("poles", "zeros", "dc_gain")},
         "dt": model.dt,
         "input_hold": model.input_hold,
-        "input": {"name": model.input_name, "map": model.input_map, "level": model.input_level},
+        "input": of_input["input"],
         "output": {"name": model.output_name, "level": model.output_level},
         "noise": None if model.noise is None else noise_object(model.noise),
         "fit": {"one_step": finite(model.one_step_fit), "simulated": finite(model.simulated_fit)},
         "samples": model.provenance.samples,
-        "rejected": dict(model.rejected),
+        **rejected,
         "verdict": verdict_object(model.verdict),
-        "provenance": {
-            "method": model.provenance.method,
-            "source": model.provenance.source,
-            "sha256": model.provenance.sha256,
-            "version": model.provenance.version,
-            "date": model.provenance.date,
-        },
+        "provenance": {name: getattr(model.provenance, name) for name in OF_PROVENANCE},
     }
 
 
-def loads(written: str | bytes) -> dict[str, Any]:
-    """Return the fields of the model in a JSON text.
+#: What a model of the other kind is read by.
+OTHERWISE = {
+    VERSION: "it holds a model of several inputs: read it by load_model, or RowModel.from_json",
+    OF_SEVERAL: "it holds a model of one input: read it by load_model, or Model.from_json",
+}
 
-    >>> loads(dumps(ModelFields(Structure(1), [1.0, 2.0], dt=0.1)))["parameters"]
-    array([1., 2.])
-    """
-    return fields_of(parsed(written))
+
+def loads(written: str | bytes, layout: int = VERSION) -> dict[str, Any]:
+    """Return the fields of the model in a JSON text; entries that a model does not have are passed over."""
+    with in_one_line():
+        read = parsed(written)
+        if layout_of(read) != layout:
+            raise ModelFileError(OTHERWISE[layout])
+        found = _fields(read, layout)
+        _check_consistent(read, layout, found)
+        return found
+
+
+def is_row(written: str | bytes) -> bool:
+    """Return whether a JSON text holds a model of several inputs."""
+    with in_one_line():
+        return layout_of(parsed(written)) == OF_SEVERAL
+
+
+def _check_consistent(read: dict[str, Any], layout: int, found: dict[str, Any]) -> None:
+    """Check that what is written for other programs is that of the model."""
+    single = layout == VERSION
+    plants = (ModelFields(**found).transfer_function,) if single else RowFields(**found).transfer_functions
+    for name in ("num", "den"):
+        given = [read.get(name)] if single else _items(read, name, len(plants))
+        if not all(same(each, getattr(g, name)) for each, g in zip(given, plants, strict=True)):
+            raise ModelFileError(f"'{name}' contradicts 'parameters': change both, or neither")
+    if ([real(read, "delay")] if single else read.get("delay")) != [g.delay for g in plants]:
+        raise ModelFileError("'delay' contradicts 'structure': change both, or neither")
 
 
 def parsed(written: str | bytes) -> Any:
@@ -118,12 +160,6 @@ def parsed(written: str | bytes) -> Any:
     return read
 
 
-def fields_of(read: Any) -> dict[str, Any]:
-    """Return the fields of the model in an object of JSON; entries that a model does not have are passed over."""
-    with in_one_line():
-        return _fields_of(read)
-
-
 @contextmanager
 def in_one_line() -> Iterator[None]:
     """Say of an object of JSON in one line why it is no model."""
@@ -138,19 +174,6 @@ def _in_one_line(text: str) -> str:
     """Return a reason as one line of some length: it may quote a text of the file."""
     flat = " ".join(text.split())
     return flat if len(flat) <= LONGEST_REASON else flat[:LONGEST_REASON] + "..."
-
-
-def _fields_of(read: Any) -> dict[str, Any]:
-    if layout_of(read) != VERSION:
-        raise ModelFileError("it holds a model of several inputs: read it by load_model, or RowModel.from_json")
-    found = _fields(read)
-    model = ModelFields(**found)
-    for name, expected in (("num", model.num), ("den", model.den)):
-        if not same(read.get(name), expected):
-            raise ModelFileError(f"'{name}' contradicts 'parameters': change both, or neither")
-    if real(read, "delay") != model.delay:
-        raise ModelFileError("'delay' contradicts 'structure': change both, or neither")
-    return found
 
 
 def layout_of(read: Any) -> int:
@@ -182,44 +205,59 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _fields(read: dict[str, Any]) -> dict[str, Any]:
-    shape = entry(read, "structure", dict)
-    structure = Structure(**{name: entry(shape, name, *kinds) for name, kinds in STRUCTURE.items()})
+def _fields(read: dict[str, Any], layout: int) -> dict[str, Any]:
+    single = layout == VERSION
+
+    def objects(name: str, count: int | None = None) -> list[dict[str, Any]]:
+        if single:
+            return [entry(read, name, dict)]
+        return [entry({name: each}, name, dict) for each in _items(read, name, count)]
+
+    structures = tuple(
+        Structure(**{name: entry(shape, name, *kinds) for name, kinds in STRUCTURE.items()})
+        for shape in objects("structure")
+    )
+    inputs = objects("input", len(structures))
+    input_names = tuple(entry(each, "name", str) for each in inputs)
+    levels = [real(each, "level") for each in inputs]
+    pairs = zip(input_names, structures, strict=True)
+    names = structures[0].names if single else [f"{of}.{name}" for name, each in pairs for of in each.names]
     values = entry(read, "parameters", dict)
-    if set(values) != set(structure.names):
-        raise ModelFileError(f"'parameters' must be {', '.join(structure.names)}, got {', '.join(values) or 'none'}")
-    entered, given = entry(read, "input", dict), entry(read, "output", dict)
-    fits, source = entry(read, "fit", dict), entry(read, "provenance", dict)
-    return {
-        "structure": structure,
-        "parameters": np.array([real(entry(values, name, dict), "value") for name in structure.names]),
+    if set(values) != set(names):
+        raise ModelFileError(f"'parameters' must be {', '.join(names)}, got {', '.join(values) or 'none'}")
+    given, fits, source = entry(read, "output", dict), entry(read, "fit", dict), entry(read, "provenance", dict)
+    shared = {
+        "parameters": np.array([real(entry(values, name, dict), "value") for name in names]),
         "dt": real(read, "dt"),
-        "covariance": matrix_of(read.get("covariance"), structure.size),
+        "covariance": matrix_of(read.get("covariance"), len(names)),
         "noise": noise_of(read.get("noise")),
         "input_hold": entry(read, "input_hold", str),
-        "input_map": entry(entered, "map", str),
-        "input_level": real(entered, "level"),
         "output_level": real(given, "level"),
-        "input_name": entry(entered, "name", str),
         "output_name": entry(given, "name", str),
         "simulated_fit": perhaps(fits, "simulated"),
         "one_step_fit": perhaps(fits, "one_step"),
-        "rejected": tuple(entry(read, "rejected", dict).items()),
         "verdict": verdict_of(entry(read, "verdict", dict)),
         "provenance": Provenance(
-            samples=entry(read, "samples", int),
-            **{name: entry(source, name, str) for name in ("method", "source", "sha256", "version", "date")},
+            samples=entry(read, "samples", int), **{name: entry(source, name, str) for name in OF_PROVENANCE}
         ),
+    }
+    if not single:
+        return shared | {"structures": structures, "input_names": input_names, "input_levels": np.array(levels)}
+    return shared | {
+        "structure": structures[0],
+        "input_map": entry(inputs[0], "map", str),
+        "input_level": levels[0],
+        "input_name": input_names[0],
+        "rejected": tuple(entry(read, "rejected", dict).items()),
     }
 
 
-STRUCTURE: dict[str, tuple[type, ...]] = {
-    "poles": (int,),
-    "zeros": (int,),
-    "delay": (float, int),
-    "bias": (bool,),
-    "feedthrough": (bool,),
-}
+def _items(read: dict[str, Any], name: str, count: int | None = None) -> list[Any]:
+    """Return a list that has an item for each input."""
+    items = entry(read, name, list)
+    if not items or (count is not None and len(items) != count):
+        raise ModelFileError(f"the entry '{name}' must have an item for each input")
+    return list(items)
 
 
 def entry(where: dict[str, Any], name: str, *kinds: type) -> Any:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from typing import Any
 
@@ -14,17 +13,15 @@ from replant.arguments import FloatArray, array_of_reals, vector
 from replant.assessment.row_tests import lacking
 from replant.assessment.verdict import Verdict, conclude
 from replant.errors import InvalidArgumentError, ModelFileError, shown
-from replant.identified import model_file, row_json
-from replant.identified.fields import has_rest
+from replant.identified import model_file, model_json
+from replant.identified.fields import RowFields, has_rest
 from replant.identified.model import Model, usual_interval
 from replant.identified.model_file import AnyPath
-from replant.identified.row_fields import RowFields
 from replant.identified.validation import Validation
 from replant.limits import increasing
 from replant.log import Log
 from replant.model.response import Response
-from replant.simulation.fitted_run import bridged
-from replant.simulation.offset_fit import fit_percent
+from replant.simulation.fitted_run import bridged, fit_percent
 from replant.simulation.row import Point, Row, RowRecord, evaluate, noise_of
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet
@@ -231,7 +228,7 @@ class RowModel(RowFields):
 
     def to_json(self) -> str:
         """Return the model as one JSON object, whose entries the page JSON describes."""
-        return row_json.dumps(self)
+        return model_json.dumps(self)
 
     @classmethod
     def from_json(cls, written: str | bytes) -> RowModel:
@@ -247,7 +244,7 @@ class RowModel(RowFields):
         ModelFileError
             If it is no such JSON, or of a newer version.
         """
-        return cls(**row_json.loads(written))
+        return cls(**model_json.loads(written, model_json.OF_SEVERAL))
 
     def save(self, path: AnyPath) -> None:
         """Write the model as JSON; the file is whole at every moment.
@@ -263,18 +260,6 @@ class RowModel(RowFields):
             If the file cannot be written.
         """
         model_file.write(path, self.to_json())
-
-    def __eq__(self, other: object) -> bool:
-        return self._key == other._key if isinstance(other, RowModel) else NotImplemented
-
-    def __hash__(self) -> int:
-        return hash(self._key)
-
-    @property
-    def _key(self) -> str:
-        whole = row_json.as_object(self)
-        del whole["provenance"]["date"]
-        return json.dumps(whole)
 
     def __repr__(self) -> str:
         fit = "" if math.isnan(self.simulated_fit) else f", fit {self.simulated_fit:.1f} %"
@@ -311,6 +296,6 @@ def load_model(path: AnyPath) -> Model | RowModel:
     """
     written = model_file.read(path)
     try:
-        return RowModel.from_json(written) if row_json.is_row(written) else Model.from_json(written)
+        return RowModel.from_json(written) if model_json.is_row(written) else Model.from_json(written)
     except ModelFileError as error:
         raise ModelFileError(f"{path}: {error}") from error

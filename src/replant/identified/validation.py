@@ -18,14 +18,14 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment import assess_record
-from replant.assessment.gain_error import EXCITED, SEGMENT
+from replant.assessment.newton_step import EXCITED, SEGMENT
 from replant.assessment.verdict import Verdict
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.identified.fields import ModelFields
 from replant.regressor.preprocess import screen
+from replant.simulation.fitted_run import fit_percent
 from replant.simulation.model_run import model_output
-from replant.simulation.offset_fit import fit_percent
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.residuals import Correlations, correlation_lags, correlations

@@ -38,10 +38,6 @@ def limit_heap_growth() -> None:
 
     Otherwise blocks of lines and samples, whose sizes vary, leave holes in the heap: at hundreds of thousands of
     samples a second it grows by some megabytes a minute until it has found its size.  Without glibc this has no effect.
-
-    Examples
-    --------
-    >>> limit_heap_growth()
     """
     with contextlib.suppress(OSError, AttributeError, TypeError):
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, THRESHOLD)
@@ -94,13 +90,7 @@ def run(plan: Plan) -> bool:
 
 
 def _open_command(record: Path) -> str:
-    """Return the command that opens a record in the workbench.
-
-    Examples
-    --------
-    >>> _open_command(Path("rig 1"))
-    "replant open 'rig 1'"
-    """
+    """Return the command that opens a record in the workbench."""
     return shlex.join(["replant", "open", str(record)])
 
 

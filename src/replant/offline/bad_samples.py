@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
-from replant.assessment.score_test import MATTERS
+from replant.assessment.verdict import MATTERS
 from replant.kernels.schema import Doubt
 from replant.statistics.robust import (
     SECTIONS,

@@ -23,7 +23,7 @@ from itertools import pairwise
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
-from replant.assessment.score_test import ALPHA
+from replant.assessment.verdict import ALPHA
 from replant.engine.record import Record
 from replant.model.structure import Structure
 from replant.offline.contest import HARMLESS, Claim, Contest, decided, is_sure

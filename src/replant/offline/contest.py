@@ -33,7 +33,7 @@ from functools import cached_property
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.score_test import ALPHA, MATTERS
+from replant.assessment.verdict import ALPHA, MATTERS
 from replant.engine.record import Record
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
@@ -78,6 +78,8 @@ class Claim:
         Logarithm of the odds beforehand: what another G(s) costs.
     price : float
         That of the numbers that it has fitted.
+    unserved : float
+        How much likelier the most likely model of the same supposition is than the one that is served.
     left : float
         Variance of what a fit with a prior leaves, over the usual one.
     model : (T,) array or None
@@ -96,6 +98,7 @@ class Claim:
     likelihood: float
     odds: float = 0.0
     price: float = 0.0
+    unserved: float = 0.0
     left: float = 1.0
     model: FloatArray | None = None
     root: Root | None = None
@@ -118,11 +121,11 @@ class Claim:
         """The logarithm of the evidence over that of NOTHING."""
         return self.fair + self.odds
 
-    def weighed_beside(self, base: float) -> Claim:
+    def weighed_beside(self, base: float, most: float) -> Claim:
         """Return the claim with its evidence beyond that of one G(s) as `weighed` has it."""
         if not self.supposition.is_of_plant:
             return self
-        return replace(self, likelihood=base + self.contest.weighed(self.fair - base) + self.price)
+        return replace(self, likelihood=base + self.contest.weighed(self.fair - most) + self.price)
 
 
 def odds_of(supposition: Supposition) -> float:
@@ -160,7 +163,7 @@ def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
 
     def less_likely(claim: Claim) -> float:
         is_free = best.supposition is Supposition.LOAD and claim.supposition.is_of_plant
-        left = best.fair - (claim.likelihood if is_free else claim.fair)
+        left = best.fair - (claim.likelihood if is_free else claim.fair + claim.unserved)
         of_plant = next((each for each in (claim, best) if each.supposition.is_of_plant), None)
         return left if of_plant is None else of_plant.contest.weighed(left)
 
@@ -171,12 +174,13 @@ def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
 def weighed(claims: Sequence[Claim]) -> list[Claim]:
     """Return claims in which a change of G(s) counts beside how differently a model fits any stretch of the record.
 
-    What such a change explains beyond every claim of one G(s) is in the mean the dispersion of the stretches before,
-    times chance (`Contest.weighed`).
+    What such a change explains beyond every claim of one G(s), of the most likely model of each, is in the mean the
+    dispersion of the stretches before, times chance (`Contest.weighed`).
     """
     same = [claim for claim in claims if not (claim.supposition.is_of_plant or claim.supposition is Supposition.CUT)]
     base = max((claim.fair for claim in same), default=0.0)
-    return [claim.weighed_beside(base) for claim in claims]
+    most = max((claim.fair + claim.unserved for claim in same), default=0.0)
+    return [claim.weighed_beside(base, most) for claim in claims]
 
 
 class Contest:
@@ -257,14 +261,21 @@ class Contest:
     @quiet
     def whole(self, model: FloatArray, solution: Solution | None = None) -> Claim:
         """Return the claim that one other model (T,), that of a solution, holds for the samples before as well."""
+        likelihood = self._likelihood_of_all(model)
+        self._whole.noise = self.known.noise  # a record is not always served its most likely model, see `srivc`
+        likeliest = self._likelihood_of_all(self._whole.polish(model, whitened=True)[0])
+        more = max(likeliest - likelihood, 0.0) if math.isfinite(likelihood) else 0.0
+        return self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution, unserved=more)
+
+    def _likelihood_of_all(self, model: FloatArray) -> float:
+        """Return the log-likelihood ratio to NOTHING of one model for the samples before as well."""
         error = self._whole.run_whole(model).ahead
         rows, noise = slice(0, error.size - self.rows), self.known.noise
         before = Stretch.of(self.record, rows)
         likelihood = self.stretch.of_other(error[-self.rows :], noise) - self.usual
         likelihood += before.of_other(error[rows], noise)
         offset = before.measured[:, None].astype(float)
-        likelihood -= before.of_other(self.known.error[rows], noise, offset)
-        return self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution)
+        return likelihood - before.of_other(self.known.error[rows], noise, offset)
 
     def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
         """Return a claim that has fitted so many numbers."""

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.assess_offline import MOST_SAMPLES
+from replant.assessment.assess import MOST_SAMPLES
 from replant.assessment.estimate_tests import MOST_UNCERTAIN
 from replant.assessment.verdict import Assessment
 from replant.engine.dimensions import entries_of

@@ -11,15 +11,14 @@ import numpy as np
 
 from replant.arguments import FloatArray, IntArray, vector
 from replant.assessment import Assessment, Simulation, assess_record
-from replant.assessment.assess_offline import MOST_SAMPLES
+from replant.assessment.assess import MOST_SAMPLES
 from replant.assessment.other_columns import OtherColumn, other_columns, with_other_columns
 from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.identified import notation
-from replant.identified.fields import has_rest
+from replant.identified.fields import Provenance, has_rest
 from replant.identified.model import Model
-from replant.identified.provenance import Provenance
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction

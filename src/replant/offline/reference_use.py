@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.reference_test import COPIED, IDLE, Reference, fault_of
-from replant.assessment.score_test import ALPHA
+from replant.assessment.loop_tests import COPIED, IDLE, Reference, fault_of
+from replant.assessment.verdict import ALPHA
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure

@@ -13,7 +13,7 @@ from replant.assessment import fit_percent
 from replant.assessment.row_tests import left_out
 from replant.assessment.verdict import Verdict
 from replant.errors import InvalidArgumentError, shown
-from replant.identified.provenance import Provenance
+from replant.identified.fields import Provenance
 from replant.identified.row_model import RowModel, one_step_percent
 from replant.limits import duration, increasing
 from replant.log import Log

@@ -33,6 +33,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import lru_cache
 
 import numpy as np
 
@@ -238,12 +239,7 @@ def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
     nothing = np.zeros(u.size), 1.0, 0.0
     if rows.size < PER_COLUMN * (ANSWERS + 2):
         return nothing
-    past = np.column_stack([np.ones(rows.size), *(u[rows - lag] for lag in range(1, most + 1))])
-    basis, upper = np.linalg.qr(past)
-    along, power = basis.T @ u[rows], float(u[rows] @ u[rows])
-    left = np.maximum(power - np.cumsum(along**2), 1e-14 * power)
-    columns = int(np.argmin(rows.size * np.log(left) + 2.0 * np.arange(left.size))) + 1
-    basis, upper, along = basis[:, :columns], upper[:columns, :columns], along[:columns]
+    basis, upper, along = _own_past(u.tobytes(), most, rows.size)
     now = u[rows] - basis @ along
     if not np.linalg.norm(now) > 1e-6 * np.linalg.norm(u):
         return nothing  # the input is known from its past
@@ -253,10 +249,23 @@ def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
     total = moments.sum(axis=0)
     chance = float(chi2.sf(total @ pseudo_inverse(moments.T @ moments, 1e-12) @ total, ANSWERS + 1))
     gains = np.linalg.lstsq(told, now, rcond=1e-12)[0]
-    own = np.linalg.lstsq(upper, along - basis.T @ (lagged @ gains), rcond=1e-12)[0]
+    own = np.asarray(np.linalg.lstsq(upper, along - basis.T @ (lagged @ gains), rcond=1e-12)[0])
     sizes = float(np.linalg.norm(now) * np.linalg.norm(told[:, 0]))
     at_once = math.sqrt(rows.size) * float(total[0]) / sizes if sizes > 0.0 else 0.0
     return _carried(np.convolve(w, gains)[: u.size], own[1:], u), chance, at_once
+
+
+@lru_cache(maxsize=1)  # a search asks of one input, structure by structure
+def _own_past(signal: bytes, most: int, newest: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return Q, R and Q'u of the past that tells an input's newest values; Akaike's criterion tells how far back."""
+    u = np.frombuffer(signal)
+    rows = np.arange(u.size - newest, u.size)
+    past = np.column_stack([np.ones(rows.size), *(u[rows - lag] for lag in range(1, most + 1))])
+    basis, upper = np.linalg.qr(past)
+    along, power = basis.T @ u[rows], float(u[rows] @ u[rows])
+    left = np.maximum(power - np.cumsum(along**2), 1e-14 * power)
+    columns = int(np.argmin(rows.size * np.log(left) + 2.0 * np.arange(left.size))) + 1
+    return basis[:, :columns], upper[:columns, :columns], along[:columns]
 
 
 def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:

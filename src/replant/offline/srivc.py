@@ -49,7 +49,7 @@ from replant.offline.prior import Prior
 from replant.offline.refined import Refined, Root, conclude
 from replant.offline.specification_test import disagreement, is_answered, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
-from replant.simulation.offset_fit import simulate
+from replant.simulation.fitted_run import simulate
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import chi2_quantile, quiet, roots
 

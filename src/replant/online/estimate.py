@@ -6,7 +6,7 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.assessment import Assessment, assess_running, assess_starting
-from replant.assessment.assess_online import judged
+from replant.assessment.assess import judged
 from replant.engine.covariance import covariance
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import REASONS, State
@@ -190,6 +190,14 @@ class Estimate(Shared):
         if self._settings is None:
             return "starting"
         return "diverged" if self._state.refused else "running"
+
+    @reads
+    def __repr__(self) -> str:
+        structure, known = self.structure, self.has_model
+        dead_time = f"dead time {structure.delay:g} s, " if structure.delay else ""
+        wanted = f"poles {structure.poles}, zeros {structure.zeros}, {dead_time}dt {self.dt:g} s"
+        model = self.transfer_function if known else "no model yet"
+        return f"<{type(self).__name__}: {wanted}; {self.samples:,} samples, {self.status}, {model}>"
 
     def assess(self) -> Assessment:
         """Return the verdict: whether to trust the estimate, why in plain words, and the figures behind it.

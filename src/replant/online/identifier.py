@@ -15,7 +15,7 @@ from replant.arguments import (
     record,
     vector,
 )
-from replant.assessment.assess_online import assess_running
+from replant.assessment.assess import assess_running
 from replant.engine.dimensions import collects_at_most
 from replant.engine.dispatch import Step, bound_step, step_kernels
 from replant.engine.state import NOTHING, REGULAR, State

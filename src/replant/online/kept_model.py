@@ -5,13 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from replant.assessment.verdict import Assessment, Verdict
-from replant.identified.fields import has_rest
+from replant.identified.fields import Provenance, has_rest
 from replant.identified.model import Model
-from replant.identified.provenance import Provenance
 from replant.online.estimate import Estimate
 from replant.online.newest_samples import newest_samples
+from replant.simulation.fitted_run import Simulation, fit_percent
 from replant.simulation.model_run import model_output
-from replant.simulation.offset_fit import Simulation, fit_percent
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from replant.arguments import FloatArray
-from replant.assessment.score_test import ALPHA
+from replant.assessment.verdict import ALPHA
 from replant.engine.dimensions import RECENT
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.state import State

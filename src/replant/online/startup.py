@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
-from replant.assessment.assess_offline import assess_record
+from replant.assessment.assess import assess_record
 from replant.engine.dimensions import room_for
 from replant.engine.dispatch import step_kernels
 from replant.engine.recent_samples import RecentSamples

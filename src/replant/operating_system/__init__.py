@@ -32,40 +32,19 @@ REMEDIES = {
 
 
 def reason_of(error: BaseException) -> str:
-    """Return the reason of an error in one line, without the name of a file.
-
-    Examples
-    --------
-    >>> reason_of(OSError(errno.ENOSPC, "No space left on device", "a/b")), reason_of(MemoryError())
-    ('No space left on device', 'out of memory')
-    """
+    """Return the reason of an error in one line, without the name of a file."""
     words = " ".join(str((isinstance(error, OSError) and error.strerror) or error).split())
     return words or ("out of memory" if isinstance(error, MemoryError) else type(error).__name__)
 
 
 def one_line(error: BaseException) -> str:
-    """Return the message of an error in one line, with the name of the file if the system gives one.
-
-    Examples
-    --------
-    >>> one_line(OSError(errno.ENOSPC, "No space left on device", "a/b"))
-    "No space left on device: 'a/b'"
-    """
+    """Return the message of an error in one line, with the name of the file if the system gives one."""
     file = error.filename if isinstance(error, OSError) and error.strerror else None
     return reason_of(error) + (f": {file!r}" if file else "")
 
 
 def refusal(error: BaseException) -> str | None:
-    """Return in one line what the system refused, and what to do; None for an error of another kind.
-
-    Examples
-    --------
-    >>> refusal(OSError(errno.EMFILE, "Too many open files"))
-    'Too many open files; raise the limit on open files (ulimit -n)'
-    >>> refusal(MemoryError())
-    'out of memory; free memory, or raise its limit (ulimit -v)'
-    >>> refusal(ValueError("invalid"))
-    """
+    """Return in one line what the system refused, and what to do; None for an error of another kind."""
     match error:
         case MemoryError():
             detail = " ".join(str(error).split())  # NumPy's message has the size of the array
@@ -83,15 +62,7 @@ ENDING = ".new"
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give the name under which a file is written; it gets its own name when the ``with`` block ends without an error.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     with replacing(Path(folder, "a")) as new:
-    ...         _ = new.write_bytes(b"content")
-    ...     [path.name for path in Path(folder).iterdir()]
-    ['a']
-    """
+    """Give the name under which a file is written; it gets its own when the ``with`` block ends without an error."""
     named = zlib.crc32(os.fsencode(path.name))  # short: the name itself may be as long as names can be
     new = path.with_name(f".{named:08x}.{socket.gethostname()}.{os.getpid()}.{threading.get_ident()}{ENDING}")
     try:
@@ -113,13 +84,6 @@ class Worker:
     """A thread that does not keep the process alive.
 
     `threading.Thread.start` waits until the thread has begun: without end, if a lack of memory ends the thread before.
-
-    >>> done = []
-    >>> worker = Worker(lambda: done.append(True))
-    >>> worker.start()
-    >>> worker.join()
-    >>> done
-    [True]
     """
 
     def __init__(self, job: Callable[[], None]) -> None:

@@ -90,13 +90,7 @@ class Measures:
 
 
 def measure(course: Course, true: Mapping[str, float], dt: float) -> Measures:
-    """Return the measures of the first ``len(true)`` parameters of a course.
-
-    >>> course = Course(np.zeros(1), np.arange(1, 5), np.array([[1.0], [3.0], [2.1], [2.0]]), length=4)
-    >>> found = measure(course, {"a0": 2.0}, dt=0.5)
-    >>> found.index, found.error, found.settled      # J = 2^2 + 1^2 + 1^2 + 0.1^2
-    ({'a0': 6.01}, {'a0': 0.0}, {'a0': 1.5})
-    """
+    """Return the measures of the first ``len(true)`` parameters of a course."""
     values = course.parameters[:, : len(true)]
     target = np.array(list(true.values()))
     held = np.diff(
@@ -245,14 +239,7 @@ class Actuator:
 
 
 def measure_rig(samples: int = SAMPLES, seed: int = 0) -> Record:
-    """Return a record of the simulated rig; ``seed`` is that of voltage and noise.
-
-    Examples
-    --------
-    >>> record = measure_rig(1000)
-    >>> record.y.size, record.true["a1"]
-    (1000, 5891.0)
-    """
+    """Return a record of the simulated rig; ``seed`` is that of voltage and noise."""
     rig, u = deap_rig(noise=NOISE, creep=CREEP), deap_voltage(samples, seed)
     return Record(rig, u, rig.measure(u, seed))
 

@@ -55,11 +55,6 @@ def run(
     """Run the experiments that ``names`` need; ``on_run`` is called after each run with the name that it belongs to.
 
     The runs of the tables are made on ``executor``, see `replant.fleet.fit`; the figures do not depend on it.
-
-    Examples
-    --------
-    >>> run(["table2"]).tables["table2"]["Gradient, amplitude 10"]["J_a0"].verdict
-    'equal'
     """
     tables = {
         name: reproduce(TABLES[name], on_run=partial(on_run, name), executor=executor)

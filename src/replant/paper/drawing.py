@@ -28,11 +28,6 @@ def thin(values: FloatArray, points: int = POINTS) -> npt.NDArray[np.intp]:
     """Return the indices, in order, at which a signal (K,) is drawn: of each stretch the lowest and the highest.
 
     First and last are always among them; at most ``points`` + 2 are returned, all of them if there are no more.
-
-    Examples
-    --------
-    >>> thin(np.array([0.0, 9.0, 1.0, 2.0, -5.0, 3.0, 4.0, 5.0]), points=4)
-    array([0, 1, 4, 7])
     """
     if values.size <= points:
         return np.arange(values.size)

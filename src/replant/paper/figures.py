@@ -48,14 +48,7 @@ Transients = Mapping[str, Mapping[str, Curve]]
 
 
 def compute(figure: Figure, on_run: Callable[[], None] = lambda: None) -> Transients:
-    """Run the experiments of a figure; return its curves by label and parameter.
-
-    Examples
-    --------
-    >>> curves = compute(FIGURES["fig4"])
-    >>> list(curves), list(curves["with bias"])
-    (['without bias', 'with bias'], ['a0', 'b0', 'bias'])
-    """
+    """Run the experiments of a figure; return its curves by label and parameter."""
     curves = {}
     for line in figure.lines:
         experiment = figure.table.row(line.row).experiment

@@ -156,13 +156,7 @@ def _markdown(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
 
 
 def _short(value: float | None) -> str:
-    """Return a figure in five characters if possible.
-
-    Examples
-    --------
-    >>> [_short(value) for value in (-0.001, 6.406, -101.76, 2.79e12, -math.inf, None)]
-    ['0.00', '6.41', '-102', '2.79e12', 'none', 'never']
-    """
+    """Return a figure in five characters if possible."""
     if value is None:
         return "never"
     if not math.isfinite(value):
@@ -179,13 +173,7 @@ def _scientific(value: float | None) -> str:
 
 
 def _listed(errors: Mapping[str, float]) -> str:
-    """Return errors by name, each with two digits.
-
-    Examples
-    --------
-    >>> _listed({"a1": -0.00123, "a0": 102.4})
-    'a1 0.0012 %, a0 102 %'
-    """
+    """Return errors by name, each with two digits."""
     sizes = {name: abs(error) for name, error in errors.items()}
     return ", ".join(f"{name} {size:.0f} %" if size >= 10.0 else f"{name} {size:.2g} %" for name, size in sizes.items())
 
@@ -317,13 +305,7 @@ def _emphasised(row: Sequence[str]) -> list[str]:
 
 
 def typeset(text: str) -> str:
-    r"""Return plain text of the terminal as HTML with typeset symbols, exponents, signs and units.
-
-    Examples
-    --------
-    >>> typeset("J_sum 2.79e12, a0 -5 %, g_n 5e-5 (1/s^2)")
-    'J<sub>sum</sub> 2.79×10<sup>12</sup>, a<sub>0</sub> −5\xa0%, g<sub>n</sub> 5×10<sup>−5</sup> (1/s<sup>2</sup>)'
-    """
+    r"""Return plain text of the terminal as HTML with typeset symbols, exponents, signs and units."""
     text = html.escape(text)
     for pattern, printed in _PRINTED:
         text = re.sub(pattern, printed, text)

@@ -28,15 +28,7 @@ LIMIT = 3.0
 
 @dataclass(frozen=True)
 class Cell:
-    """A figure of a table, ours and the published one.
-
-    Examples
-    --------
-    >>> Cell("J_a0", ours=5186.3, published=5.19e3).verdict
-    'equal'
-    >>> Cell("J_a0", ours=2165.0, published=2.14e3, std=29.0).verdict
-    'within 3 std'
-    """
+    """A figure of a table, ours and the published one."""
 
     index: str  # the name of the index, such as "J_a0"
     ours: float  # for a row with buffer, the mean over the seeds
@@ -111,12 +103,7 @@ def reproduce(
     on_run: Callable[[], None] | None = None,
     executor: Executor | str | None = None,
 ) -> TableResult:
-    """Run every experiment of a table.
-
-    >>> from replant.paper.tables import TABLES
-    >>> reproduce(TABLES["table2"])["AMSGrad, amplitude 0.1"]["J_b0"].verdict
-    'equal'
-    """
+    """Run every experiment of a table."""
     tasks = [(row, len(_seeds_of(row, seeds))) for row in table.rows]
     made, total = 0, runs(table, seeds)
 
@@ -138,13 +125,7 @@ def runs(table: Table, seeds: int = SEEDS) -> int:
 
 
 def three_digits(value: float) -> str:
-    """Return a figure with three digits, as the article prints it.
-
-    Examples
-    --------
-    >>> three_digits(5186.32)
-    '5.19e+03'
-    """
+    """Return a figure with three digits, as the article prints it."""
     return f"{value:.2e}"
 
 

@@ -27,12 +27,7 @@ from replant.signals import square
 
 @dataclass(frozen=True)
 class Plant:
-    """A simulated plant under a square wave, section 3 of the article.
-
-    >>> plant = Plant(num=(1.25,), den=(1.0, 0.5), dt=1e-3, duration=10.0, period=1.25)
-    >>> plant.samples, plant.true
-    (10000, {'a0': 0.5, 'b0': 1.25})
-    """
+    """A simulated plant under a square wave, section 3 of the article."""
 
     num: tuple[float, ...]
     den: tuple[float, ...]
@@ -120,16 +115,7 @@ def run_seeds(
 
 
 def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> dict[str, float]:
-    """Run an experiment; return its performance indices by name: "J_a0", ..., "J_sum".
-
-    >>> indices = run(TABLES["table1"].row("Gradient, no buffer").experiment)
-    >>> {name: f"{value:.2e}" for name, value in indices.items()}
-    {'J_a0': '8.41e+02', 'J_b0': '1.64e+03', 'J_sum': '2.48e+03'}
-
-    References
-    ----------
-    Bernat and Kolota (2023), (21).
-    """
+    """Run an experiment; return its performance indices (21) by name: "J_a0", ..., "J_sum"."""
     return experiment.indices(trace(experiment, seed, record))
 
 

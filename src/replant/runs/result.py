@@ -31,13 +31,7 @@ KNOTS = 36_000  # stamps kept of a record that is too long for memory: as many a
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """When each sample of a record was taken, in s since the first one.
-
-    Examples
-    --------
-    >>> Clock(0.5).at(np.array([0.0, 3.0])), Clock.of(0.5, np.array([7.0, 7.5, 9.5])).at(np.array([0.0, 2.0]))
-    (array([0. , 1.5]), array([0. , 2.5]))
-    """
+    """When each sample of a record was taken, in s since the first one."""
 
     dt: float  # sampling time in s; of an irregular clock the usual interval
     # places, times: (V,): numbers of samples, ascending, and their times in s; None for a regular clock
@@ -106,14 +100,7 @@ class Clock:
 
 
 class ClockRecorder:
-    """Collects the clock of a record whose stamps come batch by batch.
-
-    >>> recorder = ClockRecorder(dt=1.0, length=4)
-    >>> recorder.take(np.array([5.0, 6.0]))
-    >>> recorder.take(np.array([7.0, 10.0]))
-    >>> recorder.clock.times, recorder.clock.longest
-    (array([0., 1., 2., 5.]), 3.0)
-    """
+    """Collects the clock of a record whose stamps come batch by batch."""
 
     def __init__(self, dt: float, length: int, knots: int = KNOTS) -> None:
         self._dt, self._stride = dt, max(1, -(-length // max(knots, 1)))

@@ -19,7 +19,7 @@ from replant.regressor.preprocess import screen
 from replant.runs.result import KNOTS, ClockRecorder, History, Result
 from replant.runs.thinning import Arrays, Batch, Recorder, Source, batched
 from replant.settings import LONGEST_STARTUP, STORED, Request
-from replant.simulation.score import FITTED, Score
+from replant.simulation.fitted_run import FITTED, Score
 from replant.simulation.stretches import (
     NONE,
     flags_of,

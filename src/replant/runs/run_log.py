@@ -154,17 +154,7 @@ def compare(
     reference: FloatArray | None = None,
     t: FloatArray | None = None,
 ) -> list[Contender]:
-    """Identify the same record by each of ``methods``; a method that fails is reported, and the others go on.
-
-    >>> import numpy as np
-    >>> from replant import Structure, TransferFunction
-    >>> u = np.where(np.arange(2000) // 50 % 2 == 0, 1.0, -1.0)
-    >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
-    >>> for found in compare(Request(Structure(poles=1), 0.1), u, y, ["default", "srivc"]):
-    ...     print(found.name, found.result.transfer_function)
-    default 2 / (s + 0.5)
-    srivc 2 / (s + 0.5)
-    """
+    """Identify the same record by each of ``methods``; a method that fails is reported, and the others go on."""
     contenders = []
     for name in methods:
         name = one_of("method", name, METHODS)

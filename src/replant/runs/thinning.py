@@ -58,12 +58,6 @@ def batched(batches: Iterable[Batch], size: int) -> Iterator[Batch]:
     """Yield a record in batches of ``size`` samples, the last one shorter; one empty batch for an empty record.
 
     What is computed from a record then does not depend on the batches that it came in.
-
-    Examples
-    --------
-    >>> parts = [(np.arange(3.0), np.zeros(3)), (np.arange(3.0, 5.0), np.zeros(2))]
-    >>> [u.tolist() for u, _ in batched(parts, 2)]
-    [[0.0, 1.0], [2.0, 3.0], [4.0]]
     """
     held: list[Batch] = []
     count, some = 0, False
@@ -128,11 +122,6 @@ def thin(signal: FloatArray, points: int) -> Thinned:
 
     The signal is cut into stretches of equal length, one for each column of a picture; of each the least and the
     greatest finite value are kept, in the order in which they came.
-
-    Examples
-    --------
-    >>> thin(np.array([0.0, 0.0, 9.0, 0.0, 0.0, -7.0, 0.0, 0.0]), points=4).values
-    array([ 0.,  9.,  0., -7.])
     """
     thinner = Thinner(signal.size, points)
     thinner.take(signal)
@@ -140,16 +129,7 @@ def thin(signal: FloatArray, points: int) -> Thinned:
 
 
 class Thinner:
-    """Does what `thin` does, of a signal of ``length`` samples that comes batch by batch.
-
-    Examples
-    --------
-    >>> thinner = Thinner(length=8, points=4)
-    >>> thinner.take(np.array([0.0, 0.0, 9.0]))
-    >>> thinner.take(np.array([0.0, 0.0, -7.0, 0.0, 0.0]))
-    >>> thinner.thinned.values
-    array([ 0.,  9.,  0., -7.])
-    """
+    """Does what `thin` does, of a signal of ``length`` samples that comes batch by batch."""
 
     def __init__(self, length: int, points: int) -> None:
         self._width = 1 if length <= points else -(-length // max(1, points // 2))

@@ -24,10 +24,7 @@ from replant.model.structure import Structure
 from replant.statistics.linear_algebra import least_norm
 from replant.statistics.projections import WEAKEST, without
 
-SLOWEST = 0.01
-"""Least distance of a filter's pole from the imaginary axis [1 / duration of the record].
-Derivation: what such a pole does within the record differs by a hundredth from an integrator.
-"""
+SLOWEST = 0.01  # least distance of a filter's pole from the axis: within a hundredth an integrator [1 / duration]
 
 SLOWEST_BY_REFERENCE = 5.0
 """The same of a record with a reference [1 / duration of the record].
@@ -37,11 +34,7 @@ held the truth in 1 at 0.01, in 2 at 1, in all at 5 and 20, where that of a0 bec
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-PREDICTED = 2
-"""Times that outputs which were not measured are predicted, where predictions depend on outputs before [count].
-Derivation: the first prediction is made beside guesses, the second beside predictions.
-"""
-
+PREDICTED = 2  # times that missing outputs are predicted, beside guesses first, then beside predictions [count]
 NOTHING = np.zeros((0, 2))  # explained by a reference where there is none
 
 
@@ -52,28 +45,15 @@ def stability_margin(record: Record) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Pass:
-    """One pass of a model over a record of K samples; T entries, in the order of `AuxiliaryModel.run`.
+    """One pass of a model over a record of K samples; T entries, in the order of `AuxiliaryModel.run`."""
 
-    Attributes
-    ----------
-    phi, zeta : (K, T) arrays
-        Regressors and instruments.
-    target : (K,) array
-        s^n/A y.
-    output : (K,) array
-        Predicted by the model, offset and initial state included: B/A u; of a model that is not stable one step ahead.
-    error : (K,) array
-        The residual e = A/D y - B/D u, offset and initial state included.
-    ahead : (K,) array
-        Measured minus predicted output: e where D = A.  Else e over the part that its newest output has in it, which
-        the discretisation of a fast reflected pole makes small: e is then small whatever the model is, and this is not.
-    """
-
-    phi: FloatArray
-    zeta: FloatArray
-    target: FloatArray
-    output: FloatArray
-    error: FloatArray
+    phi: FloatArray  # (K, T): regressors
+    zeta: FloatArray  # (K, T): instruments
+    target: FloatArray  # (K,): s^n/A y
+    output: FloatArray  # (K,): predicted, offset and initial state included: B/A u, or one step ahead if not stable
+    error: FloatArray  # (K,): the residual e = A/D y - B/D u, offset and initial state included
+    # (K,): measured minus predicted output: e where D = A.  Else e over the part that its newest output has in it,
+    # which a fast reflected pole, discretised, makes small: e is then small whatever the model is, and this is not
     ahead: FloatArray
 
     def since(self, sample: int) -> Pass:

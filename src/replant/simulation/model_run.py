@@ -21,47 +21,24 @@ from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.simulation.auxiliary_model import SLOWEST, AuxiliaryModel
-from replant.simulation.nuisances import triangle_of, weights_of
-from replant.simulation.offset_fit import Simulation, fit_percent, simulate
+from replant.simulation.fitted_run import Simulation, fit_percent, simulate, triangle_of, weights_of
 from replant.statistics.linear_algebra import quiet, roots
 
 
 @dataclass(frozen=True, eq=False)
 class ModelRun:
-    """A model B/A run over a record of K samples, offset and initial state fitted.
-
-    Attributes
-    ----------
-    structure : Structure
-    parameters : (P,) array
-    u : (K,) array
-        The input.
-    error : (K,) array
-        The residual: of a stable model measured minus simulated output.
-    forced : (K,) array
-        Simulated output by the input alone, without offset and initial state; of an unstable model y - e.
-    states : (K, S) array
-        s^i/D u, highest i first: n of them, and one more if the transfer function is biproper.
-    zeta : (K, n + m + 1) array
-        Derivatives of the simulated output with respect to a and b: -s^i/D of itself, and s^j/D u.
-    nuisances : (K, n + 1) array
-        Outputs by a unit offset and by unit initial states.
-    is_direct : bool
-        Whether the output depends on the input of the same sample, at once or by the straight line to it.
-    instruments : (K, n + m + 1) array or None
-        The same derivatives of what a reference explains of input and output; None where there is none.
-    """
+    """A model B/A run over a record of K samples, offset and initial state fitted."""
 
     structure: Structure
-    parameters: FloatArray
-    u: FloatArray
-    error: FloatArray
-    forced: FloatArray
-    states: FloatArray
-    zeta: FloatArray
-    nuisances: FloatArray
-    is_direct: bool = False
-    instruments: FloatArray | None = None
+    parameters: FloatArray  # (P,)
+    u: FloatArray  # (K,)
+    error: FloatArray  # (K,): of a stable model measured minus simulated output
+    forced: FloatArray  # (K,): simulated by the input alone, without offset and state; of an unstable model y - e
+    states: FloatArray  # (K, S): s^i/D u, highest i first: n of them, and one more if G(s) is biproper
+    zeta: FloatArray  # (K, n + m + 1): derivatives of the simulated output: -s^i/D of itself, and s^j/D u
+    nuisances: FloatArray  # (K, n + 1): outputs by a unit offset and by unit initial states
+    is_direct: bool = False  # whether the output depends on the input of the same sample
+    instruments: FloatArray | None = None  # (K, n + m + 1): the derivatives of what a reference explains of u and y
 
 
 @quiet
@@ -134,21 +111,15 @@ def model_output(
     return Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
 
 
-RUNAWAY = 1.0
-"""Growth of a model's free response within a record beyond which it is predicted, not simulated [exponent].
-Derivation: an initial state may grow to e times its size; a pole at zero, as it is estimated, grows much less.
-"""
-
-
 @quiet
 def runs_away(denominator: FloatArray, span: float) -> bool:
-    """Return whether the free response of a model grows too much within ``span`` s for a simulation to mean something.
+    """Return whether a model's free response grows more than e-fold within ``span`` s: a simulation means nothing.
 
     >>> runs_away(np.array([1.0, -1.0]), 20.0), runs_away(np.array([1.0, 1.0, 0.0]), 20.0)
     (True, False)
     """
     fastest = float(roots(denominator).real.max())
-    return math.isfinite(fastest) and fastest * span > RUNAWAY
+    return math.isfinite(fastest) and fastest * span > 1.0
 
 
 @quiet

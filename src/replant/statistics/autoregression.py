@@ -25,11 +25,7 @@ Origin: a usual number for records of hundreds to thousands of samples.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
-WHITENESS_LEVEL = 0.99
-"""Level of the portmanteau statistic's limit [probability].
-Level: 99 %.
-"""
-
+WHITENESS_LEVEL = 0.99  # of the portmanteau statistic's limit [probability]
 LEAST = 4 * (LAGS + 1)
 """Samples with known predecessors below which a residual is taken to be white [samples].
 Origin: four for each number that a model of the largest order has.
@@ -58,17 +54,10 @@ class Autoregression:
         """Variance (LAGS + 1,) of the residual of each order's model."""
         return np.asarray(self.powers / max(self.count, 1.0))
 
-    @property
-    def nested(self) -> tuple[tuple[FloatArray, float], ...]:
-        """The best model of every order 0 .. LAGS, and its power."""
-        return tuple((self.models[j, : j + 1], float(self.powers[j])) for j in range(LAGS + 1))
-
     @classmethod
     def of(cls, error: FloatArray) -> Autoregression:
         """Return the model of ``error`` (K,), every sample finite.
 
-        Examples
-        --------
         >>> noise = np.random.default_rng(0).standard_normal(5000)
         >>> slow = np.convolve(noise, 0.9 ** np.arange(100))
         >>> Autoregression.of(slow).coefficients.round(1)
@@ -85,8 +74,6 @@ class Autoregression:
     def of_sums(cls, sums: FloatArray, count: float) -> Autoregression:
         """Return the model with these sums of e_{k-i} e_{k-j}, (LAGS + 1, LAGS + 1), over ``count`` samples.
 
-        Examples
-        --------
         >>> Autoregression.of_sums(100.0 * 0.5 ** abs(np.subtract.outer(np.arange(5.0), np.arange(5.0))), 100).order
         1
         """
@@ -192,8 +179,6 @@ def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
     Each is whitened by a noise model of its own: K / 2 log(power of the other / power of the one).  It does not depend
     on the unit; a residual that leaves float64 is the less likely one.
 
-    Examples
-    --------
     >>> white = np.random.default_rng(0).standard_normal(1000)
     >>> round(likelihood_ratio(white, 1.1 * white), 4), round(1000 * math.log(1.1), 4)
     (95.3102, 95.3102)
@@ -213,8 +198,6 @@ def one_step(residual: FloatArray) -> FloatArray:
 
     A sample without a complete finite past keeps its residual: it cannot be predicted.
 
-    Examples
-    --------
     >>> slow = np.sin(np.arange(200) / 10)
     >>> bool(np.std(one_step(slow)) < 0.1 * np.std(slow))
     True
@@ -251,21 +234,21 @@ def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> Float
     return np.convolve(weights, residual)[: residual.size]
 
 
-def whiteness(error: FloatArray) -> float:
-    r"""Return the portmanteau statistic :math:`N \sum_\tau \hat r_e^2(\tau)` of a residual (K,) over its 99 % limit.
+def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL) -> float:
+    r"""Return the portmanteau statistic :math:`N \sum_\tau \hat r_e^2(\tau)` of a residual (K,) over its limit.
 
-    Examples
-    --------
+    Of a residual that a model of so many coefficients has whitened it has as many degrees of freedom less.
+
     >>> noise = np.random.default_rng(0).standard_normal(2000)
     >>> whiteness(noise) < 1.0 < whiteness(noise[1:] + noise[:-1])
     True
     """
     lags = min(WHITENESS_LAGS, error.size // 4)
     power = float(error @ error)
-    if lags < 1 or not power > 0.0:
+    if lags - spent < 1 or not power > 0.0:
         return 0.0
     correlations = np.array([error[lag:] @ error[: error.size - lag] for lag in range(1, lags + 1)]) / power
-    return float(error.size * (correlations @ correlations) / chi2_quantile(WHITENESS_LEVEL, lags))
+    return float(error.size * (correlations @ correlations) / chi2_quantile(level, lags - spent))
 
 
 def places_on_grid(intervals: FloatArray, dt: float) -> IntArray:

@@ -21,8 +21,6 @@ quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
     """Return the roots of a polynomial in descending powers; NaN where they leave float64.
 
-    Examples
-    --------
     >>> roots(np.array([1.0, 3.0, 2.0])).real, roots(np.array([1e-300, 1e300]))
     (array([-2., -1.]), array([nan+nanj]))
     """
@@ -49,8 +47,6 @@ def real_coefficients(denominator: FloatArray, least: float) -> FloatArray:
 def eigenvalues(symmetric: FloatArray) -> FloatArray:
     """Return the eigenvalues (T,) of a symmetric matrix (T, T), ascending; NaN where the matrix is not finite.
 
-    Examples
-    --------
     >>> eigenvalues(np.diag([2.0, 1.0])), eigenvalues(np.array([[np.inf]]))
     (array([1., 2.]), array([nan]))
     """
@@ -68,8 +64,6 @@ def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
 
     None as well where the matrix (T, T), the right side (T,) or the solution is not finite.
 
-    Examples
-    --------
     >>> solve(np.array([[2.0, 0.0], [0.0, 4.0]]), np.array([1.0, 1.0])), solve(np.zeros((1, 1)), np.ones(1))
     (array([0.5 , 0.25]), None)
     """
@@ -122,8 +116,6 @@ def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
 def inverse_of(matrix: FloatArray) -> FloatArray:
     """Return the inverse of a square matrix (T, T) whose rows and columns have units of their own; NaN if singular.
 
-    Examples
-    --------
     >>> inverse_of(np.array([[2.0, 0.0], [0.0, 1e-9]]))
     array([[5.e-01, 0.e+00],
            [0.e+00, 1.e+09]])
@@ -137,11 +129,7 @@ def inverse_of(matrix: FloatArray) -> FloatArray:
         return np.full_like(matrix, np.nan)
 
 
-LEAST_PIVOT = 1e-13
-"""Floor of a pivot of the equilibrated information: a direction that the data do not determine gets a large, finite
-variance [part of the diagonal].
-Derivation: some hundred times the precision of float64.
-"""
+LEAST_PIVOT = 1e-13  # floor of a pivot of the equilibrated information: a hundred roundings [part of the diagonal]
 
 
 @quiet
@@ -153,8 +141,6 @@ def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]
     pivot is floored, and the entries below it, rounding errors as well, are taken as zero.  The direction then has a
     large, finite variance.  The factors are not finite where the information is not.
 
-    Examples
-    --------
     >>> upper, diagonal = factor_information(np.array([[2.0, 1.0], [1.0, 2.0]]))
     >>> np.allclose((upper * diagonal) @ upper.T, np.linalg.inv([[2.0, 1.0], [1.0, 2.0]]))
     True
@@ -190,8 +176,6 @@ def _inverse(lower: FloatArray) -> FloatArray:
 def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
     """Return U D U' (..., T, T) of U (..., T, T) and D (..., T).
 
-    Examples
-    --------
     >>> compose(np.eye(2), np.array([1.0, 4.0]))
     array([[1., 0.],
            [0., 4.]])
@@ -203,8 +187,6 @@ def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
 def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return U and D with U D U' = covariance (T, T).
 
-    Examples
-    --------
     >>> upper, diagonal = factor_covariance(np.array([[2.0, 1.0], [1.0, 2.0]]))
     >>> np.allclose(compose(upper, diagonal), [[2.0, 1.0], [1.0, 2.0]])
     True
@@ -241,8 +223,6 @@ def chi2_quantile(probability: float, degrees: int) -> float:
 
     With :math:`P` the regularized lower incomplete gamma function, :math:`P(\nu / 2, x / 2) = p`.
 
-    Examples
-    --------
     >>> round(chi2_quantile(0.99, 25), 2)
     44.31
     """

@@ -17,34 +17,15 @@ from replant.statistics.linear_algebra import chi2_quantile, least_norm
 
 SMALL = 1 << 17  # multiplications that stay in one thread [count]
 
-TAKEN_AWAY = 1e-9
-"""Length of a column, what others explain or a filter takes off it, below which only rounding is left [part of its
-length before].
-Derivation: some million times the precision of float64.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-WEAKEST = 1e-13
-"""Eigenvalue of scaled sums below which a direction counts as not there [part of the largest].
-Derivation: some hundred times the precision of float64.
-"""
-
-SHIFTS = 9
-"""Shifts of a residual against columns, by which `widening` is measured [count].
-Derivation: the median of nine is known to a fifth where there are a dozen columns.
-"""
-
-GOLDEN = 0.6180339887498949
-"""Distance of two shifts, so that no period meets several of them [part of the record].
-Derivation: the golden ratio.
-"""
+TAKEN_AWAY = 1e-9  # length of a column, something taken off, that is rounding: a million times it [part of it before]
+WEAKEST = 1e-13  # eigenvalue of scaled sums of a direction that is not there: a hundred roundings [part of the largest]
+SHIFTS = 9  # of a residual against columns, by which `widening` is measured to a fifth [count]
+GOLDEN = 0.6180339887498949  # distance of two shifts, so that no period meets several of them [part of the record]
 
 
 def products(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return a' b (P, Q) of columns a (K, P) and b (K, Q).
 
-    Examples
-    --------
     >>> columns = np.arange(6.0).reshape(3, 2)
     >>> products(columns, columns)
     array([[20., 26.],
@@ -114,8 +95,6 @@ Sensitivity: not measured.
 def laguerre(r: FloatArray, pole: float) -> FloatArray:
     """Return the states (K, 12) of the functions with this pole, driven by r - mean r (K,).
 
-    Examples
-    --------
     >>> laguerre(np.array([1.0, -1.0]), 0.6)[:, :2].round(2)
     array([[ 0.8 , -0.48],
            [-0.32,  0.7 ]])
@@ -156,17 +135,12 @@ Origin: the colour of what the first weights leave is nearly right; more change 
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-DEPENDENT = 1e-10
-"""Singular value of the scaled functions below which they depend on each other [part of the largest].
-Derivation: some hundred thousand times the precision of float64.
-"""
+DEPENDENT = 1e-10  # singular value of functions that depend on each other: rounding [part of the largest]
 
 
 def weights_of(functions: FloatArray, signal: FloatArray) -> FloatArray:
     """Return the weights (L,) of functions (K, L) that make a signal (K,), whatever the colour of what is left.
 
-    Examples
-    --------
     >>> noise = np.cumsum(np.random.default_rng(0).standard_normal(1000))
     >>> function = np.sin(np.arange(1000.0))[:, None]
     >>> weights_of(function, 2.0 * function[:, 0] + noise).round(1)
@@ -192,8 +166,6 @@ def explained_power(functions: FloatArray, signal: FloatArray) -> float:
     Weights found by generalised least squares have the covariance C = variance of the innovation times (F' F)^-1 of the
     whitened functions F.  By chance functions f explain the trace of C times the covariance of f.
 
-    Examples
-    --------
     >>> noise = np.cumsum(np.random.default_rng(0).standard_normal(1000))
     >>> functions = np.random.default_rng(1).standard_normal((1000, 5))
     >>> explained_power(functions, noise) < 0.2 < explained_power(functions, functions[:, 0] + noise)

@@ -27,30 +27,19 @@ from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.kernels.schema import FIXED, ROOM, PathSlots
 from replant.statistics.linear_algebra import compose, factor_information
 
-MEDIAN_TO_STD = 1.4826
-"""Standard deviation of a normal distribution over the median of its absolute values [ratio].
-Derivation: 1 / 0.6745, the upper quartile of the standard normal distribution.
-"""
-
-GROSS = 2.0
-"""Distance of an output from the median of its neighbours beyond which it is a spike [ranges of that median over the
-record].
-Derivation: nothing that a plant does.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-SPIKE_NEIGHBOURS = 5
-"""Neighbours whose median tells what an output is without its spikes [samples].
-Derivation: two spikes in a row are outvoted.
-Sensitivity: halved or doubled, cannot be: white 1 % ends with ValueError.
-"""
+MEDIAN_TO_STD = 1.4826  # standard deviation of a normal distribution over the median of its absolute values [ratio]
+GROSS = 2.0  # distance from the neighbours' median that no plant makes: a spike [ranges of the median over the record]
+SPIKE_NEIGHBOURS = 5  # whose median tells an output without spikes: two in a row are outvoted [samples]
+SECTIONS = 8  # of a record, one of which at least tells how often neighbours are equal by chance [count]
+LEAST_ROWS = 16  # blocks below which a path tells no variance: half of ROOM / 2 [count]
+LEAST_BLOCKS = 6.0  # of equal weight, 1 / sum w^2, that know a deviation to a third; of longer ones half [count]
+BEYOND_CHANCE = 4.0  # excess of a variance that longer blocks are asked about, at 3e-5 [standard deviations]
+LONGER = (2, 4, 8)  # lengths of the longer blocks [blocks]
 
 
 def robust_std(values: FloatArray) -> float:
     """Return the standard deviation of normal numbers (K,) about zero, whatever up to half of them are.
 
-    Examples
-    --------
     >>> robust_std(np.array([-1.0, 1.0, 0.5, -0.6745, 1e9, 0.1, -0.2]))
     1.0000...
     """
@@ -63,8 +52,6 @@ def without_spikes(y: FloatArray) -> FloatArray:
     An outlier is gross if it lies further from that median than twice the median's whole range, as no plant's output
     does.
 
-    Examples
-    --------
     >>> without_spikes(np.array([0.0, 1.0, 2.0, 3.0, 1e6, 4.0, 5.0, 6.0]))
     array([0., 1., 2., 3., 4., 4., 5., 6.])
     """
@@ -85,8 +72,6 @@ def normal_scores(values: FloatArray) -> FloatArray:
     Source: van der Waerden (1952), "Order tests for the two-sample problem and their power", Indagationes
     Mathematicae 14.
 
-    Examples
-    --------
     >>> normal_scores(np.array([3.0, -1.0, 1e9])).round(2)
     array([ 0.  , -0.67,  0.67])
     """
@@ -95,17 +80,9 @@ def normal_scores(values: FloatArray) -> FloatArray:
     return np.asarray(special.ndtri(stats.rankdata(values) / (values.size + 1.0)))
 
 
-SECTIONS = 8
-"""Parts of a record of which one at least tells how often neighbours are equal by chance [count].
-Derivation: of a sensor that fails for up to seven eighths of the record one part is left.
-"""
-
-
 def still_runs(y: FloatArray) -> IntArray:
     """Return the runs of samples (K,) equal to the bit, (R, 2): where each begins and ends.
 
-    Examples
-    --------
     >>> still_runs(np.array([0.0, 1.0, 1.0, 2.0])).tolist()
     [[0, 1], [1, 3], [3, 4]]
     """
@@ -119,8 +96,6 @@ def usual_step(y: FloatArray) -> float:
     The steps of a scale that was rounded to a few digits, or read from a table, are not equal.  Of a scale without
     steps it is next to nothing.
 
-    Examples
-    --------
     >>> usual_step(np.array([0.0, 0.33, 0.67, 0.33, 1.0, 4.0])).__round__(2)
     0.34
     """
@@ -140,33 +115,6 @@ def never_ties(y: FloatArray) -> bool:
     (True, False)
     """
     return y.size >= 2 * SECTIONS and tie_share(y[1:] == y[:-1]) * y.size < SECTIONS
-
-
-LEAST_ROWS = 16
-"""Blocks below which a path tells no variance [count].
-Derivation: half of what the path of a long record has at the least, ROOM / 2.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-LEAST_BLOCKS = 6.0
-"""Blocks of equal weight, 1 / sum w^2, below which a path tells no variance; of longer blocks half as many [count].
-Derivation: six blocks know a standard deviation to a third.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-BEYOND_CHANCE = 4.0
-"""Excess of a variance, told by so many blocks, over what the residual's colour makes it, beyond which there is noise
-slower than the colour knows, and longer blocks are asked as well. Where there is none, they would only add to the
-scatter of the figure [standard deviations].
-Level: a normal deviate beyond 4 has the chance 3e-5.
-Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, nothing changes on these records.
-"""
-
-LONGER = (2, 4, 8)
-"""Lengths of the longer blocks [blocks].
-Derivation: powers of two: each asks a path of half as many.
-Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
-"""
 
 
 def path_variances(
@@ -208,8 +156,6 @@ def no_less_than_scattered(covariance: FloatArray, estimates: FloatArray, known:
 def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
     """Return a covariance (T, T) with at least the given variances (T,) and the same correlations.
 
-    Examples
-    --------
     >>> stretch(np.array([[1.0, 0.5], [0.5, 1.0]]), np.array([4.0, 0.0]))
     array([[4., 1.],
            [1., 1.]])

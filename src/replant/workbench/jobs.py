@@ -11,9 +11,9 @@ import subprocess
 import sys
 import tempfile
 import threading
+import traceback
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
@@ -24,46 +24,59 @@ from replant.operating_system import Worker, one_line
 
 
 class Work:
-    """One worker process, started at the first request."""
+    """One worker process, started at the first request, and anew where it has died."""
 
     def __init__(self) -> None:
-        self._pool: ProcessPoolExecutor | None = None
-        self._lock = threading.Lock()
+        self._process: Any = None
+        self._turn, self._closed = threading.Lock(), False
 
     def do(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Return what a function of `replant.workbench.tasks` gives; waits for it."""
-        pool = self._ready()
-        try:
-            return pool.submit(function, *arguments).result()
-        except BrokenExecutor:
-            with self._lock:
-                if self._pool is pool:
-                    self._pool = None
-            raise ReplantError(
-                "the process that computes this has died: the memory may be too small; try again"
-            ) from None
+        with self._turn:
+            try:
+                self._start()
+                self._wire.send((function, arguments))
+                answer = self._wire.recv()
+            except (EOFError, OSError):
+                self._process = None
+                raise ReplantError(
+                    "the process that computes this has died: the memory may be too small; try again"
+                ) from None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     def close(self) -> None:
         """End the process, whatever it is computing."""
-        with self._lock:
-            pool, self._pool = self._pool, None
-        if pool is None:
-            return
-        processes = list((pool._processes or {}).values())
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in processes:
+        self._closed, process = True, self._process
+        if process is not None:
             process.kill()
 
-    def _ready(self) -> ProcessPoolExecutor:
-        with self._lock:
-            if self._pool is None:
-                self._pool = ProcessPoolExecutor(1, get_context("spawn"), _deaf)
-            return self._pool
+    def _start(self) -> None:
+        if self._closed:
+            raise EOFError
+        if self._process is None:
+            spawn = get_context("spawn")
+            self._wire, far = spawn.Pipe()
+            self._process = spawn.Process(target=_answer, args=(far,), daemon=True)
+            self._process.start()
+            far.close()  # so that the end of the process is the end of what comes from it
 
 
-def _deaf() -> None:
-    """Leave Ctrl-C to the server."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _answer(wire: Any) -> None:
+    """Answer requests until the workbench has gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server
+    while True:
+        try:
+            function, arguments = wire.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            answer = function(*arguments)
+        except Exception as error:
+            error.add_note(traceback.format_exc())
+            answer = error
+        wire.send(answer)
 
 
 AT_ONCE = max(1, min(4, (os.cpu_count() or 1) - 1))  # commands that run at a time: a core is left to the page [count]

@@ -149,14 +149,12 @@ class Samples:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._folder = tempfile.TemporaryDirectory(prefix="replant-open-")
         self.columns: dict[int, Column] = {}
         self.rows = 0
 
     def close(self) -> None:
-        """Remove the files."""
+        """Forget them: their files, which have no name, go with them."""
         self.columns.clear()
-        self._folder.cleanup()
 
     def read(self, numbers: Sequence[int], progress: Callable[[int, int], bool]) -> None:
         """Read further columns in one pass; ``progress`` gets rows and about how many there are, and may stop it."""
@@ -164,22 +162,21 @@ class Samples:
         if not wanted:
             return
         table = side_by_side(read_columns(self.path))
-        paths = [Path(self._folder.name, f"{number}.f8") for number in wanted]
         rows = 0
         with ExitStack() as opened:
             stream = opened.enter_context(closing(table.stream(wanted)))
-            files = [opened.enter_context(path.open("wb")) for path in paths]
+            files = [opened.enter_context(tempfile.TemporaryFile()) for _ in wanted]
             for block in stream:
                 for file, column in zip(files, block, strict=True):
                     file.write(np.ascontiguousarray(column, np.float64).data)
                 rows += max(column.size for column in block)
                 if not progress(rows, max(table.approximate_rows, rows)):
                     raise CancelledError
-        if not rows:
-            raise LogError(f"{self.path}: there are no rows; record the log again")
-        for number, path in zip(wanted, paths, strict=True):
-            values: Any = np.memmap(path, np.float64, "r") if path.stat().st_size else np.empty(0)
-            self.columns[number] = Column(values, levels_of(values))
+            if not rows:
+                raise LogError(f"{self.path}: there are no rows; record the log again")
+            for number, file in zip(wanted, files, strict=True):
+                values: Any = np.memmap(file, np.float64, "r") if file.tell() else np.empty(0)
+                self.columns[number] = Column(values, levels_of(values))
         self.rows = max(column.values.size for column in self.columns.values())
 
     def drawn(self, shown: Sequence[int], clock: Clock, between: tuple[float, float], points: int) -> dict[str, Any]:

@@ -9,6 +9,8 @@ import pytest
 
 from replant.data.inspection import inspect, options_of
 from replant.data.inspection.columns import Kind
+from replant.data.inspection.inspect import first_model
+from replant.data.inspection.roles import role_by_name
 from replant.errors import LogError
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs, random_steps
@@ -304,3 +306,16 @@ def test_the_intervals_of_a_clock_that_jitters_are_no_gaps(tmp_path: Path) -> No
     assert clock is not None
     assert 1 <= clock.gaps < 40  # an interval in 400 is that long by chance
     assert clock.longest > 60.0
+
+
+def test_a_name_tells_the_role_by_its_words() -> None:
+    names = ("u1", "motor_speed [rpm]", "data.ydat[:,0]", "set-point", "yref", "extra")
+    assert [role_by_name(name) for name in names] == ["input", "output", "output", "reference", "reference", None]
+
+
+def test_of_a_step_that_no_correlation_shows_a_first_model_is_made() -> None:
+    u = np.where(np.arange(200) < 20, 0.0, 1.0)
+    y = TransferFunction([0.5], [2.0, 1.0], 3.0).simulate(u, 0.5)
+    found = first_model(u, y + 0.01 * np.random.default_rng(1).standard_normal(200), 0.5)
+    assert found is not None
+    assert (round(found.delay), round(found.time_constant)) == (3, 2)

@@ -76,3 +76,11 @@ def test_a_number_called_ts_is_the_sampling_time(tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, u=np.arange(9.0), y=np.ones(9), Ts=0.25)
     assert read_log(path, input="u", output="y").dt == 0.25
+
+
+def test_a_wide_matrix_has_its_signals_in_rows(tmp_path: Path) -> None:
+    signals = np.arange(12.0).reshape(2, 6)
+    np.savez(tmp_path / "log.npz", signals=signals, cube=np.ones((1, 1, 6)))
+    table = read_columns(tmp_path / "log.npz")
+    assert table.names == ("signals[0,:]", "signals[1,:]", "cube")
+    np.testing.assert_array_equal(table.column(1), signals[1])

@@ -56,14 +56,7 @@ class Column:
 
 
 def describe(number: int, name: str, values: FloatArray) -> Column:
-    """Return what a column of numbers ``values`` (K,) holds.
-
-    Examples
-    --------
-    >>> column = describe(1, "u", np.array([0.0, 0.5, 0.5, np.nan, 2.0]))
-    >>> column.kind.value, column.low, column.high, column.missing, column.step, column.quantised, column.held
-    ('real', 0.0, 2.0, 1, 0.5, True, 0.333...)
-    """
+    """Return what a column of numbers ``values`` (K,) holds."""
     known = values[np.isfinite(values)]
     missing = int(values.size - known.size)
     if not known.size:
@@ -116,12 +109,6 @@ def read_contents(table: Table) -> Contents:
     """Read the first rows of a log, as many as are held in memory at once, and describe its columns.
 
     A column with a cell that is not a number is described as text, and the others are read without it.
-
-    >>> from pathlib import Path
-    >>> data = [np.array([0.0, 0.1]), np.array([5.0, 5.0])]
-    >>> table = Table(Path("log.npz"), ("u", "y"), lambda numbers: iter([[data[n] for n in numbers]]))
-    >>> [column.kind.value for column in read_contents(table).columns]
-    ['real', 'constant']
     """
     every = range(len(table.names))
     most = min(MOST_ROWS, max(FEWEST_ROWS, MOST_CELLS // max(1, len(table.names))))

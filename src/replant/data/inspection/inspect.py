@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.assessment.assess_offline import MOST_SAMPLES
+from replant.assessment.assess import MOST_SAMPLES
 from replant.assessment.other_columns import OtherColumn
 from replant.data.conditioning import from_rest
 from replant.data.inspection.columns import Clock, Column, Contents, find_clock, read_contents
@@ -41,15 +41,6 @@ def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
     """Return the model of one pole and a dead time that explains ``y`` (K,) best; None where none is trusted.
 
     A step test moves the input once: no correlation is beyond chance, though a model explains all of the output.
-
-    Examples
-    --------
-    >>> from replant.model.transfer_function import TransferFunction
-    >>> u = np.where(np.arange(200) < 20, 0.0, 1.0)
-    >>> y = TransferFunction([0.5], [2.0, 1.0], 3.0).simulate(u, 0.5)
-    >>> found = first_model(u, y + 0.01 * np.random.default_rng(1).standard_normal(200), 0.5)
-    >>> round(found.delay), round(found.time_constant)
-    (3, 2)
     """
     from replant.offline.structure_search import search
 
@@ -72,21 +63,9 @@ def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
 
 
 def with_others(recording: Recording) -> Recording:
-    r"""Return a recording whose log, if it is held in memory, has the other columns of numbers that change.
+    """Return a recording whose log, if it is held in memory, has the other columns of numbers that change.
 
     Those of another length are left out: their rows are of other times.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> from replant.data.logs import open_recording
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "log.csv")
-    ...     _ = file.write_text("t,u,y,pump,note\n0,1,0,3,a\n1,1,1,4,b\n2,0,2,4,c\n")
-    ...     recording = with_others(open_recording(file, input="u", output="y"))
-    >>> recording.held.others["pump"]
-    array([3., 4., 4.])
     """
     log = recording.held
     return recording if log is None else replace(recording, held=_with_others(recording, log))
@@ -172,17 +151,7 @@ def inspect(
     output: str | int | None = None,
     time: str | int | None = None,
 ) -> Inspection:
-    r"""Return what is in a log file; what is guessed is marked as a guess.
-
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "log.csv")
-    ...     _ = file.write_text("t,y,u\n" + "".join(f"{k / 10},{(k - k % 5) / 50},{k // 5 % 2}\n" for k in range(50)))
-    ...     found = inspect(file)
-    >>> found.clock.dt, found.roles.input.column.name, options_of(found)
-    (0.1, 'u', ('-i', 'u', '-o', 'y', '-p', '2'))
-    """
+    """Return what is in a log file; what is guessed is marked as a guess."""
     table = side_by_side(read_columns(path))
     given = {role: table.find(key) for role, key in ((INPUT, input), (OUTPUT, output)) if key is not None}
     for number in given.values():
@@ -266,28 +235,13 @@ def _delay_options(found: Inspection) -> tuple[str, ...]:
 
 
 def rounded_up(value: float) -> float:
-    """Return a positive number with one digit, not less than ``value``.
-
-    Examples
-    --------
-    >>> rounded_up(0.1445), rounded_up(0.2)
-    (0.2, 0.2)
-    """
+    """Return a positive number with one digit, not less than ``value``."""
     size = 10.0 ** math.floor(math.log10(value))
     return float(f"{math.ceil(value / size - 1e-9) * size:.6g}")
 
 
 def key_of(table: Table, column: Column) -> str:
-    """Return how an option names a column: by its name, or by its number where the name is not unique or odd.
-
-    Examples
-    --------
-    >>> from pathlib import Path
-    >>> from replant.data.inspection.columns import Kind
-    >>> table = Table(Path("log.csv"), ("u", "u", "y"), lambda numbers: iter([]))
-    >>> key_of(table, Column(1, "u", Kind.REAL, 3, 0)), key_of(table, Column(2, "y", Kind.REAL, 3, 0))
-    ('1', 'y')
-    """
+    """Return how an option names a column: by its name, or by its number where the name is not unique or odd."""
     alone = sum(name == column.name for name in table.names) == 1
     plain = column.name.isprintable() and column.name.strip() == column.name and not column.name.startswith("-")
     return column.name if alone and plain else str(column.number)

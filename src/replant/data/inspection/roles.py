@@ -77,15 +77,7 @@ class Roles:
 
 
 def role_by_name(name: str) -> str | None:
-    """Return the role that a column's name tells, or None.
-
-    Examples
-    --------
-    >>> role_by_name("u1"), role_by_name("motor_speed [rpm]"), role_by_name("data.ydat[:,0]"), role_by_name("set-point")
-    ('input', 'output', 'output', 'reference')
-    >>> role_by_name("extra") is None
-    True
-    """
+    """Return the role that a column's name tells, or None."""
     core = re.sub(r"[\[(].*$", "", name.rpartition(".")[2])
     words = [word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+", core)]
     if "set" in words and "point" in words:
@@ -95,15 +87,7 @@ def role_by_name(name: str) -> str | None:
 
 
 def find_roles(columns: list[Column], values: dict[int, FloatArray], given: dict[str, int] | None = None) -> Roles:
-    """Return what ``columns`` look like.
-
-    >>> from replant.data.inspection.columns import describe
-    >>> u = np.repeat(np.random.default_rng(1).choice([-1.0, 1.0], 200), 5)
-    >>> y = np.convolve(u, 0.1 * 0.9 ** np.arange(100))[: u.size]
-    >>> roles = find_roles([describe(0, "a", y), describe(1, "b", u)], {0: y, 1: u})
-    >>> roles.input.column.name, roles.output.column.name
-    ('b', 'a')
-    """
+    """Return what ``columns`` look like."""
     known = given or {}
     telling = sorted(
         columns, key=lambda column: (column.number not in known.values(), role_by_name(column.name) is None)

@@ -22,9 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import table as reading
+from replant.data.logs.isolated import allow
 from replant.data.logs.rasters import Channel, Signal, channel_table
-from replant.data.logs.table import DEFLATE_RATIO, Table, damage_as_log_error
+from replant.data.logs.table import DEFLATE_RATIO, Table, at_most, damage_as_log_error
 from replant.data.logs.text_cells import with_units
 from replant.errors import LogError, MissingDependencyError, shown
 
@@ -42,7 +42,7 @@ def read_mdf(path: Path) -> Table:
     A channel is called by its name; where several groups have it, as ``group/name``.
     """
     with _opened(path) as log:
-        found = list(reading.at_most(path, _listed(log), "channels"))
+        found = list(at_most(path, _listed(log), "channels"))
     twice = {name for name, count in Counter(name for _, _, _, name, _ in found).items() if count > 1}
     names = with_units(
         [f"{group}/{name}" if name in twice else name for _, _, group, name, _ in found], [unit for *_, unit in found]
@@ -88,7 +88,7 @@ def _signal(path: Path, name: str, group: int, number: int) -> Signal:
     """Return stamps and values of a channel, NaN where the logger marked it as invalid."""
     with _opened(path) as file:
         rows = min(int(file.groups[group].channel_group.cycles_nr), DEFLATE_RATIO * path.stat().st_size)
-        reading.allow(held=_COPIES * 8 * rows)
+        allow(held=_COPIES * 8 * rows)
         found = file.get(group=group, index=number, ignore_invalidation_bits=True)
         if found.samples.dtype.kind not in "biuf" or found.samples.ndim != 1:
             raise LogError(f"{path}: column {shown(name)} holds no numbers; choose another column")
@@ -106,7 +106,7 @@ _Place = tuple[str, str]
 def read_tdms(path: Path) -> Table:
     """Open a TDMS file."""
     with _opened_of_tdms(path) as file:
-        listed = reading.at_most(path, (one for group in file.groups() for one in group.channels()), "channels")
+        listed = at_most(path, (one for group in file.groups() for one in group.channels()), "channels")
         channels = [one for one in listed if one.dtype.kind in "biufM" and len(one)]
         places: list[_Place] = [(one.group_name, one.name) for one in channels]
         names = with_units(
@@ -171,7 +171,7 @@ def _blocks(path: Path, places: Sequence[_Place], numbers: Sequence[int]) -> Ite
 def _values(file: Any, place: _Place, size: int) -> NDArray[np.float64]:
     group, name = place
     channel = file[group][name]
-    reading.allow(held=_TDMS_COPIES * 8 * min(len(channel), size))
+    allow(held=_TDMS_COPIES * 8 * min(len(channel), size))
     values = np.asarray(channel[:])
     if values.dtype.kind == "M":
         counts = values.astype("datetime64[ns]").astype(np.int64)
@@ -191,7 +191,7 @@ def read_ulog(path: Path) -> Table:
     except ImportError as error:
         raise MissingDependencyError(f"{path}: reading ULog needs pyulog: pip install 'replant[ulog]'") from error
     with damage_as_log_error(path, "ULog file", "copy it again"), path.open("rb") as file:
-        reading.allow(held=_ULOG_COPIES * path.stat().st_size)  # pyulog holds all that is in it
+        allow(held=_ULOG_COPIES * path.stat().st_size)  # pyulog holds all that is in it
         log = ULog(file)
         topics = [topic for topic in log.data_list if len(topic.data.get(_STAMP, ()))]
         instances = Counter(topic.name for topic in topics)
@@ -262,23 +262,13 @@ def read_mcap(path: Path) -> Table:
         path,
         [
             Channel(topic + _written(keys), partial(_signal_of_mcap, parts, topic, keys, origin))
-            for topic, keys in reading.at_most(path, fields, "columns")
+            for topic, keys in at_most(path, fields, "columns")
         ],
     )
 
 
 def parts_of(folder: Path) -> list[Path]:
-    """Return the MCAP files in a folder, in the order of the numbers in their names.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     for name in ("bag_10.mcap", "bag_2.mcap", "metadata.yaml"):
-    ...         Path(folder, name).touch()
-    ...     [part.name for part in parts_of(Path(folder))]
-    ['bag_2.mcap', 'bag_10.mcap']
-    """
+    """Return the MCAP files in a folder, in the order of the numbers in their names."""
     found = [part for part in folder.iterdir() if part.suffix.lower() == ".mcap" and not part.name.startswith(".")]
     return sorted(found, key=lambda part: (len(part.name), part.name))
 
@@ -333,7 +323,7 @@ def _signal_of_mcap(parts: Sequence[Path], topic: str, keys: _Keys, origin: int)
                 stamps.append(stamp - origin)
                 values.append(_number(_item(message, keys)))
                 if len(stamps) % _COUNTED == 0:
-                    reading.allow(held=_MCAP_COPIES * 8 * _COUNTED)
+                    allow(held=_MCAP_COPIES * 8 * _COUNTED)
     return Signal(np.array(stamps, np.int64) / 1e9, np.array(values, np.float64))
 
 

@@ -60,12 +60,7 @@ def decimal_mark(layout: Layout, column: int) -> DecimalMark | None:
 def parse_column(
     path: Path, layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: int
 ) -> NDArray[np.float64]:
-    """Turn the cells of one column into float64: numbers, or seconds since the first stamp of the log.
-
-    >>> layout = Layout(("t", "u"), ";", 1, 2, "utf-8")
-    >>> parse_column(Path("log.csv"), layout, [(2, ["0", "1,5"]), (3, ["1", ""])], 1)
-    array([1.5, nan])
-    """
+    """Turn the cells of one column into float64: numbers, or seconds since the first stamp of the log."""
     cells = [row[column] for _, row in rows]
     form = layout.content.stamps.get(column)
     try:
@@ -100,20 +95,10 @@ _TAIL_BYTES = 1 << 16  # end of a file in which its last line is looked for [byt
 
 
 def cut_line(path: Path, layout: Layout) -> str:
-    r"""Return the last line if its writer was stopped in the middle of it, else an empty string.
+    """Return the last line if its writer was stopped in the middle of it, else an empty string.
 
     Such a line has no line feed, and fewer cells than there are columns, or a last cell that cannot be read, as that of
     the line before can.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> layout = Layout(("t", "u", "y"), ",", 1, 2, "utf-8")
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "log.csv")
-    ...     _ = file.write_text("t,u,y\n0,1,2\n1,2,3\n2,3")
-    ...     cut_line(file, layout)
-    '2,3'
     """
     before, line = _last_lines(path, layout.encoding)
     if not is_data(line):
@@ -206,14 +191,7 @@ def check_head(path: Path) -> None:
 def parse_block(
     path: Path, layout: Layout, lines: Sequence[str], first: int, columns: Sequence[int]
 ) -> list[NDArray[np.float64]]:
-    """Turn consecutive lines of a text log into one float64 array per chosen column.
-
-    Blank lines and comments are skipped; a missing cell is NaN.
-
-    >>> layout = Layout(names=("t", "u"), delimiter=";", names_line=1, data_line=2, encoding="utf-8")
-    >>> parse_block(Path("log.csv"), layout, ["0;1,5", "# stop", "1;2,5"], first=2, columns=[1])
-    [array([1.5, 2.5])]
-    """
+    """Turn consecutive lines of a text log into one float64 array per chosen column."""
     table = _parse_clean(layout, lines)
     if table is not None:
         return [table[:, column].copy() for column in columns]

@@ -24,9 +24,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import arrow, channels, parser_child, parser_process
-from replant.data.logs import table as reading
-from replant.data.logs.table import Table, damage_as_log_error, listed, unreadable_error
+from replant.data.logs import arrow, channels, isolated
+from replant.data.logs.table import Table, damage_as_log_error, listed, open_zip, unreadable_error
 from replant.errors import LogError, MissingDependencyError
 
 STANDARD_INPUT = Path("-")  # what stands for standard input
@@ -45,16 +44,7 @@ MOST_OF_DISK = 0.8  # part of the disk's free space that an unpacked file may ta
 
 
 def read_packed(path: Path, read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
-    r"""Read a compressed log, such as ``log.csv.gz``, or a zip archive with one file in it.
-
-    >>> from replant.data.logs.csv import read
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "log.csv.gz")
-    ...     _ = file.write_bytes(gzip.compress(b"t,u,y\n0,1,2\n1,2,3\n"))
-    ...     table = read_packed(file, read, check=lambda head: None)
-    >>> table.path.name, table.column("u")
-    ('log.csv.gz', array([1., 2.]))
-    """
+    """Read a compressed log, such as ``log.csv.gz``, or a zip archive with one file in it."""
     suffix = path.suffix.lower()
     with (
         damage_as_log_error(path, _KINDS[suffix], "pack or copy the log again"),
@@ -140,7 +130,7 @@ def _opened(path: Path, suffix: str) -> Iterator[tuple[str, Iterator[bytes]]]:
         with path.open("rb") as packed:
             yield path.stem, _zstd_parts(path, packed)
     else:
-        with reading.opened(path) as found:
+        with open_zip(path) as found:
             member = _only_member(path, found)
             with found.open(member) as file:
                 yield member.filename, _parts_of(file)
@@ -255,9 +245,9 @@ def _read_file(path: Path) -> Table:
     with _unreadable_as_log_error(path):
         for part in _parts(path, suffix):
             _check_file(part)
-        if FORMATS[suffix] in parser_process.PARSERS and parser_process.is_possible():
-            return parser_process.read(path, FORMATS[suffix])
-        table: Table = parser_child.reader(FORMATS[suffix])(path)
+        if FORMATS[suffix] in isolated.PARSERS and isolated.is_possible():
+            return isolated.read(path, FORMATS[suffix])
+        table: Table = isolated.reader(FORMATS[suffix])(path)
     return table
 
 

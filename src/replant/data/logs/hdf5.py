@@ -23,9 +23,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import table
+from replant.data.logs.isolated import allow
 from replant.data.logs.npz import array_table, is_sampling_time, no_signal_error, places_of, stated_dt
-from replant.data.logs.table import Table, damage_as_log_error
+from replant.data.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, too_many_error
 from replant.errors import MissingDependencyError
 
 _MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"
@@ -60,13 +60,7 @@ def read_matlab_73(path: Path) -> Table:
 
 
 def reasons(objects: Mapping[str, str]) -> dict[str, str]:
-    """Return, for each object of a MATLAB file, why it cannot be read, and what to do.
-
-    Examples
-    --------
-    >>> print(reasons({"speed": "timeseries"})["speed"])
-    speed is a MATLAB timeseries, which MATLAB alone can open; there: t = speed.Time; y = speed.Data; save(...)
-    """
+    """Return, for each object of a MATLAB file, why it cannot be read, and what to do."""
     how = {
         "timeseries": "t = {0}.Time; y = {0}.Data; save(...)",
         "timetable": "t = seconds({0}.Properties.RowTimes); y = {0}.Variables; save(...)",
@@ -98,8 +92,8 @@ def _table(path: Path, *, matlab: bool) -> Table:
                 signals += _signals_in(name, place, dataset, matlab=matlab)
                 if is_sampling_time(name, dataset.shape or (), dataset.dtype.kind):
                     scalars.append((name, float(np.asarray(dataset[()]).reshape(-1)[0])))
-            if len(signals) > table.MOST_COLUMNS:
-                raise table.too_many_error(path, "columns")
+            if len(signals) > MOST_COLUMNS:
+                raise too_many_error(path, "columns")
     left_out |= reasons(objects)
     if not signals:
         raise no_signal_error(path, left_out)
@@ -136,10 +130,10 @@ def _datasets(path: Path, file: Any) -> Iterator[tuple[str, Any]]:
     def visit(name: str, item: Any) -> None:  # links to other files are not followed
         nonlocal objects
         objects += 1
-        if objects > table.MOST_COLUMNS:
-            raise table.too_many_error(path, "groups and data sets")
+        if objects > MOST_COLUMNS:
+            raise too_many_error(path, "groups and data sets")
         if name.count("/") >= DEEPEST:
-            raise table.too_many_error(path, "groups within each other", DEEPEST)
+            raise too_many_error(path, "groups within each other", DEEPEST)
         if isinstance(item, h5py.Dataset) and not name.startswith("#"):
             found.append((name, item))
 
@@ -187,7 +181,7 @@ def _blocks(
         rows = {signal.rows for signal in chosen}
         step = max((_block_rows(file[signal.dataset], signal, matlab=matlab) for signal in chosen), default=1)
         if len(rows) != 1:  # which the caller says; none can be cut into blocks
-            table.allow(held=8 * sum(signal.rows for signal in chosen))
+            allow(held=8 * sum(signal.rows for signal in chosen))
             step = max(rows, default=0)
         for begin in range(0, max(rows, default=0), max(1, step)):
             yield [_values(file, signal, slice(begin, begin + step), matlab=matlab) for signal in chosen]
@@ -200,7 +194,7 @@ def _block_rows(dataset: Any, signal: _Signal, *, matlab: bool) -> int:
     index = signal.index[::-1] if matlab else signal.index
     rows = next(length for length, one in zip(dataset.chunks, index, strict=True) if isinstance(one, slice))
     chunk, whole = math.prod(dataset.chunks), math.prod(dataset.shape)
-    table.allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
+    allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
     return int(rows * max(1, BLOCK_ROWS // rows))
 
 
@@ -238,7 +232,7 @@ def _load(path: Path, head: bytes) -> dict[str, Any]:
     """Return the variables that may hold signals."""
     import scipy.io
 
-    sizes = list(table.at_most(path, _sizes(path, head), "variables"))
+    sizes = list(at_most(path, _sizes(path, head), "variables"))
     chosen, held = None, sum(sizes)
     with warnings.catch_warnings(action="ignore"):  # SciPy warns about variables that are no signals
         with contextlib.suppress(TypeError):  # SciPy lists no objects of classes of MATLAB's
@@ -248,7 +242,7 @@ def _load(path: Path, head: bytes) -> dict[str, Any]:
             held = sum(
                 min(8 * math.prod(shape), 8 * of[at]) if kind in _NUMERIC else of[at] for at, _, shape, kind in chosen
             )
-        table.allow(held=held)
+        allow(held=held)
         names = None if chosen is None else [name for _, name, *_ in chosen]
         contents: dict[str, Any] = scipy.io.loadmat(str(path), variable_names=names)
     return contents

@@ -46,18 +46,10 @@ class _Columns:
 
 
 def read(path: Path) -> Table:
-    r"""Open a file of JSON lines.
+    """Open a file of JSON lines.
 
     The columns are the keys of the first 1000 objects.  A value is a number, true or false, null for a missing one, or
     a date or clock time.  A last line that was cut off is left out.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "log.jsonl")
-    ...     _ = file.write_text('{"t": 0, "rig": {"u": 1.5}}\n{"t": 0.1, "rig": {"u": null}}\n')
-    ...     table = read(file)
-    ...     print(table.names, table.column("rig.u"))
-    ('t', 'rig.u') [1.5 nan]
     """
     cut = _cut_line(path)
     given: dict[_Keys, list[Any]] = {}  # of each column the values among the first rows

@@ -17,8 +17,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from replant.data.logs import table
-from replant.data.logs.table import Table, damage_as_log_error
+from replant.data.logs.table import Table, at_most, damage_as_log_error, open_zip
 from replant.errors import LogError
 
 SAMPLING_TIME = "Ts"  # name of a scalar, perhaps in a struct, that is the sampling time in s
@@ -30,28 +29,13 @@ def columns_of(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[An
     """Yield the signals of an array with their names: a vector itself, a matrix along its longer side.
 
     Scalars, text, complex numbers and arrays of more than two dimensions, those of length 1 apart, are no signals.
-
-    Examples
-    --------
-    >>> [name for name, _ in columns_of("udat", np.zeros((100, 2)))]
-    ['udat[:,0]', 'udat[:,1]']
-    >>> [name for name, _ in columns_of("u", np.zeros((1, 1, 100)))]
-    ['u']
-    >>> [name for name, _ in columns_of("d", np.zeros((2, 100)))]
-    ['d[0,:]', 'd[1,:]']
     """
     if array.dtype.kind in "biuf":
         yield from ((of_column, array[index].reshape(-1)) for of_column, index in places_of(name, array.shape))
 
 
 def places_of(name: str, shape: Sequence[int]) -> Iterator[tuple[str, tuple[int | slice, ...]]]:
-    """Yield name and index of each signal in an array of a shape; see `columns_of`.
-
-    Examples
-    --------
-    >>> list(places_of("d", (2, 100)))
-    [('d[0,:]', (0, slice(None, None, None))), ('d[1,:]', (1, slice(None, None, None)))]
-    """
+    """Yield name and index of each signal in an array of a shape; see `columns_of`."""
     every = slice(None)
     long = [axis for axis, length in enumerate(shape) if length != 1]
     if len(long) == 1 and shape[long[0]] > 1:
@@ -65,11 +49,7 @@ def places_of(name: str, shape: Sequence[int]) -> Iterator[tuple[str, tuple[int 
 
 
 def stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None:
-    """Return the sampling time that scalars called Ts state; None if there is none, or they differ.
-
-    >>> stated_dt(Path("log.mat"), [("data.Ts", 0.1), ("Ts", 0.1)])
-    0.1
-    """
+    """Return the sampling time that scalars called Ts state; None if there is none, or they differ."""
     if len({value for _, value in scalars}) != 1:
         return None
     name, value = scalars[0]
@@ -79,24 +59,14 @@ def stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None:
 
 
 def is_sampling_time(name: str, shape: Sequence[int], kind: str) -> bool:
-    """Return whether a variable is a number that states the sampling time.
-
-    Examples
-    --------
-    >>> is_sampling_time("data.Ts", (1, 1), "f"), is_sampling_time("Ts", (100,), "f")
-    (True, False)
-    """
+    """Return whether a variable is a number that states the sampling time."""
     return name.replace("/", ".").rpartition(".")[2] == SAMPLING_TIME and kind in "iuf" and int(np.prod(shape)) == 1
 
 
 def array_table(
     path: Path, arrays: Iterable[tuple[str, NDArray[Any]]], left_out: Mapping[str, str] = _NOTHING
 ) -> Table:
-    """Make a table from named arrays; a number called Ts is the sampling time.
-
-    >>> array_table(Path("log.npz"), [("u", np.zeros(100)), ("version", np.array(7))]).names
-    ('u',)
-    """
+    """Make a table from named arrays; a number called Ts is the sampling time."""
     found = list(arrays)
     columns = [column for name, array in found for column in columns_of(name, array)]
     if not columns:
@@ -161,7 +131,7 @@ def read(path: Path) -> Table:
     with _opened(path) as file:
         for array in _arrays(file):
             columns = ((name, _signal(array, index)) for name, index in places_of(array.name, array.shape))
-            signals.update(table.at_most(path, columns, "columns"))
+            signals.update(at_most(path, columns, "columns"))
             if is_sampling_time(array.name, array.shape, array.dtype.kind):
                 (values,) = _blocks_of(file, _Signal(array, 0, 1, 1))
                 scalars.append((array.name, float(values[0])))
@@ -178,7 +148,7 @@ def read(path: Path) -> Table:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
-    with damage_as_log_error(path, ".npz archive", "save it with numpy.savez"), table.opened(path) as file:
+    with damage_as_log_error(path, ".npz archive", "save it with numpy.savez"), open_zip(path) as file:
         yield file
 
 

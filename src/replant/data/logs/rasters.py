@@ -53,16 +53,6 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
     The rows begin with the first output for which each held signal is known.  They end with the last output up to which
     each is held: its last value for no longer than its longest interval, after which the logger may have lost it.  The
     only value of a signal that was logged once is held for ever.
-
-    The input steps at 0.2 s, where an output is measured, then at 0.3 s, where none is.  At 0.4 s the next one may have
-    come to the former:
-
-    >>> output = Signal(np.array([0.0, 0.2, 0.4]), np.array([0.0, 0.1, 0.9]))
-    >>> merge(output, [Signal(np.array([0.0, 0.2]), np.array([0.0, 1.0]))]).held
-    (array([0., 1.]),)
-    >>> both = merge(output, [Signal(np.array([0.0, 0.2, 0.3]), np.array([0.0, 1.0, 0.0]))])
-    >>> both.t, both.output, both.held
-    (array([0. , 0.2, 0.3, 0.4]), array([0. , 0.1, nan, 0.9]), (array([0., 1., 0., 0.]),))
     """
     for signal in (output, *held):
         if not np.all(np.isfinite(signal.t)) or np.any(np.diff(signal.t) < 0.0):
@@ -120,13 +110,7 @@ class Channel:
 
 
 def channel_table(path: Path, channels: Sequence[Channel]) -> Table:
-    """Make a table of channels.
-
-    >>> speed = Channel("rig.speed", lambda: Signal(np.array([0.0, 0.5]), np.array([7.0, 8.0])))
-    >>> table = channel_table(Path("log.ulg"), [speed])
-    >>> table.column("rig.speed"), table.stamps(0)
-    (array([7., 8.]), array([0. , 0.5]))
-    """
+    """Make a table of channels."""
     if not channels:
         raise LogError(f"{path}: no channel of numbers with time stamps in the file; choose another file")
 
@@ -185,16 +169,7 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
 
 
 def side_by_side(table: Table) -> Table:
-    """Return a table to look at: every channel at the stamps of the one with the most samples, and these as the time.
-
-    Each value is held until the next one; before the first there is none.  The columns keep their numbers, and the time
-    comes behind them.  To identify, two channels are `merged`.
-
-    >>> u = Channel("u", lambda: Signal(np.array([0.0, 2.0]), np.array([1.0, 2.0])))
-    >>> y = Channel("y", lambda: Signal(np.arange(4.0), np.zeros(4)))
-    >>> side_by_side(channel_table(Path("log.mf4"), [u, y])).column("u")
-    array([1., 1., 2., 2.])
-    """
+    """Return a table to look at: every channel at the stamps of the one with the most samples, these as the time."""
     if table.stamps is None:
         return table
     stamps, problems = {}, []

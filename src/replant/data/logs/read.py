@@ -209,19 +209,9 @@ def _part(table: Table, time: int | None, dt: float | None, between: tuple[float
 
 
 def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] | None:
-    r"""Return the name of the time column, and the median interval of its first block in s.
+    """Return the name of the time column, and the median interval of its first block in s.
 
     None if no column or several are called t, time or timestamp, or the column holds no increasing numbers.
-
-    Examples
-    --------
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "log.csv")
-    ...     _ = file.write_text("t [ms],u,y\n0,1,0\n20,1,0.5\n40,1,0.75\n")
-    ...     stamped_interval(file)
-    ('t [ms]', 0.02)
     """
     table = log if isinstance(log, Table) else read_columns(log)
     candidates = time_columns(table)
@@ -243,17 +233,7 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
 
 
 def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) -> tuple[str, StampUnit] | None:
-    r"""Return the name of the time column and its unit, if that is guessed; None if it is stated.
-
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "log.csv")
-    ...     _ = file.write_text("t,u,y\n0,1,0\n20,1,0.5\n40,1,0.75\n")
-    ...     name, unit = doubtful_unit(file)
-    >>> name, unit.doubt
-    ('t', 'its name states no unit; its steps of 20 are taken as seconds, and may be milliseconds or less')
-    """
+    """Return the name of the time column and its unit, if that is guessed; None if it is stated."""
     table = log if isinstance(log, Table) else read_columns(log)
     found = time_candidates(table.names) if time is None else [table.find(time)]
     if not found or found[0] in table.in_seconds:

@@ -81,13 +81,7 @@ class Recording:
 
 
 def digest(path: Path) -> str:
-    """Return the SHA-256 of a file in hexadecimal; empty where there is no file to read.
-
-    Examples
-    --------
-    >>> digest(Path("no-such-log.csv"))
-    ''
-    """
+    """Return the SHA-256 of a file in hexadecimal; empty where there is no file to read."""
     try:
         with path.open("rb") as stream:
             return hashlib.file_digest(stream, "sha256").hexdigest()
@@ -100,11 +94,7 @@ ROUND_OFF = 1e-6
 
 
 def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
-    """Return the ends of a time range in s, open ones as 0 and infinity.
-
-    >>> check_range(2, None)
-    (2.0, inf)
-    """
+    """Return the ends of a time range in s, open ones as 0 and infinity."""
     first, last = 0.0 if begin is None else number("begin", begin), math.inf if end is None else number("end", end)
     if not (0.0 <= first < math.inf and first < last):
         raise InvalidArgumentError(
@@ -115,14 +105,7 @@ def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
 
 
 def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: int | None, unit: float) -> Table:
-    """Return the table of those rows that lie between two times in s, both included.
-
-    >>> from pathlib import Path
-    >>> data = [np.arange(10.0), np.arange(10.0) ** 2]
-    >>> table = Table(Path("log.npz"), ("t", "y"), lambda numbers: iter([[data[n] for n in numbers]]))
-    >>> part_of(table, 2.0, 4.0, dt=None, time=0, unit=1.0).column("y")
-    array([ 4.,  9., 16.])
-    """
+    """Return the table of those rows that lie between two times in s, both included."""
     if time is None:
         assert dt is not None
         first = math.ceil(begin / dt - ROUND_OFF)
@@ -182,16 +165,7 @@ def _cut(
 
 
 def joined(tables: Sequence[Table]) -> Table:
-    """Return tables with equal columns as one, in the order given.
-
-    >>> from pathlib import Path
-    >>> one, other = (
-    ...     Table(Path(name), ("t", "u"), lambda numbers, t=t: iter([[np.array([t]) for _ in numbers]]))
-    ...     for name, t in (("a.csv", 0.0), ("b.csv", 1.0))
-    ... )
-    >>> joined([one, other]).column("t")
-    array([0., 1.])
-    """
+    """Return tables with equal columns as one, in the order given."""
     first = tables[0]
     for table in tables:
         if set(table.names) != set(first.names):

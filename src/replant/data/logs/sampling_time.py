@@ -37,45 +37,23 @@ _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time
 
 
 def time_candidates(names: Sequence[str]) -> list[int]:
-    """Return the columns whose name is t, time or timestamp, in any case, with or without a unit; or millis, micros.
-
-    Examples
-    --------
-    >>> time_candidates(["Time [s]", "u", "data.time", "temperature"])
-    [0, 2]
-    """
+    """Return the columns whose name is t, time or timestamp, in any case, with or without a unit; or millis, micros."""
     return [number for number, name in enumerate(names) if _TIME_NAME.fullmatch(name.strip())]
 
 
 def unit_in_seconds(name: str) -> float:
-    """Return the unit in a time column's name, in seconds; 1 if the name has no unit.
-
-    Examples
-    --------
-    >>> unit_in_seconds("t [ms]"), unit_in_seconds("time_us"), unit_in_seconds("t")
-    (0.001, 1e-06, 1.0)
-    """
+    """Return the unit in a time column's name, in seconds; 1 if the name has no unit."""
     match = _UNIT_AT_END.fullmatch(name.strip())
     return _UNITS[(match[1] or match[2] or match[3]).lower()] if match else 1.0
 
 
 def has_unit(name: str) -> bool:
-    """Return whether a time column's name states a unit of time.
-
-    Examples
-    --------
-    >>> has_unit("t [ms]"), has_unit("t"), has_unit("t [rev]")
-    (True, False, False)
-    """
+    """Return whether a time column's name states a unit of time."""
     return _UNIT_AT_END.fullmatch(name.strip()) is not None
 
 
 def check_dt(dt: object) -> float:
-    """Return a sampling time as float.
-
-    >>> check_dt(1)
-    1.0
-    """
+    """Return a sampling time as float."""
     if isinstance(dt, bool) or not isinstance(dt, Real):
         raise ArgumentTypeError(f"the sampling time (dt, --dt) must be a number of seconds, not {type(dt).__name__}")
     step = number("dt", dt)
@@ -99,12 +77,6 @@ class SamplingTime:
     The stamps are regular if each interval is within 1 % of the median (of about the first 2^18), or if rounding to
     their printed digits explains the larger deviations.  The sampling time of a regular clock is the mean interval, in
     which rounding of the stamps cancels; that of an irregular clock is the median, which gaps do not move.
-
-    >>> sampling_time = SamplingTime(Path("log.csv"), "t", "row {}".format)
-    >>> sampling_time.add(np.array([0.0, 0.033]))
-    >>> sampling_time.add(np.array([0.067, 0.1]))
-    >>> sampling_time.clock(lambda: [np.array([0.0, 0.033, 0.067, 0.1])]).interval
-    0.0333333333333
     """
 
     def __init__(self, path: Path, name: str, describe_row: Callable[[int], str]) -> None:
@@ -221,17 +193,7 @@ class StampUnit:
 
 
 def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
-    """Return the unit of the time stamps (K,) in the column ``name``.
-
-    Examples
-    --------
-    >>> unit_of_stamps("t [ms]", np.array([0.0, 20.0])).seconds
-    0.001
-    >>> unit_of_stamps("t", np.array([0.0, 20.0])).doubt
-    'its name states no unit; its steps of 20 are taken as seconds, and may be milliseconds or less'
-    >>> unit_of_stamps("timestamp", 1.7e12 + np.array([0.0, 20.0])).seconds
-    0.001
-    """
+    """Return the unit of the time stamps (K,) in the column ``name``."""
     unit, known = unit_in_seconds(name), has_unit(name)
     stated = unit_of(name)
     if stated and not known:

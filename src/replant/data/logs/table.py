@@ -1,13 +1,7 @@
-"""Table: the named columns of a file; and what readers share: limits, libraries' errors, zip directories, prefetch.
-
-The process that reads a file (`parser_process`) begins with an allowance that is the same for every file.  A reader
-that holds samples asks for more when it has found them; what a file merely claims gives none.
-"""
+"""Table: the named columns of a file; and what readers share: limits, libraries' errors, zip directories, prefetch."""
 
 from __future__ import annotations
 
-import contextlib
-import math
 import operator
 import re
 import zipfile
@@ -28,83 +22,14 @@ from replant.interop import without_unit
 
 T = TypeVar("T")
 
-MEMORY = 128 << 20
-"""Memory that the reading process may take for any file, beside its libraries [bytes].
-Derivation: with the libraries, some 100 MB, and what the calling process takes, it stays below the 300 MB promised.
-"""
-SECONDS = 9  # processor time that it may take for any file [s]
-HELD = 2  # memory for samples that a reader holds: as the file has them, and as float64 [times their size as float64]
-SECONDS_PER_BYTE = 1e-6
-"""Further processor time for each byte of the file: the parsers written in Python read some 5 MB in a second [s]."""
-SECONDS_PER_SAMPLE = 4e-5  # further processor time for each sample found: a cell of a workbook takes some 8e-6 s [s]
-
 MOST_COLUMNS = 1 << 17  # columns of a file, or groups and other parts of it [count]
 LONGEST_NAME = 1000  # longest name of a column [characters]
 MOST_EMPTY = 1 << 24
 """Missing values of a file, from which on there must be a value for every two of them: 128 MB [count]."""
 
-_limited = False
-
-
-def begin(size: int) -> None:
-    """Limit this process for a file of so many bytes; the system gives it no more.  Windows has no such limits."""
-    global _limited
-    with contextlib.suppress(ImportError, ValueError, OSError):
-        import resource
-
-        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        _limited = True
-        _set(resource.RLIMIT_DATA, (_data_bytes() or 1 << 62) + MEMORY)
-        used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
-        _set(resource.RLIMIT_CPU, math.ceil(used + SECONDS + SECONDS_PER_BYTE * size))
-
-
-def allow(*, held: float = 0, found: float = 0) -> None:
-    """Raise the limits of the process that reads."""
-    if _limited:
-        import resource
-
-        _raise(resource.RLIMIT_DATA, HELD * held)
-        _raise(resource.RLIMIT_CPU, SECONDS_PER_SAMPLE * (found + held / 8))
-
-
-_owed: dict[int, float] = {}  # fractions of a second, which the system does not count
-
-
-def _raise(kind: int, more: float) -> None:
-    import resource
-
-    more += _owed.pop(kind, 0.0)
-    if more >= 1.0:
-        _set(kind, resource.getrlimit(kind)[0] + int(more))
-    _owed[kind] = more % 1.0
-
-
-def _set(kind: int, most: int) -> None:
-    import resource
-
-    hard = resource.getrlimit(kind)[1]
-    resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
-
-
-def _data_bytes() -> int:
-    """Return the memory of this process that the limit counts; 0 where the system does not tell."""
-    try:
-        fields = Path("/proc/self/statm").read_text().split()
-    except OSError:
-        return 0
-    import resource
-
-    return int(fields[5]) * resource.getpagesize()
-
 
 def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS) -> Iterator[T]:
-    """Yield what is found in a file as long as it is not too much.
-
-    >>> list(at_most(Path("log.h5"), "abc", "data sets", most=2))
-    Traceback (most recent call last):
-    replant.errors.LogError: log.h5: more than 2 data sets; write the log's signals into a file of their own
-    """
+    """Yield what is found in a file as long as it is not too much."""
     for number, one in enumerate(found):
         if number == most:
             raise too_many_error(path, what, most)
@@ -122,11 +47,6 @@ def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
 
     On damaged bytes such a library fails with almost any exception.  Errors of the operating system and of replant are
     raised as they are.
-
-    >>> with damage_as_log_error(Path("log.npz"), ".npz archive", "save it with numpy.savez"):
-    ...     raise KeyError("u.npy")
-    Traceback (most recent call last):
-    replant.errors.LogError: log.npz: not a readable .npz archive ('u.npy'); save it with numpy.savez
     """
     try:
         yield
@@ -149,7 +69,7 @@ _STREAMED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # the others are unpacke
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[zipfile.ZipFile]:
+def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
     """Open an archive whose members can be read part by part; none yields more bytes than its directory says."""
     with zipfile.ZipFile(path) as archive:
         members = archive.infolist()
@@ -166,11 +86,6 @@ def prefetch(jobs: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
     """Yield the results of ``jobs`` in their order, with ``workers`` + 1 jobs running or waiting.
 
     Threads suffice: reading, parsing and identification each release the interpreter's lock.
-
-    Examples
-    --------
-    >>> list(prefetch((lambda k=k: k * k for k in range(5)), workers=2))
-    [0, 1, 4, 9, 16]
     """
     pending: deque[Future[T]] = deque()
     pool = ThreadPoolExecutor(workers, "replant-read")
@@ -196,27 +111,13 @@ NEAR = 0.6  # likeness from which on a name is taken for the one that was meant 
 
 
 def nth_row(row: int) -> str:
-    """Return the words for a row in a message; rows are counted from 1 there, ``row`` from 0.
-
-    Examples
-    --------
-    >>> nth_row(0)
-    'row 1'
-    """
+    """Return the words for a row in a message; rows are counted from 1 there, ``row`` from 0."""
     return f"row {row + 1}"
 
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """The columns of a log file.
-
-    >>> data = [np.array([0.0, 0.1]), np.array([5.0, 6.0])]
-    >>> table = Table(Path("log.npz"), ("u", "y"), lambda numbers: iter([[data[n] for n in numbers]]))
-    >>> table.column("y")
-    array([5., 6.])
-    >>> table.find("Y"), table.find(1), table.find("1")
-    (1, 1, 1)
-    """
+    """The columns of a log file."""
 
     path: Path
     names: tuple[str, ...]
@@ -310,13 +211,7 @@ class Table:
 
 
 def unreadable_error(path: Path, error: OSError) -> LogError:
-    """Return the error for a file that the operating system refuses to read.
-
-    Examples
-    --------
-    >>> str(unreadable_error(Path("log.csv"), OSError(13, "Permission denied")))
-    'log.csv: cannot be read (Permission denied); check the path and its permissions'
-    """
+    """Return the error for a file that the operating system refuses to read."""
     return LogError(f"{path}: cannot be read ({error.strerror or error}); check the path and its permissions")
 
 
@@ -338,13 +233,7 @@ def _likeness(one: str, other: str) -> float:
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return the first names as a list for a message; long names are cut.
-
-    Examples
-    --------
-    >>> listed(["u [V]", "y"])
-    'u [V], y'
-    """
+    """Return the first names as a list for a message; long names are cut."""
     parts: list[str] = []
     for name in names[:NAMES_SHOWN]:
         flat = " ".join(name[: 2 * SHOWN].split())

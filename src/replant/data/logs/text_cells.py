@@ -32,17 +32,7 @@ class CellError(ValueError):
 def split_line(line: str, delimiter: str | None) -> list[str]:
     """Split a line into stripped cells, with quotes removed; without a delimiter at runs of blanks.
 
-    Of a line with more than `MOST_COLUMNS` cells, one more is returned.
-
     A quotation mark begins a quoted cell only as the first character of the cell; elsewhere it is ordinary text.
-
-    >>> split_line('t; "u; V" ;y', ";")
-    ['t', 'u; V', 'y']
-    >>> split_line("time [s]  u", None)
-    ['time [s]', 'u']
-    >>> split_line('0,"1"0.13', ",")
-    Traceback (most recent call last):
-    replant.data.logs.text_cells.CellError: '"1"0.13' goes on after its closing quotation mark
     """
     if delimiter is None:
         return _split_words(line)
@@ -91,11 +81,7 @@ def _broken(column: int, rest: str, delimiter: str | None) -> CellError:
 
 
 def parse_number(cell: str) -> float:
-    """Read one cell with a decimal point: a number, or NaN for a missing one.
-
-    >>> parse_number("1.5e3"), parse_number("NA")
-    (1500.0, nan)
-    """
+    """Read one cell with a decimal point: a number, or NaN for a missing one."""
     text = cell.strip()
     if text.lower() in MISSING:
         return float("nan")
@@ -105,13 +91,7 @@ def parse_number(cell: str) -> float:
 
 
 def is_number(cell: str, delimiter: str | None) -> bool:
-    """Return whether a cell is a number, or missing; a comma is a decimal comma unless it is the delimiter.
-
-    Examples
-    --------
-    >>> is_number("1,5", ";"), is_number("1,5", ","), is_number("NA", ";")
-    (True, False, True)
-    """
+    """Return whether a cell is a number, or missing; a comma is a decimal comma unless it is the delimiter."""
     try:
         parse_number(cell if delimiter == "," else cell.replace(",", "."))
     except ValueError:
@@ -120,13 +100,7 @@ def is_number(cell: str, delimiter: str | None) -> bool:
 
 
 def quote(cell: str) -> str:
-    """Return a cell in quotation marks for a message; a long cell is cut.
-
-    Examples
-    --------
-    >>> print(quote(" 1.5x "), quote(50 * "x"))
-    '1.5x' 'xxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxxx...'
-    """
+    """Return a cell in quotation marks for a message; a long cell is cut."""
     text = cell.strip()
     return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
 
@@ -164,15 +138,7 @@ class DecimalMark:
 
 
 def mark_of(cell: str, line: int) -> DecimalMark | None:
-    """Return the decimal mark of a cell; None if it has none, or is no number.
-
-    Examples
-    --------
-    >>> mark_of("0,5", 2)
-    DecimalMark(mark=',', line=2, cell='0,5', certain=True, grouped=False)
-    >>> mark_of("3.000,00", 2).mark, mark_of("1.234", 2).certain, mark_of("7", 2)
-    (',', False, None)
-    """
+    """Return the decimal mark of a cell; None if it has none, or is no number."""
     text = cell.strip()
     if text.isdecimal():
         return None
@@ -189,13 +155,7 @@ def mark_of(cell: str, line: int) -> DecimalMark | None:
 
 
 def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
-    """Return the first certain mark, else the first one; it is grouped if one with the same mark is.
-
-    Examples
-    --------
-    >>> common_mark([mark_of("1.234", 2), mark_of("1.234,5", 3)]).mark
-    ','
-    """
+    """Return the first certain mark, else the first one; it is grouped if one with the same mark is."""
     found = [mark for mark in marks if mark is not None]
     certain = [mark for mark in found if mark.certain]
     if not found:
@@ -206,11 +166,7 @@ def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
 
 
 def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> NDArray[np.float64]:
-    """Turn the cells of a column into float64; a missing one is NaN.
-
-    >>> parse_numbers(["3.000,25", "", "-2,5e-3"], mark_of("3.000,25", 2))
-    array([ 3.00025e+03,          nan, -2.50000e-03])
-    """
+    """Turn the cells of a column into float64; a missing one is NaN."""
     mark = mark or DecimalMark(".", 0, "")
     if mark.mark == ",":
         plain = None if any("." in cell for cell in cells) else [cell.replace(",", ".") for cell in cells]
@@ -271,15 +227,6 @@ def units_in(cells: Sequence[str]) -> list[str] | None:
     """Return the units in the cells of a row; None if the row is none of units.
 
     Each cell is a unit in brackets, a known unit or empty, and one of them tells more than that there is none.
-
-    Examples
-    --------
-    >>> units_in(["[s]", "[V]", "[mm]"]), units_in(["s", "V", "mm/s^2"]), units_in(["s", "-", ""])
-    (['s', 'V', 'mm'], ['s', 'V', 'mm/s^2'], ['s', '', ''])
-    >>> units_in(["s", "V", "1/min"])
-    ['s', 'V', '1/min']
-    >>> units_in(["0", "V", "mm"]), units_in(["RUN", "STOP", ""]), units_in(["", "-"])
-    (None, None, None)
     """
     units = []
     for cell in cells:
@@ -296,13 +243,7 @@ def _is_unit(text: str) -> bool:
 
 
 def with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
-    """Return the names with the units of those that have none in their names.
-
-    Examples
-    --------
-    >>> with_units(["t", "u [mV]", "state"], ["s", "V", ""])
-    ('t [s]', 'u [mV]', 'state')
-    """
+    """Return the names with the units of those that have none in their names."""
     given = [*units, *[""] * (len(names) - len(units))]
     return tuple(
         f"{name} [{unit}]" if unit and not unit_of(name) else name for name, unit in zip(names, given, strict=False)

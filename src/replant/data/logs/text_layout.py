@@ -37,14 +37,7 @@ class Content:
 
 
 def content_of(names: Sequence[str], rows: Sequence[tuple[int, Sequence[str]]], delimiter: str | None) -> Content:
-    """Return what rows of cells hold, each with the number of its line.
-
-    Examples
-    --------
-    >>> found = content_of(("time", "u"), [(2, ["10:00:00", "0,5"]), (3, ["10:00:01", "1.000,5"])], ";")
-    >>> list(found.stamps), found.mark.mark
-    ([0], ',')
-    """
+    """Return what rows of cells hold, each with the number of its line."""
     whole = [(line, cells) for line, cells in rows if len(cells) >= len(names)]
     stamps = _stamps(names, [cells for _, cells in whole])
     if delimiter == ",":
@@ -96,24 +89,14 @@ def _may_be_stamp(cell: str) -> bool:
 
 
 def joined_cell(day: str, clock: str) -> str:
-    """Return the date of one column and the clock time of another in one cell; an empty one where either is missing.
-
-    Examples
-    --------
-    >>> joined_cell("01.05.2024", "10:00:00"), joined_cell("", "10:00:00")
-    ('01.05.2024 10:00:00', '')
-    """
+    """Return the date of one column and the clock time of another in one cell; an empty one where either is missing."""
     return "" if is_missing(day) or is_missing(clock) else f"{day.strip()} {clock.strip()}"
 
 
 def later_mark(
     mark: DecimalMark | None, rows: Iterable[tuple[int, Sequence[str]]], left_out: Iterable[int]
 ) -> DecimalMark | None:
-    """Return the first certain decimal mark in further rows, else what the first rows told.
-
-    >>> later_mark(None, [(9, ["2", "1.234"]), (10, ["2", "0,5"])], []).line
-    10
-    """
+    """Return the first certain decimal mark in further rows, else what the first rows told."""
     best, skipped = mark, set(left_out)
     for line, cells in rows:
         for column, cell in enumerate(cells):
@@ -156,28 +139,13 @@ class Layout:
 
 
 def is_data(line: str) -> bool:
-    """Return whether a line holds cells, that is, is neither blank nor a comment.
-
-    Examples
-    --------
-    >>> is_data("0.1,2"), is_data("# motor 3"), is_data(" ")
-    (True, False, False)
-    """
+    """Return whether a line holds cells, that is, is neither blank nor a comment."""
     text = line.lstrip()
     return bool(text) and not text.startswith(COMMENT_MARKS)
 
 
 def sniff(path: Path) -> Layout:
-    r"""Determine the layout of a text log from its first lines.
-
-    >>> import tempfile
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     file = Path(folder, "log.csv")
-    ...     _ = file.write_text("t;u;y\n0,0;1,5;0\n0,1;1,5;0,7\n")
-    ...     layout = sniff(file)
-    >>> layout.names, layout.delimiter
-    (('t', 'u', 'y'), ';')
-    """
+    """Determine the layout of a text log from its first lines."""
     encoding = _encoding(path)
     comment, rows = _sample(path, encoding)
     if not rows:
@@ -327,13 +295,7 @@ def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tup
 
 
 def _filled(cells: Sequence[str]) -> int:
-    """Return how many cells there are up to the last that is not empty.
-
-    Examples
-    --------
-    >>> _filled(["Oven 3", "12.11.", "", ""]), _filled(["0", "", "1"])
-    (2, 3)
-    """
+    """Return how many cells there are up to the last that is not empty."""
     return max((number for number, cell in enumerate(cells, 1) if cell), default=0)
 
 

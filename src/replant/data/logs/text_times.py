@@ -78,11 +78,6 @@ class StampFormat:
         """Return the seconds since the first stamp; a missing cell is NaN.
 
         Differences are taken in whole nanoseconds: each result is the closest float64.
-
-        >>> cells = ["2024-05-01 23:59:59.9", "2024-05-02 00:00:00.0"]
-        >>> found = find_format(cells)
-        >>> found.seconds(cells)
-        array([0. , 0.1])
         """
         elapsed, missing = np.empty(len(cells), np.int64), []
         for index, cell in enumerate(cells):
@@ -121,13 +116,7 @@ def is_missing(cell: str) -> bool:
 
 
 def parse_stamp(cell: str, month_first: bool) -> Stamp:
-    """Read one time stamp.
-
-    >>> parse_stamp("1970-01-01T02:00:00.25+02:00", False)
-    Stamp(nanoseconds=250000000, parts='dcz', day=0, month=0)
-    >>> parse_stamp("12:00:01 AM", False).nanoseconds
-    1000000000
-    """
+    """Read one time stamp."""
     found = _CELL.fullmatch(cell.strip())
     if found is None:
         raise ValueError(cell)
@@ -197,15 +186,7 @@ def _offset(zone: str) -> int:
 
 
 def find_format(cells: Sequence[str]) -> StampFormat | None:
-    """Return the format of a column of dates or clock times; None if a cell is neither missing nor such a stamp.
-
-    Examples
-    --------
-    >>> find_format(["03/25/2024 10:00", "03/25/2024 10:01"]).month_first
-    True
-    >>> find_format(["1.5", "2.5"]) is None
-    True
-    """
+    """Return the format of a column of dates or clock times; None if a cell is neither missing nor such a stamp."""
     given = [cell for cell in cells if not is_missing(cell)]
     for month_first in (False, True):
         try:
@@ -228,14 +209,7 @@ _REMEDY = "write the stamps with their offset from UTC (+01:00), or give the sam
 
 
 class LocalClock:
-    """Looks for such jumps in time stamps that are given block by block.
-
-    >>> clock = LocalClock(Path("log.csv"), "time", "row {}".format, has_date=True)
-    >>> clock.check(np.array([0.0, 60.0, 120.0]))
-    >>> clock.check(np.array([-3420.0]))
-    Traceback (most recent call last):
-    replant.errors.LogError: log.csv: row 3, column 'time': the clock goes back by 3540 s, ...
-    """
+    """Looks for such jumps in time stamps that are given block by block."""
 
     def __init__(self, path: Path, name: str, describe_row: Callable[[int], str], *, has_date: bool) -> None:
         self._path, self._name, self._describe_row, self._has_date = path, name, describe_row, has_date

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs import table
-from replant.data.logs.table import Table, damage_as_log_error
+from replant.data.logs.isolated import allow
+from replant.data.logs.table import Table, at_most, damage_as_log_error, open_zip
 from replant.data.logs.text_cells import quote, units_in, with_units
 from replant.data.logs.text_times import LocalClock, StampFormat, find_format, is_missing
 from replant.errors import LogError, MissingDependencyError, shown
@@ -88,11 +88,11 @@ def read(path: Path) -> Table:
             f"{path}: reading Excel files needs openpyxl: pip install 'replant[xlsx]'"
         ) from error
     with damage_as_log_error(path, "Excel workbook", "save it again as .xlsx, or as CSV"):
-        with table.opened(path):
+        with open_zip(path):
             pass
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
         try:
-            sheets = table.at_most(path, book.worksheets, "sheets", MOST_SHEETS)
+            sheets = at_most(path, book.worksheets, "sheets", MOST_SHEETS)
             found = next((sheet for each in sheets if (sheet := _table_in(path, each)) is not None), None)
         finally:
             book.close()
@@ -131,7 +131,7 @@ def _table_in(path: Path, sheet: Any) -> _Sheet | None:
 
 def _rows_of(path: Path, sheet: Any) -> Iterator[_Row]:
     """Yield the rows; those that a number in the file leaves out are empty."""
-    return table.at_most(path, (tuple(row) for row in sheet.iter_rows(values_only=True)), "rows in a sheet", MOST_ROWS)
+    return at_most(path, (tuple(row) for row in sheet.iter_rows(values_only=True)), "rows in a sheet", MOST_ROWS)
 
 
 def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
@@ -148,7 +148,7 @@ def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
             column.append(cell)
         given, empty = given + sum(cell is not None for cell in cells), 0
         if given >= _COUNTED:
-            table.allow(held=8 * given, found=given)
+            allow(held=8 * given, found=given)
             given = 0
     return columns
 

@@ -85,11 +85,7 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
 
 
 def time_column(table: Table, named: str | None) -> int | None:
-    """Return the index of the column of time stamps.
-
-    >>> time_column(Table(Path("log.csv"), ("time", "u", "y"), lambda columns: iter([])), None)
-    0
-    """
+    """Return the index of the column of time stamps."""
     if named is not None:
         return table.find(named)
     candidates = time_candidates(table.names)
@@ -97,13 +93,7 @@ def time_column(table: Table, named: str | None) -> int | None:
 
 
 def stamped_source(name: str, record: Batch, t: FloatArray, speed: float) -> ReplaySource:
-    """Return the source of a record with time stamps; rows without a finite stamp are left out and counted.
-
-    >>> record = Batch(np.zeros(3), np.zeros(3), None, np.arange(3), arrived=0.0)
-    >>> source = stamped_source("log.csv", record, np.array([0.0, np.nan, 0.2]), speed=math.inf)
-    >>> source.counters
-    {'time not finite': 1}
-    """
+    """Return the source of a record with time stamps; rows without a finite stamp are left out and counted."""
     kept = np.isfinite(t)
     record = replace(record, t=t).select(kept)
     elapsed = np.maximum.accumulate(t[kept]) - t[kept][:1]
@@ -116,11 +106,7 @@ LONGEST_PAUSE = 3600.0  # the longest single pause: the system's timers may refu
 
 
 class Pace:
-    """A clock that runs ``speed`` times as fast as real time, and starts when it is first read.
-
-    >>> Pace(math.inf).elapsed()
-    inf
-    """
+    """A clock that runs ``speed`` times as fast as real time, and starts when it is first read."""
 
     def __init__(self, speed: float) -> None:
         self._speed = speed
@@ -138,11 +124,7 @@ class Pace:
 
 
 def speed_of(address: Address, default: float) -> float:
-    """Return the option ``speed`` of a URL: a positive number, or infinity for ``max``.
-
-    >>> speed_of(Address("demo?speed=max", "", options={"speed": "max"}), 1.0)
-    inf
-    """
+    """Return the option ``speed`` of a URL: a positive number, or infinity for ``max``."""
     if address.options.get("speed") == "max":
         return math.inf
     return address.positive("speed") or default
@@ -172,17 +154,6 @@ def controlled(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Floa
     At each sample the controller reads the speed and sets the voltage, which the motor gets until the next one:
 
         u_k = 0.3 (r_k - y_k) + integral of 0.6 (r - y),    y = G(s) (u + load) + noise.
-
-    The first ``skip`` blocks are simulated but not yielded: the motor starts from rest at sample 0, so a block is the
-    same wherever the iteration begins.
-
-    Examples
-    --------
-    >>> first, u, y, r = next(controlled(seed=0))
-    >>> first, u.size, y.size, r.size
-    (0, 4096, 4096, 4096)
-    >>> bool(abs(y[2000:] - r[2000:]).mean() < 10.0)  # the speed follows the set-point
-    True
     """
     rig, number = motor_rig(), 0
     state = np.zeros(4)
@@ -196,24 +167,14 @@ def controlled(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Floa
 
 
 def set_point(samples: int, seed: int) -> FloatArray:
-    """Return a reference (K,) in rad/s: steps of 0.5 to 4 s between 30 and 70 rad/s, with a dither added.
-
-    Examples
-    --------
-    >>> r = set_point(1000, seed=0)
-    >>> bool((r >= 29.0).all() and (r <= 71.0).all())
-    True
-    """
+    """Return a reference (K,) in rad/s: steps of 0.5 to 4 s between 30 and 70 rad/s, with a dither added."""
     steps = random_steps(samples, shortest=SHORTEST, longest=LONGEST, low=LOWEST, high=HIGHEST, seed=seed)
     signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // DITHER_HOLD))
     return steps + DITHER * np.repeat(signs, DITHER_HOLD)[:samples]
 
 
 def _one_block(rig: Rig, r: FloatArray, state: FloatArray, draw: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return voltage and speed (K,) under the reference ``r`` (K,), and the state after it.
-
-    The state is that of the motor (2,), the load and the integral.
-    """
+    """Return voltage and speed (K,) under the reference ``r`` (K,), and the state after it."""
     model = state_space.companion(rig.plant.den)
     transition, column, _ = state_space.exact(model.matrix, model.column, rig.dt, "zoh")
     (a, b), (c, d) = transition.tolist()
@@ -253,11 +214,7 @@ LOOPS = (
 
 
 class DemoSource(Reader):
-    """The rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples.
-
-    Its URL is ``demo?speed=max&seed=0``.  That of the motor of `controlled`, 100 Hz, is ``demo?loop=pi``: its samples
-    come with a reference.
-    """
+    """The rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples."""
 
     def __init__(self, name: str = "demo", speed: float = 1.0, seed: int = 0, *, looped: bool = False) -> None:
         super().__init__(name, waits=True, capacity=4 * PART)
@@ -294,17 +251,7 @@ class DemoSource(Reader):
 
 
 def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray]]:
-    """Yield blocks of samples: the number of the first one, voltage (`BLOCK`,) in kV, displacement (`BLOCK`,) in mm.
-
-    The first ``skip`` blocks are simulated but not yielded: the plant starts from rest at sample 0, so a block is the
-    same wherever the iteration begins.
-
-    Examples
-    --------
-    >>> first, u, y = next(simulated(seed=0))
-    >>> first, u.size == y.size == BLOCK
-    (0, True)
-    """
+    """Yield blocks of samples: the number of the first one, voltage (`BLOCK`,) in kV, displacement (`BLOCK`,) in mm."""
     rig = deap_rig()
     preprocess, response = rig.preprocess, Response(rig.plant, rig.dt)
     number = 0
@@ -318,14 +265,7 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
 
 
 def demo_voltage(samples: int, seed: int) -> FloatArray:
-    """Return an input (K,) between 2 and 5.5 kV: steps of 10 ms to 4 s with a random flutter added.
-
-    Examples
-    --------
-    >>> u = demo_voltage(1000, seed=0)
-    >>> bool((u >= 2.0).all() and (u <= 5.5).all())
-    True
-    """
+    """Return an input (K,) between 2 and 5.5 kV: steps of 10 ms to 4 s with a random flutter added."""
     steps = random_steps(
         samples, shortest=10, longest=LONGEST_STEP, low=2.0 + FLUTTER, high=5.5 - FLUTTER, seed=seed
     )  # fmt: skip
@@ -334,11 +274,7 @@ def demo_voltage(samples: int, seed: int) -> FloatArray:
 
 
 def open_demo(address: Address, columns: tuple[str, ...] | None) -> DemoSource:
-    """Return the source of the URL ``demo``.
-
-    >>> open_demo(Address("demo?seed=3", "", path="demo", options={"seed": "3"}), None).name
-    'demo?seed=3'
-    """
+    """Return the source of the URL ``demo``."""
     address.allow("speed", "seed", "loop")
     looped = address.one_of("loop", LOOPS, "none") == "pi"
     return DemoSource(address.name, speed_of(address, 1.0), address.whole("seed", 0, least=0), looped=looped)

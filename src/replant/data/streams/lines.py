@@ -121,13 +121,7 @@ def import_pyserial(name: str) -> Any:
 
 
 def port_errors() -> tuple[type[Exception], ...]:
-    """Return the errors that a lost port raises: pyserial passes on some of the system's own.
-
-    Examples
-    --------
-    >>> OSError in port_errors()
-    True
-    """
+    """Return the errors that a lost port raises: pyserial passes on some of the system's own."""
     try:
         import termios
     except ImportError:  # Windows
@@ -136,13 +130,7 @@ def port_errors() -> tuple[type[Exception], ...]:
 
 
 def port_reason(error: Exception) -> str:
-    """Return the system's words for an error, without the port's name and the number that pyserial adds.
-
-    Examples
-    --------
-    >>> port_reason(OSError(2, "could not open port /dev/ttyUSB0"))
-    'No such file or directory'
-    """
+    """Return the system's words for an error, without the port's name and the number that pyserial adds."""
     number = getattr(error, "errno", None)
     return os.strerror(number) if isinstance(number, int) else str(error)
 
@@ -213,15 +201,7 @@ class TcpSource(Reader):
 
 
 def enable_keepalive(peer: socket.socket) -> None:
-    """Have the system detect a peer that has vanished; options that the system lacks are left out.
-
-    Examples
-    --------
-    >>> with socket.socket() as peer:
-    ...     enable_keepalive(peer)
-    ...     peer.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE) != 0
-    True
-    """
+    """Have the system detect a peer that has vanished; options that the system lacks are left out."""
     peer.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in KEEPALIVE.items():
         option = getattr(socket, name, None)
@@ -230,10 +210,6 @@ def enable_keepalive(peer: socket.socket) -> None:
 
 
 def open_tcp(address: Address, columns: tuple[str, ...] | None) -> TcpSource:
-    """Return the source of a URL ``tcp://``.
-
-    >>> open_tcp(Address("tcp://rig:9000", "tcp", "rig", 9000), None).name
-    'tcp://rig:9000'
-    """
+    """Return the source of a URL ``tcp://``."""
     address.allow("columns")
     return TcpSource(address.name, *address.host_and_port(TCP_EXAMPLE), columns)

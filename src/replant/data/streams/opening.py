@@ -16,16 +16,7 @@ from replant.errors import InvalidArgumentError
 
 @dataclass(frozen=True)
 class Address:
-    """The parts of a source's URL.
-
-    Examples
-    --------
-    >>> address = split("mqtt://lab:secret@10.0.0.7:1884/rig/1?qos=0")
-    >>> address.name, address.host, address.port, address.path
-    ('mqtt://lab@10.0.0.7:1884/rig/1?qos=0', '10.0.0.7', 1884, 'rig/1')
-    >>> address.whole("qos", 1, least=0)
-    0
-    """
+    """The parts of a source's URL."""
 
     name: str  # the URL without password, for messages
     scheme: str  # scheme, host, path: after a host, the path is without its first slash
@@ -90,12 +81,7 @@ class Address:
 
 
 def split(url: str) -> Address:
-    """Return the parts of a URL that has a scheme and ``//``.
-
-    >>> address = split("tcp://127.0.0.1:9000")
-    >>> address.scheme, address.host, address.port
-    ('tcp', '127.0.0.1', 9000)
-    """
+    """Return the parts of a URL that has a scheme and ``//``."""
     try:
         parts = urlsplit(url)
     except ValueError as cause:
@@ -118,23 +104,13 @@ def split(url: str) -> Address:
 
 
 def without_password(parts: SplitResult) -> str:
-    """Return the URL without its password.
-
-    Examples
-    --------
-    >>> without_password(urlsplit("mqtt://me:secret@rig/1")), without_password(urlsplit("serial:///dev/ttyUSB0"))
-    ('mqtt://me@rig/1', 'serial:///dev/ttyUSB0')
-    """
+    """Return the URL without its password."""
     url = parts.geturl() if parts.netloc else parts.geturl().replace(":", "://", 1)  # geturl leaves an empty host out
     return url if parts.password is None else url.replace(f":{parts.password}@", "@", 1)
 
 
 def options_of(name: str, query: str) -> dict[str, str]:
-    """Return the options that a query ``name=value&name=value`` holds; ``name`` is the URL, for the message.
-
-    >>> options_of("demo", "speed=max&seed=3")
-    {'speed': 'max', 'seed': '3'}
-    """
+    """Return the options that a query ``name=value&name=value`` holds; ``name`` is the URL, for the message."""
     try:
         return dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
     except ValueError:

@@ -30,12 +30,7 @@ LONGEST = 1 << 16  # the longest line; a longer one is skipped [bytes]
 
 
 class LineSplitter:
-    r"""Splits one stream into lines.
-
-    >>> lines = LineSplitter(Counter())
-    >>> lines.split(b"1,2\n3,"), lines.split(b"4\n5,6"), lines.rest()
-    (b'1,2\n', b'3,4\n', b'5,6\n')
-    """
+    """Splits one stream into lines."""
 
     def __init__(self, counters: Counter[str], longest: int = LONGEST) -> None:
         self._counters = counters
@@ -99,17 +94,11 @@ REASONS = {"n": "not a sequence number", "t": "time not finite"}
 
 
 class Parser:
-    r"""Parses the lines of one stream; each line is CSV or JSON.
+    """Parses the lines of one stream; each line is CSV or JSON.
 
     The columns are those of ``columns``, or follow from the first two lines of CSV of equal width (the first line may
     have been cut), or from the first JSON object.  Blank lines and comments are skipped.  Every other line gives
     samples, or is counted by the reason why it gives none.
-
-    >>> counters = Counter()
-    >>> parser = Parser(counters)
-    >>> batch = parser.parse(b"0.0,1,0.5\n0.1,1,abc\n0.2,1,0.7\n", arrived=0.0)
-    >>> batch.t, batch.y, dict(counters)
-    (array([0. , 0.2]), array([0.5, 0.7]), {'not a number': 1})
     """
 
     def __init__(self, counters: Counter[str], columns: tuple[str, ...] | None = None) -> None:
@@ -219,13 +208,7 @@ class Parser:
 
 
 def is_number(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
-    """Return which values (K,) are valid sequence numbers: whole, not negative, exact in float64.
-
-    Examples
-    --------
-    >>> is_number(np.array([7.0, 0.5, -1.0]))
-    array([ True, False, False])
-    """
+    """Return which values (K,) are valid sequence numbers: whole, not negative, exact in float64."""
     return np.asarray((values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values)))
 
 
@@ -239,12 +222,6 @@ class Payloads:
 
     A payload holds one or more lines (see `Parser`), or it is packed: `MAGIC`, the columns' letters padded with blanks
     to four, then rows of little-endian float64.
-
-    >>> from collections import Counter
-    >>> payloads = Payloads(Parser(Counter()))
-    >>> packed = MAGIC + b"uy  " + np.array([[1.0, 0.5], [1.0, 0.7]], "<f8").tobytes()
-    >>> payloads.parse([packed], arrived=0.0).y
-    array([0.5, 0.7])
     """
 
     def __init__(self, parser: Parser, *, bare: bool = False) -> None:

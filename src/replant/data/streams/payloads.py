@@ -20,10 +20,7 @@ LARGEST_DATAGRAM = 1 << 16  # room for one datagram, more than UDP allows [bytes
 
 
 class UdpSource(Reader):
-    """Datagrams with lines or packed numbers, received at ``udp://address:port``.
-
-    A full queue drops its oldest samples and counts them.
-    """
+    """Datagrams with lines or packed numbers, received at ``udp://address:port``."""
 
     def __init__(
         self, name: str, host: str, port: int, columns: tuple[str, ...] | None = None, *, bare: bool = False
@@ -62,12 +59,7 @@ class UdpSource(Reader):
 
 
 def listen(name: str, host: str, port: int) -> socket.socket:
-    """Return a socket that receives datagrams.
-
-    >>> with listen("udp://127.0.0.1:0", "127.0.0.1", 0) as listener:
-    ...     listener.getsockname()[0]
-    '127.0.0.1'
-    """
+    """Return a socket that receives datagrams."""
     try:
         family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         listener = socket.socket(family, kind, protocol)
@@ -103,13 +95,7 @@ MQTT_TOGETHER = 256  # largest number of messages parsed together [count]
 
 
 class MqttSource(Reader):
-    """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``.
-
-    After a break the source connects again, with growing pauses, and subscribes again.  With qos 1 the broker keeps the
-    messages of the break, up to its own limit; it also waits for acknowledgements, and drops messages that arrive
-    faster than those.  Samples that are delivered twice are dropped by their sequence number.  A retained message is
-    old: it is skipped and counted as "retained".  A full queue drops its oldest samples and counts them.
-    """
+    """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``."""
 
     def __init__(self, address: Address, columns: tuple[str, ...] | None = None) -> None:
         super().__init__(address.name, waits=False)

@@ -28,20 +28,7 @@ class HasFile(Protocol):
 
 
 class StopRequest:
-    """A request to stop, made once and never withdrawn.  Within a ``with`` block it also wakes the waiting thread.
-
-    Attributes
-    ----------
-    requested : bool
-
-    Examples
-    --------
-    >>> stop = StopRequest()
-    >>> with stop:
-    ...     stop.request()
-    ...     stop.wait(60.0)
-    True
-    """
+    """A request to stop, made once and never withdrawn.  Within a ``with`` block it also wakes the waiting thread."""
 
     def __init__(self) -> None:
         self.requested = False
@@ -89,14 +76,7 @@ EMPTY = np.empty(0)
 
 
 class Inbox:
-    """A ring buffer of samples.  Its memory never grows; samples that arrived one by one are returned together.
-
-    >>> inbox = Inbox(2, drop=True)
-    >>> inbox.put(Batch(np.array([1.0, 2.0, 3.0]), np.zeros(3), None, None, arrived=0.0))
-    1
-    >>> inbox.get(0.1).u
-    array([2., 3.])
-    """
+    """A ring buffer of samples.  Its memory never grows; samples that arrived one by one are returned together."""
 
     def __init__(self, capacity: int = CAPACITY, *, drop: bool) -> None:
         self._capacity = capacity
@@ -181,13 +161,7 @@ class Inbox:
 
 
 def fields(batch: Batch) -> dict[str, type]:
-    """Return the fields that a batch has, with the type of each.
-
-    Examples
-    --------
-    >>> list(fields(Batch(EMPTY, EMPTY, None, None, arrived=0.0)))
-    ['u', 'y', 'arrived']
-    """
+    """Return the fields that a batch has, with the type of each."""
     given = {"u": float, "y": float, "t": float, "r": float, "sequence": np.int64, "arrived": float}
     return {name: kind for name, kind in given.items() if getattr(batch, name) is not None}
 

@@ -27,11 +27,7 @@ class Malformed(Exception):  # noqa: N818 - not an error of the program: a reaso
 
 
 def from_cells(line: str) -> Row:
-    """Parse one line of CSV; a missing cell is NaN, as in a log.
-
-    >>> from_cells("0.5, 1e-3,")
-    (0.5, 0.001, nan)
-    """
+    """Parse one line of CSV; a missing cell is NaN, as in a log."""
     try:
         return tuple(map(parse_number, line.split(",")))
     except ValueError:
@@ -39,25 +35,13 @@ def from_cells(line: str) -> Row:
 
 
 def check_width(row: Row, width: int) -> None:
-    """Check that a row has ``width`` cells.
-
-    >>> check_width((0.5, 1.0), 3)
-    Traceback (most recent call last):
-    replant.data.streams.rows.Malformed: fields missing
-    """
+    """Check that a row has ``width`` cells."""
     if len(row) != width:
         raise Malformed("fields missing" if len(row) < width else "too many fields")
 
 
 def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
-    """Parse lines of CSV as a whole, in C; return None if a line has anything but ``width`` numbers.
-
-    Examples
-    --------
-    >>> table_from_cells(["0.0,1", "0.1,2"], 2)
-    array([[0. , 1. ],
-           [0.1, 2. ]])
-    """
+    """Parse lines of CSV as a whole, in C; return None if a line has anything but ``width`` numbers."""
     try:
         table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
     except ValueError:
@@ -66,11 +50,7 @@ def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
 
 
 def json_value(line: str) -> Any:
-    """Parse one line of JSON.
-
-    >>> json_value('{"u": 1.5, "y": null}')
-    {'u': 1.5, 'y': None}
-    """
+    """Parse one line of JSON."""
     try:
         return json.loads(line)
     except (ValueError, RecursionError):
@@ -78,13 +58,7 @@ def json_value(line: str) -> Any:
 
 
 def json_values(lines: Sequence[str]) -> list[Any] | None:
-    """Parse lines of JSON as a whole; return None if a line is anything but an object or an array.
-
-    Examples
-    --------
-    >>> json_values(['{"u": 1}', '{"u": 2}'])
-    [{'u': 1}, {'u': 2}]
-    """
+    """Parse lines of JSON as a whole; return None if a line is anything but an object or an array."""
     try:
         values = json.loads(f"[{',null,'.join(lines)}]")  # the null between keeps two lines from forming one object
     except (ValueError, RecursionError):
@@ -96,14 +70,7 @@ def json_values(lines: Sequence[str]) -> list[Any] | None:
 
 
 def table_from_json(values: Sequence[Any], columns: Sequence[str]) -> FloatArray | None:
-    """Return JSON objects of one sample each as a table (K, C); None if they are anything else.
-
-    Examples
-    --------
-    >>> table_from_json([{"u": 1, "y": 0.5}, {"u": 2, "y": 0.7}], ("u", "y"))
-    array([[1. , 0.5],
-           [2. , 0.7]])
-    """
+    """Return JSON objects of one sample each as a table (K, C); None if they are anything else."""
     try:
         rows = list(map(itemgetter(*columns), values))
         if set(map(type, chain.from_iterable(rows))) <= {float, int}:
@@ -114,13 +81,7 @@ def table_from_json(values: Sequence[Any], columns: Sequence[str]) -> FloatArray
 
 
 def columns_of(value: Any) -> tuple[str, ...] | None:
-    """Return the columns of a JSON object, or of the first in an array; None if it holds no sample.
-
-    Examples
-    --------
-    >>> columns_of({"y": 1.0, "u": 2.0, "n": 3, "comment": "good"})
-    ('n', 'u', 'y')
-    """
+    """Return the columns of a JSON object, or of the first in an array; None if it holds no sample."""
     first = value[0] if isinstance(value, list) and value else value
     if not isinstance(first, dict) or not {"u", "y"} <= first.keys():
         return None
@@ -132,9 +93,6 @@ def from_json(value: Any, columns: Sequence[str]) -> list[Row]:
 
     ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample.  An object whose fields are arrays holds several samples;
     its n may be the number of the first.  null is NaN.
-
-    >>> from_json({"n": 7, "u": [1, 2], "y": [0.5, None]}, ("n", "u", "y"))
-    [(7.0, 1.0, 0.5), (8.0, 2.0, nan)]
     """
     rows: list[Row] = []
     for item in value if isinstance(value, list) else [value]:

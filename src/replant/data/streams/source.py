@@ -42,11 +42,7 @@ class Source(Protocol):
 
     @property
     def counters(self) -> dict[str, int]:
-        """How often each fault has occurred; faults that never occurred are not listed.
-
-        Malformed lines by reason ("not a number", "too long", ...); samples "duplicate", "lost" on the way, "dropped"
-        from a full queue; "reconnects" and "restarts" of the device.
-        """
+        """How often each fault has occurred; faults that never occurred are not listed."""
         ...
 
     @property
@@ -57,14 +53,7 @@ class Source(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """Samples that arrived together; empty while the source is idle.
-
-    Examples
-    --------
-    >>> batch = Batch(np.array([1.0, 2.0]), np.array([0.0, 0.1]), None, None, arrived=0.0)
-    >>> len(batch), batch.select(slice(1, 2)).u
-    (2, array([2.]))
-    """
+    """Samples that arrived together; empty while the source is idle."""
 
     u: FloatArray  # u, y: (K,): input and output in the device's units; NaN where the device sent none
     y: FloatArray
@@ -92,10 +81,7 @@ class Batch:
         )
 
     def followed_by(self, other: Batch) -> Batch:
-        """Return the samples of this batch and then those of ``other``, which has the same fields.
-
-        The result arrived when ``other`` did.
-        """
+        """Return the samples of this batch and then those of ``other``, which has the same fields."""
         return Batch(
             np.concatenate([self.u, other.u]),
             np.concatenate([self.y, other.y]),
@@ -135,14 +121,6 @@ class Numbering:
     A number far back is confirmed by its successor, too, if the sender never sends anything again: the device was
     reset.  If the sender may send samples again, only numbers never used are accepted: after a counter has wrapped at
     2^16 or 2^32, or between the two ends of a leap, within one connection.
-
-    >>> counters = Counter()
-    >>> numbering = Numbering(counters, replays=True)
-    >>> batch = Batch(np.zeros(6), np.zeros(6), None, np.array([1, 2, 2, 5, 4294967296, 6]), arrived=0.0)
-    >>> numbering.screen(batch).sequence
-    array([1, 2, 5, 6])
-    >>> dict(counters), numbering.last
-    ({'duplicate': 1, 'lost': 2, 'number leap': 1}, 6)
     """
 
     def __init__(self, counters: Counter[str], *, replays: bool) -> None:

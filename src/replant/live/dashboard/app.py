@@ -206,19 +206,7 @@ def file_answer(content: bytes, kind: str, name: str) -> Response:
 
 
 def python_of(model: dict[str, Any]) -> str:
-    """Return a program that makes the model's transfer function.
-
-    Examples
-    --------
-    >>> verdict = {"status": "trusted"}
-    >>> print(python_of({"num": [1.25], "den": [1.0, 0.5], "delay": 0.0, "verdict": verdict, "samples": 7}))
-    # identified by replant from 7 samples; verdict: trusted
-    from replant import TransferFunction
-    <BLANKLINE>
-    G = TransferFunction(num=[1.25], den=[1.0, 0.5], delay=0.0)
-    print(G)
-    <BLANKLINE>
-    """
+    """Return a program that makes the model's transfer function."""
     num, den = ([float(value) for value in model[key]] for key in ("num", "den"))
     return (
         f"# identified by replant from {int(model['samples'])} samples; verdict: {_line(model['verdict']['status'])}\n"

@@ -33,13 +33,6 @@ class Hub:
     """Holds the newest view, which the identification publishes and browsers fetch.
 
     Views are not queued: a slow browser gets the newest view and misses those in between.
-
-    >>> hub = Hub(command=print, report=lambda: b"<!doctype html>")
-    >>> hub.publish({"at": 0.5, "num": [1.25], "den": [1.0, 0.5], "delay": 0.0})
-    >>> hub.newest["at"]
-    0.5
-    >>> hub.command("freeze")
-    freeze
     """
 
     def __init__(

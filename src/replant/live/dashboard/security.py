@@ -169,13 +169,7 @@ LEAVING = 5.0  # time from the goodbye until the connection is gone [s]
 
 
 def most_connections() -> int:
-    """Return how many connections there may be at a time.
-
-    Examples
-    --------
-    >>> LEAST <= most_connections() <= MOST
-    True
-    """
+    """Return how many connections there may be at a time."""
     try:
         import resource
     except ImportError:  # Windows, where sockets are no file descriptors

@@ -22,14 +22,7 @@ _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
 class Dashboard:
-    """A running server of the dashboard, until `stop` or the end of a ``with`` block.
-
-    Attributes
-    ----------
-    url : str
-        Address of the page, with the token if one is required.
-    port : int
-    """
+    """A running server of the dashboard, until `stop` or the end of a ``with`` block."""
 
     def __init__(
         self, hub: Hub, server: uvicorn.Server, listening: socket.socket, host: str, token: str | None
@@ -92,10 +85,6 @@ def serve(
     """Serve the dashboard of ``hub`` from a thread, and return when the server is ready.
 
     ``application`` makes another page that is served in the same way, as `create_app` makes the dashboard.
-
-    >>> with serve(Hub(command=print, report=bytes)) as dashboard:
-    ...     dashboard.url == f"http://127.0.0.1:{dashboard.port}/"
-    True
     """
     _check(host, port, token)
     try:

@@ -37,16 +37,7 @@ GOODBYE = 5.0  # time that the process gets to end by itself [s]
 
 
 class ObserverProcess:
-    """One process of the observer, with its connection and the thread that sends to it.
-
-    Attributes
-    ----------
-    connection : Connection
-    outbox : Queue
-        Messages put there are sent by a thread: a pipe is too small for a state, and the session must not wait.
-    start : float
-        `time.monotonic()` when the process was started.
-    """
+    """One process of the observer, with its connection and the thread that sends to it."""
 
     def __init__(self, options: ObserverOptions) -> None:
         context = multiprocessing.get_context("spawn")

@@ -30,15 +30,7 @@ MOST_ROWS = 1000  # rows of history kept [rows]
 
 
 class EstimateHistory:
-    """Rows of (t, parameters, std), one for each view; when there are too many, every second row is dropped.
-
-    >>> history = EstimateHistory(1)
-    >>> for k in range(5000):
-    ...     history.append(float(k), np.array([0.5]), np.array([0.1]))
-    >>> rows = history.rows()
-    >>> rows.t.size <= MOST_ROWS, rows.t[[0, -1]]
-    (True, array([   0., 4999.]))
-    """
+    """Rows of (t, parameters, std), one for each view; when there are too many, every second row is dropped."""
 
     def __init__(self, size: int) -> None:
         self._table = np.empty((MOST_ROWS, 1 + 2 * size))
@@ -91,13 +83,7 @@ NOTHING = np.zeros(0)
 
 
 def bode_of(model: TransferFunction | None, uncertainty: Uncertainty, dt: float) -> view.Bode:
-    """Return the frequency response, empty where it is not known or not finite.
-
-    >>> unknown = Uncertainty(Structure(1), np.array([2.0, 4.0]), np.full((2, 2), np.nan))
-    >>> found = bode_of(TransferFunction([4.0], [1.0, 2.0]), unknown, dt=0.01)
-    >>> found.magnitude_db[0].round(1), found.magnitude_low[0]
-    (np.float64(6.0), np.float64(nan))
-    """
+    """Return the frequency response, empty where it is not known or not finite."""
     empty = view.Bode(NOTHING, NOTHING, NOTHING, NOTHING, NOTHING)
     if model is None:
         return empty
@@ -113,15 +99,7 @@ def bode_of(model: TransferFunction | None, uncertainty: Uncertainty, dt: float)
 
 
 def step_of(model: TransferFunction | None, uncertainty: Uncertainty) -> view.Step:
-    """Return the step response, empty where it is not known or not finite.
-
-    Examples
-    --------
-    >>> unknown = Uncertainty(Structure(1), np.array([2.0, 4.0]), np.full((2, 2), np.nan))
-    >>> found = step_of(TransferFunction([4.0], [1.0, 2.0]), unknown)
-    >>> found.t[-1], found.y[-1].round(2)
-    (np.float64(3.0), np.float64(2.0))
-    """
+    """Return the step response, empty where it is not known or not finite."""
     empty = view.Step(NOTHING, NOTHING, NOTHING, NOTHING)
     if model is None:
         return empty
@@ -167,13 +145,7 @@ def _usable(uncertainty: Uncertainty) -> Uncertainty | None:
 def truth_of(
     truth: TransferFunction | None, structure: Structure, model: TransferFunction | None, bode: view.Bode
 ) -> view.Truth | None:
-    """Return the true plant at the frequencies and times of the model's responses; None if it is not known.
-
-    >>> plant = TransferFunction([4.0], [1.0, 2.0])
-    >>> found = truth_of(plant, Structure(1, bias=True), plant, view.Bode(np.ones(1), *[NOTHING] * 4))
-    >>> found.parameters, found.step[-1].round(2)
-    (array([ 2.,  4., nan]), np.float64(2.0))
-    """
+    """Return the true plant at the frequencies and times of the model's responses; None if it is not known."""
     if truth is None:
         return None
     parameters = np.full(structure.size, np.nan)
@@ -199,12 +171,7 @@ def make_view(
     truth: TransferFunction | None = None,
     signals: SignalNames = UNNAMED,
 ) -> View:
-    """Return the view of an identifier, and append its row to ``history``.
-
-    >>> from replant.model.structure import Structure
-    >>> make_view(Identifier(Structure(1), dt=0.1), SessionInfo(source="demo"), EstimateHistory(2)).status
-    'starting'
-    """
+    """Return the view of an identifier, and append its row to ``history``."""
     known = identifier.has_model
     unknown = np.full(identifier.structure.size, np.nan)
     parameters = identifier.parameters if known else unknown

@@ -59,16 +59,9 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Bode:
-    """The frequency response with a band of two standard deviations around its magnitude.
+    """The frequency response with a band of two standard deviations around its magnitude."""
 
-    Attributes
-    ----------
-    omega : (F,) array
-        In rad/s.
-    magnitude_db, phase_deg, magnitude_low, magnitude_high : (F,) arrays
-        Magnitude and its band in dB, phase in degrees; the band is NaN where it is not known.
-    """
-
+    # each (F,): rad/s, dB, degrees, and the band in dB, NaN where it is not known
     omega: FloatArray
     magnitude_db: FloatArray
     phase_deg: FloatArray

@@ -31,13 +31,7 @@ AGAIN = 60.0  # time until the next message about the same subject [s]
 
 
 class Notices:
-    """Passes messages on to ``show``, at most one a minute about each subject.
-
-    >>> notices = Notices(print)
-    >>> notices.say("checkpoint", "no room on the disk")
-    no room on the disk
-    >>> notices.say("checkpoint", "no room on the disk")
-    """
+    """Passes messages on to ``show``, at most one a minute about each subject."""
 
     def __init__(self, show: Callable[[str], None]) -> None:
         self._show = show
@@ -62,27 +56,13 @@ WAITING, ENDED = "waiting", "ended"
 
 
 def time_to_live(dt: float) -> float:
-    """Return the default time to live: how long "trusted" may stand without an accepted sample, in s.
-
-    Examples
-    --------
-    >>> time_to_live(0.001), time_to_live(2.0)
-    (5.0, 20.0)
-    """
+    """Return the default time to live: how long "trusted" may stand without an accepted sample, in s."""
     return max(LEAST_TTL, INTERVALS * dt)
 
 
 @dataclass(frozen=True, eq=False)
 class EstimateMessage:
-    """The estimate after a sample, with the newest verdict and the newest standard deviations.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> known = np.array([2.128]), np.array([0.056])
-    >>> EstimateMessage(0.5, None, 25, ("a0",), *known, "running", "trusted", True, ttl=5.0).as_json()
-    b'{"schema_version":1,"timestamp":0.5,"samples":25,"a0":2.128,"std_a0":0.056,"trusted":1,"excited":1,"ttl":5.0,...'
-    """
+    """The estimate after a sample, with the newest verdict and the newest standard deviations."""
 
     timestamp: float  # rig time of the sample in s
     sequence: int | None  # number of the sample, where the device gives one

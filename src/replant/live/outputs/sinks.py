@@ -208,11 +208,7 @@ class MqttSink:
 
 
 def open_sink(address: str, ttl: float = LEAST_TTL) -> Sink:
-    """Return the sink of an address.
-
-    >>> open_sink("-").name
-    '-'
-    """
+    """Return the sink of an address."""
     if address == "-":
         return LineSink()
     parts = urlsplit(address)

@@ -35,14 +35,6 @@ class RigClock:
     after a gap, at which the filters restart.  A clock that jumps ahead makes such a gap by itself.  A stamp that leaps
     by more than `LEAP` sampling times, and the very first stamp, advance rig time only once the next stamp confirms
     them.  Every stamp is returned: the identifier applies the same rule, rejects samples and counts them.
-
-    >>> clock = RigClock(dt=0.1)
-    >>> clock.follow(np.array([500.0, 500.1])), clock.offset
-    (array([500. , 500.1]), 0.0)
-    >>> clock.follow(np.array([0.0, 0.1, 0.2])).round(6)  # the device was reset, which its second stamp confirms
-    array([  0. , 504.1, 504.2])
-    >>> clock.follow(np.array([1e4, 0.3])).round(6), round(clock.last, 6)  # misread, rejected by the identifier
-    (array([10504. ,   504.3]), 504.3)
     """
 
     def __init__(
@@ -147,13 +139,7 @@ class Progress:
         return RigClock(dt, last, self.offset, self.candidate, alone=self.alone)
 
     def counted(self, counters: Mapping[str, int]) -> dict[str, int]:
-        """Return all counters: those of earlier sources plus ``counters`` of the present one.
-
-        Examples
-        --------
-        >>> Progress(earlier={"lost": 2, "duplicate": 1}).counted({"lost": 3})
-        {'lost': 5, 'duplicate': 1}
-        """
+        """Return all counters: those of earlier sources plus ``counters`` of the present one."""
         every = {**self.earlier, **counters}
         return {name: self.earlier.get(name, 0) + counters.get(name, 0) for name in every}
 
@@ -170,11 +156,7 @@ class Progress:
 
     @classmethod
     def of(cls, entries: Mapping[str, int | float | str]) -> Progress:
-        """Return the progress with the entries of a checkpoint, see `with_counters`.
-
-        >>> Progress.of(Progress(3, 0.5, 7).with_counters({"lost": 1}))
-        Progress(taken=3, at=0.5, sequence=7, offset=0.0, candidate=None, alone=False, earlier={'lost': 1})
-        """
+        """Return the progress with the entries of a checkpoint, see `with_counters`."""
         return cls(
             _whole(entries, "taken"),
             _number(entries, "at"),
@@ -201,16 +183,7 @@ def _number(entries: Mapping[str, int | float | str], name: str) -> float:
 
 
 class Throughput:
-    """Measures rate and lag of the samples that a session learns.
-
-    Examples
-    --------
-    >>> throughput = Throughput()
-    >>> throughput.count(10, arrived=time.monotonic() - 0.5)
-    >>> rate, lag = throughput.read()
-    >>> rate, round(lag, 1)
-    (0.0, 0.5)
-    """
+    """Measures rate and lag of the samples that a session learns."""
 
     def __init__(self) -> None:
         self._since: float | None = None  # beginning of the current second; None before the first sample
@@ -275,12 +248,7 @@ class CheckpointWriter:
 
 
 def resume(path: Path, request: Request) -> Loaded | None:
-    """Return what a checkpoint holds; None if there is no checkpoint yet.
-
-    >>> from replant.model.structure import Structure
-    >>> resume(Path("no-such-file.replant"), Request(Structure(1), dt=0.1)) is None
-    True
-    """
+    """Return what a checkpoint holds; None if there is no checkpoint yet."""
     try:
         loaded = load(path)
     except MissingCheckpointError:
@@ -298,14 +266,7 @@ def resume(path: Path, request: Request) -> Loaded | None:
 
 @dataclass(frozen=True)
 class Limits:
-    """The conditions under which a session ends by itself.
-
-    Examples
-    --------
-    >>> limits = Limits(samples=1000)
-    >>> limits.left(900), limits.reached(seconds=1.5, samples=900, trusted=True)
-    (100, False)
-    """
+    """The conditions under which a session ends by itself."""
 
     seconds: float | None = None  # the session ends after this real time
     # the session ends when this many samples have been taken; rejected samples and those before a resumption count
@@ -330,14 +291,6 @@ def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
     """Call ``stop`` on the first SIGINT or SIGTERM within the ``with`` block; the second one has its usual effect.
 
     Only the main thread receives signals: in another thread this has no effect.
-
-    Examples
-    --------
-    >>> stops = []
-    >>> with stop_on_signals(lambda: stops.append(True)):
-    ...     signal.raise_signal(signal.SIGINT)
-    >>> stops
-    [True]
     """
     if threading.current_thread() is not threading.main_thread():
         yield

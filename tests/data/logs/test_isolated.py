@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replant.data.logs import parser_child, parser_process, read_columns, read_log
+from replant.data.logs import isolated, read_columns, read_log
 from replant.errors import LogError
 from support.cases import every
 
@@ -39,22 +39,19 @@ FATES = {
 
 @every(("fate", "message"), FATES.items(), ids=FATES)
 def test_however_the_process_ends_it_is_one_line(
-    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fate: str, message: str
+    path: Path, monkeypatch: pytest.MonkeyPatch, fate: str, message: str
 ) -> None:
-    script = tmp_path / "process.py"
-    script.write_text(f"import json, os, signal, sys\n{fate}")
-    monkeypatch.setattr(parser_child, "__file__", str(script))
+    monkeypatch.setattr(isolated, "BEGIN", f"import json, os, signal, sys\n{fate}")
     with pytest.raises(LogError, match=message) as caught:
         read_columns(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
 
 
-def test_a_process_that_waits_is_ended(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "process.py").write_text("import time\ntime.sleep(3600)")
-    monkeypatch.setattr(parser_child, "__file__", str(tmp_path / "process.py"))
-    monkeypatch.setattr(parser_process, "STILL", 0.2)
-    monkeypatch.setattr(parser_process, "STILL_PER_BYTE", 0.0)
+def test_a_process_that_waits_is_ended(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(isolated, "BEGIN", "import time; time.sleep(3600)")
+    monkeypatch.setattr(isolated, "STILL", 0.2)
+    monkeypatch.setattr(isolated, "STILL_PER_BYTE", 0.0)
     with pytest.raises(LogError, match=r"log\.mat: the file is damaged: reading it takes over .* s; save it again"):
         read_columns(path)
 

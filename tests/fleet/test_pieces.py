@@ -1,0 +1,96 @@
+"""The small pieces of a fleet: names, words, digests, tasks."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from replant.errors import InvalidArgumentError
+from replant.fleet.catalogue import find_rigs, is_log
+from replant.fleet.executors import InThisThread, carried_out, parsed, workers
+from replant.fleet.job import Job, Piece, Rig, digest, planned, printable, report_path, work_of
+from replant.fleet.oddness import _least_fit
+from replant.fleet.statistics import Deviation, Quantity, _nearest, _ratio, located, quantities_of
+from replant.fleet.store import schema
+from replant.model.structure import Structure
+from support.cases import every
+
+PIECE = Piece("/logs/a.csv", "a.csv", size=2_400_000, modified=5)
+WORDS: dict[Any, Any] = {
+    report_path("hall 2/rig 7.csv"): "reports/hall-2-rig-7-csv-5b25fc.html",
+    printable("rig \udcff.csv"): "rig \\udcff.csv",
+    _ratio(2.143): "2.1",
+    _ratio(1.052): "1.05",
+    _ratio(1234.0): "1,234",
+    Deviation(Quantity("time constant", ()), math.log(2.1), math.log(2.1) / 14, 0, 0.0).words(): (
+        "time constant 2.1 times the fleet's median, 14 standard deviations"
+    ),
+    _nearest(math.log(0.001003), 0.01, False): "the gain is 1/1000 of the fleet's, nearly: a power of ten",
+    _nearest(math.log(57.4), 0.01, False): ("the gain is 57.3 times the fleet's, nearly: degrees beside radians"),
+    _nearest(math.log(0.53), 0.1, False): "",
+    parsed("processes:4"): ("processes", "4"),
+    parsed("dask://localhost:8786"): ("dask", "localhost:8786"),
+    (is_log(Path("a.csv.gz")), is_log(Path("_a.csv")), is_log(Path("a.md"))): (True, False, False),
+}
+
+
+@every("got, expected", WORDS.items())
+def test_words(got: Any, expected: Any) -> None:
+    assert got == expected
+
+
+def test_an_executor_that_is_none() -> None:
+    with pytest.raises(InvalidArgumentError, match="is no executor"):
+        parsed("processes:none")
+
+
+def test_a_digest_tells_options_files_and_rigs_apart() -> None:
+    assert Job("u", "y", Structure(2)).key != Job("u", "y", Structure(3)).key
+    assert Rig("a.csv", (PIECE,)).fingerprint == Rig("a.csv", (PIECE,)).fingerprint
+    assert digest(1) != digest(2)
+
+
+def test_rigs_of_a_folder(tmp_path: Path) -> None:
+    for name in ("b.csv", "a.csv", "notes.md"):
+        (tmp_path / name).write_text("t,u,y")
+    assert [rig.name for rig in find_rigs(tmp_path, by="file")] == ["a.csv", "b.csv"]
+
+
+def test_tasks_are_of_equal_work() -> None:
+    assert work_of(Rig("a", (PIECE,))) == 200_000
+    tasks = planned(Job("u", "y", Structure(1)), [Rig(f"{k:03}", ()) for k in range(128)])
+    assert len(tasks) == 64
+    assert [rig.name for rig in tasks[0].rigs] == ["000", "001"]
+
+
+def test_work_in_this_thread_and_in_others() -> None:
+    assert InThisThread().submit(pow, 2, 3).result() == 8
+    for where in (None, "threads:2"):
+        with workers(where) as found:
+            assert sorted(carried_out(found, abs, [-1, -2])) == [(0, 1), (1, 2)]
+
+
+def test_what_is_usual_in_spite_of_strangers() -> None:
+    rng = np.random.default_rng(0)
+    x = rng.normal(5.0, 2.0, (500, 1)) + rng.normal(0.0, 1.0, (500, 1))
+    x[:20] = 100.0
+    found = located(x, np.ones((500, 1, 1)))
+    assert found.centre[0] == pytest.approx(5.0, abs=0.5)
+    assert math.sqrt(found.spread[0, 0]) == pytest.approx(2.0, abs=0.5)
+
+
+def test_the_fit_below_which_a_rig_is_poor() -> None:
+    assert _least_fit(np.full(20, 95.0)) == pytest.approx(80.0)
+    assert _least_fit(np.array([])) == -math.inf
+
+
+def test_columns_and_quantities_follow_from_the_structure() -> None:
+    assert [each.name for each in quantities_of(Structure(2, 1))] == [
+        "gain", "natural frequency", "damping", "zero"
+    ]  # fmt: skip
+    names = [name for name in schema(Structure(1)).names if "b0" in name or "pole" in name]
+    assert names == ["b0", "b0_std", "pole1_real", "pole1_imag"]
