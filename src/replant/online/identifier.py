@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from inspect import Signature, signature
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 import numpy as np
@@ -193,6 +194,9 @@ class Identifier(Estimate):
         )
         self._turn = Turn()
         self._begin_again()
+
+    #: That of ``__init__``: what makes several inputs an identifier of their own kind takes the same.
+    __signature__ = Signature([*signature(__init__).parameters.values()][1:])
 
     @changes
     def reset(self) -> None:

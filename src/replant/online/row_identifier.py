@@ -13,7 +13,7 @@ from replant.assessment import fit_percent
 from replant.assessment.verdict import Verdict
 from replant.engine.dimensions import RECENT
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
-from replant.identified.provenance import Provenance
+from replant.identified.fields import Provenance
 from replant.identified.row_model import RowModel, one_step_percent
 from replant.limits import duration, stamps_of
 from replant.model.noise import NoiseModel
@@ -50,7 +50,7 @@ class RowIdentifier(Shared):
     startup : int
         Outputs from which the first model is made.
     history : int
-        Raw samples kept, from those of the start-up to 30000: `finish` solves a record that is no longer.
+        Raw samples kept, from 10000 to 30000: `finish` solves a record that is no longer.
 
     Raises
     ------
@@ -86,8 +86,9 @@ class RowIdentifier(Shared):
             raise ArgumentTypeError("give the sampling time in s, dt: Identifier(poles=(2, 1), dt=0.01)")
         structures = structures_of(len(poles) if isinstance(poles, list | tuple) else 1, poles, zeros, delay)
         least = LEAST * sum(each.size + each.poles + 1 for each in structures)
-        startup = max(whole("startup", startup, 1, STORED), least)
-        settings = RowSettings(structures, duration("dt", dt), startup, whole("history", history, startup, STORED))
+        history = whole("history", history, RECENT, STORED)
+        startup = max(whole("startup", startup, 1, history), least)
+        settings = RowSettings(structures, duration("dt", dt), startup, history)
         self._turn, self._now = Turn(), RowState.of(settings)
 
     @changes
