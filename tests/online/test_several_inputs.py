@@ -198,6 +198,8 @@ def test_an_input_that_rests_is_named() -> None:
         (lambda: rp.Identifier(poles=(6, 6), dt=DT), "at most 10 in all, got 12"),
         (lambda: rp.Identifier(poles=(1, 1), dt=DT, optimizer="adam"), "several inputs take no optimizer yet"),
         (lambda: rp.Identifier(poles=(1, 1), dt=DT, history=100), "history must be at least 10000"),
+        (lambda: begun(input_names=("Q1", "Q1")), "input_names must be 2 different names"),
+        (lambda: begun(input_hold="spline"), "input_hold must be one of"),
         (lambda: begun().update(1.0, 2.0), r"u must be a number for each of 2 inputs"),
         (lambda: begun().update((1.0, 2.0, 3.0), 2.0), "a number for each of 2 inputs"),
         (lambda: begun().update((1.0, "x"), 2.0), "u must hold real numbers"),

@@ -1,45 +1,84 @@
-"""``replant fit`` of several inputs: each with poles, zeros and a dead time of its own."""
+"""``replant fit`` and ``replant run`` of several inputs: each with poles, zeros and a dead time of its own."""
 
 from __future__ import annotations
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import click
 
 from replant.cli.option_types import Each
-from replant.cli.options import read_several
+from replant.cli.options import progress_bar, read_several
 from replant.cli.output import Keeping, check_required
 from replant.cli.terminal import is_quiet
 from replant.data.logs.recording import digest
+from replant.engine.dimensions import RECENT
 from replant.errors import InvalidArgumentError
 from replant.identified import model_json
+from replant.identified.row_model import RowModel
+from replant.log import Log
 from replant.offline.fit import fit
+from replant.online.row_identifier import RowIdentifier
 from replant.report.terminal.comparison import print_validation, validation_as_json
 from replant.report.terminal.row import print_row
 from replant.report.terminal.summary import record_line
 
 #: Options that one input takes, and several do not, with what they are without them.
-NOT_YET = {"bias": False, "feedthrough": False, "input_map": "identity", "reference_column": None}
+NOT_YET = {
+    "bias": False, "feedthrough": False, "input_map": "identity", "reference_column": None, "out": None,
+    "method": "auto", "optimizer": "auto", "full_trace": None,
+}  # fmt: skip
+CHUNK = 8192  # samples taken between two marks of progress [samples]
+
+Solver = Callable[[list[Log], dict[str, Any]], RowModel]
 
 
-def fit_several(as_json: bool, out: Path | None, method: str, keeping: Keeping, options: dict[str, Any]) -> None:
-    """Fit a row of transfer functions, print it, save and validate its model."""
+def fitted_row(logs: list[Log], asked: dict[str, Any]) -> RowModel:
+    """Return the model that `fit` makes of logs."""
+    model: RowModel = fit(logs if len(logs) > 1 else logs[0], **asked).model
+    return model
+
+
+def passed_over(startup: int | None) -> Solver:
+    """Return what makes a model by one pass over a log, as `Identifier` does, and solves it as a whole at the end."""
+
+    def model_of(logs: list[Log], asked: dict[str, Any]) -> RowModel:
+        (log,) = logs
+        count = len(log)
+        first = min(max(count // 10, 1), RECENT) if startup is None else startup
+        hold, names = log.input_hold, log.input_names
+        ident = RowIdentifier(dt=log.dt, startup=first, input_hold=hold, input_names=names, **asked)
+        u, y, t = log.inputs, log.output, log.stamps
+        with progress_bar(rate=True) as bar:
+            task = bar.add_task("identifying", total=count)
+            for begin in range(0, count, CHUNK):
+                rows = slice(begin, begin + CHUNK)
+                ident.update_many(u[rows], y[rows], None if t is None else t[rows])
+                bar.update(task, completed=min(begin + CHUNK, count))
+        if startup is None or not ident.has_model:
+            ident.finish()
+        return ident.model.of_log(log.input_names, log.output_name, log.path.name)
+
+    return model_of
+
+
+def identify_several(solve: Solver, as_json: bool, keeping: Keeping, options: dict[str, Any]) -> None:
+    """Identify a row of transfer functions, print it, save and validate its model."""
     from rich.console import Console
 
     named, begun = options["input_column"], time.perf_counter()
-    for name, usual in {**NOT_YET, "method": "auto", "out": None}.items():
-        if {**options, "method": method, "out": out}[name] != usual:
+    for name, usual in NOT_YET.items():
+        if options.get(name, usual) != usual:
             raise InvalidArgumentError(f"several inputs take no --{name.removesuffix('_column').replace('_', '-')} yet")
     asked = {name: _of_each(options[name], name, named) for name in ("poles", "zeros", "delay")}
     logs = read_several(options)
     log = logs[0]
-    found = fit(logs if len(logs) > 1 else log, poles=asked["poles"], zeros=asked["zeros"], delay=asked["delay"])
+    model = solve(logs, asked)
     sha256 = digest(log.path) if len(logs) == 1 else ""
-    model = replace(found.model, provenance=replace(found.model.provenance, sha256=sha256))
+    model = replace(model, provenance=replace(model.provenance, sha256=sha256))
     validations = keeping.validated(model)
     if keeping.saved is not None:
         model.save(keeping.saved)

@@ -159,6 +159,11 @@ _STRUCTURE: list[Callable[[Any], Any]] = [
     click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s.  [default: 0]"),
 ]
 _INPUTS = inputs_option("Column of the input: name, or number from 0; of several inputs once for each.")
+_EACH: list[Callable[[Any], Any]] = [
+    click.option("-p", "--poles", type=Whole(), metavar="N", help="Number of poles; of several inputs of each: 2,1."),
+    click.option("--zeros", type=Whole(), metavar="M", help="Number of zeros, likewise.  [default: 0]"),
+    click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s, likewise.  [default: 0]"),
+]
 _STRUCTURES: list[Callable[[Any], Any]] = [
     click.option(
         "-p",
@@ -214,10 +219,15 @@ _CONDITION = [INPUT_HOLD, *CONDITIONING]
 
 
 def log_options(
-    several: str, otherwise: Callable[[dict[str, Any]], bool] = lambda given: False, *, is_kept: bool = True
+    several: str,
+    otherwise: Callable[[dict[str, Any]], bool] = lambda given: False,
+    *,
+    is_kept: bool = True,
+    inputs: bool = False,
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log."""
-    options = [_LOGS, *_COLUMNS, *_STRUCTURE, *_CONDITION, *(STRETCHES if is_kept else ()), *_REST]
+    columns, structure = ([_INPUTS, *_COLUMNS[1:]], _EACH) if inputs else (_COLUMNS, _STRUCTURE)
+    options = [_LOGS, *columns, *structure, *_CONDITION, *(STRETCHES if is_kept else ()), *_REST]
     return lambda command: _decorated(command, options, several, otherwise)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from replant.cli.fit_row import fit_several
+from replant.cli.fit_row import fitted_row, identify_several, passed_over
 from replant.cli.options import (
     OPTIMIZER,
     check_one_input,
@@ -42,7 +42,7 @@ from replant.simulation.fitted_run import FITTED
 
 
 @click.command(name="run")
-@log_options(several="replant run takes one log, in one pass; replant fit makes one model of several")
+@log_options("replant run takes one log, in one pass; replant fit makes one model of several", inputs=True)
 @OPTIMIZER
 @click.option("--startup", type=int, metavar="N", help="Number of samples for the first model.  [default: a tenth]")
 @click.option(
@@ -56,8 +56,14 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
     """Identify G(s) online from LOG (csv, mat, parquet and more; - is standard input), sample by sample in one pass.
 
     Settings that no option gives are chosen from the data, and printed as Python code.  LOG may be larger than memory.
+
+    Several inputs, each with -i, give a transfer function from each, as `replant fit` does: -p 2,1 --delay 0,0.3.
     """
     keeping = Keeping.of(options)
+    if isinstance(options["input_column"], tuple):
+        more = {"out": out, "full_trace": full_trace}
+        identify_several(passed_over(startup), as_json, keeping, options | more)
+        return
     with progress_bar(rate=True) as bar:
         task = bar.add_task("checking", total=None)
 
@@ -121,7 +127,7 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
 
     keeping, begun, found = Keeping.of(options), time.perf_counter(), None
     if isinstance(options["input_column"], tuple):
-        fit_several(as_json, out, method, keeping, options)
+        identify_several(fitted_row, as_json, keeping, options | {"method": method, "out": out})
         return
     check_one_input(options)
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):

@@ -161,9 +161,7 @@ class Identifier(Estimate):
         orders = (given.get(name) for name in ("poles", "zeros", "delay"))
         if cls is Identifier and any(isinstance(each, list | tuple) for each in orders):
             names = dict(zip(("structure", "dt"), args, strict=False))
-            return in_our_words(RowIdentifier)(
-                **{name: each for name, each in names.items() if each is not None}, **given
-            )
+            return RowIdentifier(**{name: each for name, each in names.items() if each is not None}, **given)
         return object.__new__(cls)
 
     @in_our_words

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, array_of_reals, number, vector, whole
+from replant.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
 from replant.assessment import fit_percent
 from replant.assessment.verdict import Verdict
 from replant.engine.dimensions import RECENT
@@ -51,6 +51,10 @@ class RowIdentifier(Shared):
         Outputs from which the first model is made.
     history : int
         Raw samples kept, from 10000 to 30000: `finish` solves a record that is no longer.
+    input_hold : {"zoh", "foh"}
+        Whether the inputs are held between two samples or go on in a straight line.
+    input_names : tuple of str
+        By default u1, u2, ..
 
     Raises
     ------
@@ -78,7 +82,7 @@ class RowIdentifier(Shared):
 
     def __init__(
         self, *, poles: Any, zeros: Any = 0, delay: Any = 0.0, dt: float | None = None, startup: int = 500,
-        history: int = STORED, **others: Any,
+        history: int = STORED, input_hold: str = "zoh", input_names: tuple[str, ...] = (), **others: Any,
     ) -> None:  # fmt: skip
         for name in others:
             raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
@@ -88,7 +92,14 @@ class RowIdentifier(Shared):
         least = LEAST * sum(each.size + each.poles + 1 for each in structures)
         history = whole("history", history, RECENT, STORED)
         startup = max(whole("startup", startup, 1, history), least)
-        settings = RowSettings(structures, duration("dt", dt), startup, history)
+        names = tuple(text("input_names", each) for each in input_names)
+        names = names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
+        if len(set(names)) != len(structures) or len(names) != len(structures):
+            raise InvalidArgumentError(
+                f"input_names must be {len(structures)} different names, got {shown(list(names))}"
+            )
+        hold = one_of("input_hold", input_hold, ("zoh", "foh"))
+        settings = RowSettings(structures, duration("dt", dt), startup, history, hold, names)
         self._turn, self._now = Turn(), RowState.of(settings)
 
     @changes
@@ -274,7 +285,8 @@ class RowIdentifier(Shared):
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters in their order, each with that of its input: a0.u1, b0.u1, a0.u2, .."""
-        return tuple(f"{name}.u{i}" for i, each in enumerate(self.structures, 1) for name in each.names)
+        pairs = zip(self._settings.input_names, self.structures, strict=True)
+        return tuple(f"{parameter}.{name}" for name, each in pairs for parameter in each.names)
 
     @property
     def has_model(self) -> bool:
@@ -378,5 +390,6 @@ class RowIdentifier(Shared):
         return Verdict("converging", (reason if state.samples else "no sample yet",))
 
     def __repr__(self) -> str:
-        lines = [f"\n  u{i}: {g}" for i, g in enumerate(self.transfer_functions, 1)] if self.has_model else []
+        pairs = zip(self._settings.input_names, self.transfer_functions, strict=True) if self.has_model else ()
+        lines = [f"\n  {name}: {g}" for name, g in pairs]
         return f"<Identifier of {len(self.structures)} inputs, {self.samples:,} samples, {self.status}{''.join(lines)}>"

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.arguments import FloatArray, one_of
 from replant.assessment.verdict import STATUSES, Finding
 from replant.checkpoint.encoding import ARRAYS, ROW
 from replant.errors import DamagedCheckpointError
@@ -24,15 +24,16 @@ VECTORS = "theta", "weights", "scale", "origin", "tail", "delta", "factor", "dia
 NUMBERS = "dt", "size", "power", "level", "waits"
 #: The same of a noise model.
 OF_NOISE = "coefficients", "models", "powers", "sums"
+HOLDS = "zoh", "foh"
 COUNTS = "samples", "solve_at", "afresh_at"
 
 
 def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return settings and state as values of JSON, and as arrays."""
-    structures, dt, startup, history = state.settings
+    structures, dt, startup, history, hold, names = state.settings
     plain: dict[str, Any] = {
         "structures": [[each.poles, each.zeros, each.delay] for each in structures],
-        "dt": dt, "startup": startup, "history": history,
+        "dt": dt, "startup": startup, "history": history, "hold": hold, "names": names,
         "rejected": state.rejected, "stamped": state.stamped, "adapts": state.adapts,
         "findings": [[each.status, each.reason] for each in state.findings],
         **{name: getattr(state, name) for name in COUNTS},
@@ -60,10 +61,11 @@ def restored(attributes: dict[str, Any]) -> RowState:
 
 def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     structures = tuple(Structure(*each) for each in plain["structures"])
-    settings = RowSettings(structures, duration("dt", plain["dt"]), plain["startup"], plain["history"])
+    hold, names = one_of("input_hold", plain["hold"], HOLDS), tuple(map(str, plain["names"]))
+    settings = RowSettings(structures, duration("dt", plain["dt"]), plain["startup"], plain["history"], hold, names)
     kept, state = arrays.pop("kept"), RowState.of(settings)
     _check("kept", kept, (len(kept), len(structures) + 2))
-    counts = [*settings[2:], *(plain[name] for name in COUNTS), *plain["rejected"].values()]
+    counts = [settings.startup, settings.history, *(plain[name] for name in COUNTS), *plain["rejected"].values()]
     if any(type(each) is not int or each < 0 for each in counts) or set(plain["rejected"]) != set(state.rejected):
         raise DamagedCheckpointError("its counts are not valid")
     if len(kept) > settings.history or any(status not in STATUSES for status, _ in plain["findings"]):
@@ -72,11 +74,11 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
         state, kept=RowHistory(kept, settings.history, 0, len(kept)), rejected=plain["rejected"],
         stamped=plain["stamped"], adapts=bool(plain["adapts"]), **{name: plain[name] for name in COUNTS},
         findings=tuple(Finding(*map(str, each)) for each in plain["findings"]),
-        recursion=_recursion(structures, arrays) if arrays else None,
+        recursion=_recursion(structures, hold, arrays) if arrays else None,
     )  # fmt: skip
 
 
-def _recursion(structures: tuple[Structure, ...], arrays: dict[str, FloatArray]) -> RowRecursion:
+def _recursion(structures: tuple[Structure, ...], hold: str, arrays: dict[str, FloatArray]) -> RowRecursion:
     coefficients, states = sum(each.size for each in structures), 1 + sum(each.poles for each in structures)
     size, lags = coefficients + states, LAGS + 1
     shapes = {
@@ -93,7 +95,7 @@ def _recursion(structures: tuple[Structure, ...], arrays: dict[str, FloatArray])
     if not 0 <= order <= LAGS or not (arrays["diagonal"] >= 0.0).all():
         raise DamagedCheckpointError("its numbers are not valid")
     numbers = dict(zip(NUMBERS, arrays["numbers"].tolist(), strict=True))
-    models = Branches(structures, numbers["dt"])
+    models = Branches(structures, numbers["dt"], hold)
     for i, each in enumerate(models.arrays):
         for name, fresh in each.items():
             given = arrays[f"{name}.{i}"]

@@ -45,12 +45,14 @@ ROOM = 256  # rows that there is room for at first [samples]
 
 
 class RowSettings(NamedTuple):
-    """The settings of an identification: sampling time in s; outputs for the first model; raw samples kept."""
+    """The settings of an identification: sampling time in s; outputs for the first model; raw samples kept; names."""
 
     structures: tuple[Structure, ...]
     dt: float
     startup: int
     history: int
+    input_hold: str
+    input_names: tuple[str, ...]
 
     @property
     def size(self) -> int:
@@ -232,8 +234,9 @@ class RowState:
         """Return the samples kept, or the newest of them, as a record."""
         values = self.kept.values if most is None else self.kept.values[-most:]
         u, y, stamps = values[:, :-2].copy(), values[:, -2].copy(), values[:, -1].copy() if self.stamped else None
-        ready = RowRecord.of(u, y, self.settings.dt, stamps)
-        return ready, Row(self.settings.structures, ready.record, ready.inputs)
+        settings = self.settings
+        ready = RowRecord.of(u, y, settings.dt, stamps, settings.input_hold)
+        return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names)
 
     @quiet
     def newest(self) -> tuple[RowRecord, Row, RowEstimate, Verdict] | None:
@@ -248,10 +251,11 @@ class RowState:
             return None
         point = evaluate(row, known.parameters, known.noise)
         point = evaluate(row, known.parameters, known.noise, point)  # with the initial states of the first
-        findings = [*controlled(row, point, known.noise), *self.findings]
+        # without a noise model the error has a colour, and inputs seem to answer to it
+        findings = [*(self.findings or controlled(row, point, known.noise))]
         if known.counts[2]:
             findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
-        found = RowEstimate(point, known.noise, known.covariance, tuple(dict.fromkeys(findings)))
+        found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
         return ready, row, found, judged(row, ready.record, point, known.noise, known.covariance, list(found.findings))
 
 
