@@ -135,6 +135,7 @@ def test_a_narrow_terminal_breaks_the_table_and_cuts_nothing(
     assert "…" not in out
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_method_without_a_model_does_not_keep_the_others_from_it(capsys: Any, tmp_path: Path) -> None:
     u = np.full(400, 1.5)
     still = write(tmp_path / "still.csv", u, 3.0 + 0.01 * np.random.default_rng(1).standard_normal(u.size))
@@ -193,6 +194,7 @@ def test_the_page_holds_everything(capsys: Any, log: Path, tmp_path: Path) -> No
     assert listed.endswith("--poles 1 " + " ".join(chosen(*SOME)))
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_its_programs_repeat_each_part(contenders: list[Contender], tmp_path: Path) -> None:
     u = prbs(3000, hold=10)
     y = PLANT.simulate(u, dt=0.05) + 0.02 * np.random.default_rng(1).standard_normal(u.size)

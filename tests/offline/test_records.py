@@ -8,7 +8,7 @@ import pytest
 import replant as rp
 from replant.engine.record import Record, join
 from replant.kernels.schema import LAGS, Doubt
-from replant.offline.prior import Prior
+from replant.offline.refined import Prior
 from replant.offline.solve import solve
 from support.builders import binary
 

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from replant.arguments import FloatArray
-from replant.cli.option_types import command_line
+from replant.cli.option_types import command_line, flag, path_option
 from replant.cli.options import progress_bar
 from replant.cli.output import make_folder, write_errors_reported
 from replant.cli.terminal import did_you_mean
@@ -55,12 +55,11 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     metavar="WHERE",
     help="Make the tables' runs on threads:N, processes:N or dask://HOST:PORT.  [default: here]",
 )
-@click.option("--json", "json_only", is_flag=True, help="Print one JSON object and nothing else.")
-@click.option(
+@flag("--json", "Print one JSON object and nothing else.", "json_only")
+@path_option(
     "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help=f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
+    "DIR",
+    f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
 )
 def reproduce_command(names: tuple[str, ...], on: str | None, json_only: bool, out: Path | None) -> None:
     """Reproduce the article's tables and figures, beside the published numbers.
@@ -183,10 +182,8 @@ SIGNALS = ("voltage [kV]", "displacement [mm]")
 
 
 @click.command(name="demo")
-@click.option("--out", type=click.Path(path_type=Path), default="out/demo", show_default=True, metavar="DIR")
-@click.option(
-    "--full", is_flag=True, help="Run the article's whole experiment instead: 12 methods compared, Figures 6-8."
-)
+@path_option("--out", "DIR", "", default="out/demo", show_default=True)
+@flag("--full", "Run the article's whole experiment instead: 12 methods compared, Figures 6-8.")
 def demo_command(out: Path, full: bool) -> None:
     """Identify a simulated dielectric elastomer actuator while it runs: 240 s at 1 kHz, 1 um of laser noise.
 

@@ -11,6 +11,7 @@ from typing import Any
 import click
 
 from replant.cli.conditioning_options import UNITS
+from replant.cli.option_types import flag, path_option
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
 from replant.cli.terminal import Choice
 from replant.errors import InvalidArgumentError
@@ -68,12 +69,7 @@ class SourceCommand(click.Command):
 @INPUT_MAP
 @OPTIMIZER
 @click.option(
-    "--startup",
-    type=int,
-    default=500,
-    show_default=True,
-    metavar="N",
-    help="Number of samples for the first model.",
+    "--startup", type=int, default=500, show_default=True, metavar="N", help="Number of samples for the first model."
 )
 @click.option("--for", "seconds", type=Time(), metavar="TIME", help="End after this real time, such as 60s.")
 @click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after N samples.")
@@ -85,12 +81,8 @@ class SourceCommand(click.Command):
     metavar="ADDRESS",
     help="Send estimates to -, udp://HOST:PORT or mqtt://HOST/TOPIC; may be repeated.",
 )
-@click.option(
-    "--record", type=click.Path(path_type=Path), metavar="DIR", help="Record samples and estimates here (Parquet)."
-)
-@click.option(
-    "--checkpoint", type=click.Path(path_type=Path), metavar="FILE", help="Save the state here; resume from it."
-)
+@path_option("--record", "DIR", "Record samples and estimates here (Parquet).")
+@path_option("--checkpoint", "FILE", "Save the state here; resume from it.")
 @click.option(
     "--every", type=Time(), default="10s", show_default=True, metavar="TIME", help="Time between checkpoints."
 )
@@ -108,12 +100,7 @@ class SourceCommand(click.Command):
     help="Token that a browser must present; required if other machines can reach the dashboard.  Other users of this "
     "machine can read it in the list of processes: prefer REPLANT_TOKEN or --token-file.",
 )
-@click.option(
-    "--token-file",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Read the token from the first line of a file.",
-)
+@path_option("--token-file", "FILE", "Read the token from the first line of a file.")
 @click.option(
     "--ttl",
     type=Time(),
@@ -121,11 +108,7 @@ class SourceCommand(click.Command):
     help="Time for which an estimate stays trusted without an accepted sample.  [default: 5s, or 10 sampling times "
     "if that is longer]",
 )
-@click.option(
-    "--loop",
-    is_flag=True,
-    help="With the source demo: a motor under a PI controller, whose set-point is the reference.",
-)
+@flag("--loop", "With the source demo: a motor under a PI controller, whose set-point is the reference.")
 def live_command(source: str, loop: bool, **options: Any) -> None:
     """Identify G(s) from live samples of input u and output y, and of the reference r where a controller makes u.
 

@@ -7,7 +7,7 @@ import json
 import math
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from replant.assessment.verdict import Verdict
 from replant.cli.conditioning_options import NAMES as STRETCH_NAMES
 from replant.cli.conditioning_options import is_conditioned
 from replant.cli.next_step import OTHER_LOG, NextStep, next_step
-from replant.cli.option_types import command_line
+from replant.cli.option_types import command_line, group, path_option
 from replant.cli.options import read
 from replant.cli.terminal import Choice, is_quiet, note
 from replant.data.logs import Log, read_columns
@@ -40,30 +40,15 @@ from replant.runs.result import Result
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]
 
 REQUIRE = click.option(
-    "--require",
-    "required",
-    type=Choice(["trusted"]),
-    help="Exit with code 3 where a verdict is another one.",
+    "--require", "required", type=Choice(["trusted"]), help="Exit with code 3 where a verdict is another one."
 )
-OPTIONS: list[Callable[[Any], Any]] = [
-    click.option(
-        "--validate",
-        "other_logs",
-        type=click.Path(path_type=Path),
-        multiple=True,
-        metavar="LOG2",
-        help="Compare the model with another log of the same columns; repeat the option for several.",
-    ),
-    click.option("--save", "saved", type=click.Path(path_type=Path), metavar="FILE", help="Write the model (.json)."),
+OTHER_LOGS = "Compare the model with another log of the same columns; repeat the option for several."
+#: The options that `Keeping` takes.
+keeping_options = group(
+    path_option("--validate", "LOG2", OTHER_LOGS, "other_logs", multiple=True),
+    path_option("--save", "FILE", "Write the model (.json).", "saved"),
     REQUIRE,
-]
-
-
-def keeping_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the options of this module, which `Keeping` takes."""
-    for option in reversed(OPTIONS):
-        command = option(command)
-    return command
+)
 
 
 @dataclass(frozen=True)

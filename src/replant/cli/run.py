@@ -1,17 +1,19 @@
-"""``replant run`` and ``replant fit``: one online pass over a recorded log, or one structure or more fitted to it."""
+"""``replant run`` and ``replant fit``: one pass over a recorded log, or structures of one or several inputs fitted."""
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from replant.cli.fit_row import fitted_row, identify_several, passed_over
+from replant.cli.option_types import Each, path_option
 from replant.cli.options import (
     OPTIMIZER,
     check_one_input,
@@ -24,15 +26,24 @@ from replant.cli.options import (
     search_options,
     structure_of,
 )
-from replant.cli.output import Keeping, deliver, keeping_options, make_folder
-from replant.cli.terminal import Choice
+from replant.cli.output import Keeping, check_required, deliver, keeping_options, make_folder
+from replant.cli.terminal import Choice, is_quiet
 from replant.data.logs import Log, Recording
+from replant.data.logs.recording import digest
+from replant.engine.dimensions import RECENT
+from replant.errors import InvalidArgumentError
+from replant.identified import model_json
+from replant.identified.row_model import RowModel
 from replant.offline.fit import METHODS, fit
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.structure_search import SearchResult, search
+from replant.online.row_identifier import RowIdentifier
 from replant.report.html.report_data import fit_as_python
 from replant.report.terminal import comparison
+from replant.report.terminal.comparison import print_validation, validation_as_json
+from replant.report.terminal.row import print_row
+from replant.report.terminal.summary import record_line
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source
@@ -45,12 +56,7 @@ from replant.simulation.fitted_run import FITTED
 @log_options("replant run takes one log, in one pass; replant fit makes one model of several", inputs=True)
 @OPTIMIZER
 @click.option("--startup", type=int, metavar="N", help="Number of samples for the first model.  [default: a tenth]")
-@click.option(
-    "--full-trace",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write the estimate after each sample (.parquet).",
-)
+@path_option("--full-trace", "FILE", "Write the estimate after each sample (.parquet).")
 @keeping_options
 def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
     """Identify G(s) online from LOG (csv, mat, parquet and more; - is standard input), sample by sample in one pass.
@@ -62,7 +68,7 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
     keeping = Keeping.of(options)
     if isinstance(options["input_column"], tuple):
         more = {"out": out, "full_trace": full_trace}
-        identify_several(passed_over(startup), as_json, keeping, options | more)
+        _identify_several(_passed_over(startup), as_json, keeping, options | more)
         return
     with progress_bar(rate=True) as bar:
         task = bar.add_task("checking", total=None)
@@ -127,7 +133,7 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
 
     keeping, begun, found = Keeping.of(options), time.perf_counter(), None
     if isinstance(options["input_column"], tuple):
-        identify_several(fitted_row, as_json, keeping, options | {"method": method, "out": out})
+        _identify_several(_fitted, as_json, keeping, options | {"method": method, "out": out})
         return
     check_one_input(options)
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
@@ -199,3 +205,91 @@ def _as_one(logs: list[Log]) -> Log:
         all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
         reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
     )  # fmt: skip
+
+
+#: Options that one input takes, and several do not, with what they are without them.
+NOT_YET = {
+    "bias": False, "feedthrough": False, "input_map": "identity", "reference_column": None, "out": None,
+    "method": "auto", "optimizer": "auto", "full_trace": None,
+}  # fmt: skip
+CHUNK = 8192  # samples taken between two marks of progress [samples]
+
+Solver = Callable[[list[Log], dict[str, Any]], RowModel]
+
+
+def _fitted(logs: list[Log], asked: dict[str, Any]) -> RowModel:
+    """Return the model that `fit` makes of logs."""
+    model: RowModel = fit(logs if len(logs) > 1 else logs[0], **asked).model
+    return model
+
+
+def _passed_over(startup: int | None) -> Solver:
+    """Return what makes a model by one pass over a log, as `Identifier` does, and solves it as a whole at the end."""
+
+    def model_of(logs: list[Log], asked: dict[str, Any]) -> RowModel:
+        (log,) = logs
+        count = len(log)
+        first = min(max(count // 10, 1), RECENT) if startup is None else startup
+        hold, names = log.input_hold, log.input_names
+        ident = RowIdentifier(dt=log.dt, startup=first, input_hold=hold, input_names=names, **asked)
+        u, y, t = log.inputs, log.output, log.stamps
+        with progress_bar(rate=True) as bar:
+            task = bar.add_task("identifying", total=count)
+            for begin in range(0, count, CHUNK):
+                rows = slice(begin, begin + CHUNK)
+                ident.update_many(u[rows], y[rows], None if t is None else t[rows])
+                bar.update(task, completed=min(begin + CHUNK, count))
+        if startup is None or not ident.has_model:
+            ident.finish()
+        return ident.model.of_log(log.input_names, log.output_name, log.path.name)
+
+    return model_of
+
+
+def _identify_several(solve: Solver, as_json: bool, keeping: Keeping, options: dict[str, Any]) -> None:
+    """Identify a row of transfer functions, print it, save and validate its model."""
+    from rich.console import Console
+
+    named, begun = options["input_column"], time.perf_counter()
+    for name, usual in NOT_YET.items():
+        if options.get(name, usual) != usual:
+            raise InvalidArgumentError(f"several inputs take no --{name.removesuffix('_column').replace('_', '-')} yet")
+    asked = {name: _of_each(options[name], name, named) for name in ("poles", "zeros", "delay")}
+    logs = read_several(options)
+    log = logs[0]
+    model = solve(logs, asked)
+    sha256 = digest(log.path) if len(logs) == 1 else ""
+    model = replace(model, provenance=replace(model.provenance, sha256=sha256))
+    validations = keeping.validated(model)
+    if keeping.saved is not None:
+        model.save(keeping.saved)
+    if as_json:
+        whole = model_json.as_object(model) | {"elapsed_seconds": round(time.perf_counter() - begun, 3)}
+        if validations:
+            whole["validations"] = [validation_as_json(each, name) for name, each in validations]
+        click.echo(json.dumps(whole, allow_nan=False))
+    else:
+        console = Console()
+        samples, seconds = sum(map(len, logs)), sum(each.duration for each in logs)
+        print_row(console, model, record=record_line(samples, log.dt, seconds))
+        for name, each in validations:
+            print_validation(console, each, name)
+        if keeping.saved is not None:
+            click.echo(f"wrote {keeping.saved}")
+        elif not validations and not is_quiet() and model.verdict.status == "trusted":
+            click.echo("\nNext: keep the model and check it on another log: --save model.json --validate LOG2")
+    check_required(keeping.required, [model.verdict, *(each.verdict for _, each in validations)])
+
+
+def _of_each(given: tuple[Any, ...] | None, name: str, inputs: tuple[str, ...]) -> tuple[Any, ...]:
+    """Return a number for each input: those given, or 0 for all."""
+    example = ",".join("1" for _ in inputs)
+    if given is None or (name != "poles" and given == (0.0,)):
+        return (0,) * len(inputs)
+    if not isinstance(given, Each) or len(given) != len(inputs):
+        got = f"{len(given)} numbers" if isinstance(given, Each) else "one number or a range"
+        raise InvalidArgumentError(
+            f"--{name} must have a number for each of {len(inputs)} inputs ({', '.join(inputs)}), as in {example}: "
+            f"got {got}"
+        )
+    return tuple(given)

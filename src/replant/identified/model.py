@@ -22,8 +22,7 @@ from replant.simulation.model_run import model_output
 from replant.statistics.autoregression import ahead
 from replant.statistics.linear_algebra import quiet
 
-SAME_CLOCK = 0.1
-"""Difference of the usual interval from the noise model's up to which that predicts [part of the interval]."""
+SAME_CLOCK = 0.1  # difference of intervals up to which the noise model predicts [part of the interval]
 
 
 class Model(ModelFields):
@@ -334,13 +333,7 @@ class Model(ModelFields):
 
 
 def usual_interval(t: FloatArray, dt: float) -> float:
-    """Return the usual interval of time stamps (K,) in s; of fewer than two ``dt``.
-
-    Examples
-    --------
-    >>> usual_interval(np.array([0.0, 1.0, 2.0, 9.0]), 0.1)
-    1.0
-    """
+    """Return the usual interval of time stamps (K,) in s; of fewer than two ``dt``."""
     return float(np.median(np.diff(t))) if t.size > 1 else dt
 
 

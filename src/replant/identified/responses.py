@@ -27,12 +27,10 @@ from replant.statistics.linear_algebra import quiet
 
 POINTS = 400  # points of a response; of one over time that oscillates fast, the least [count]
 PER_PERIOD, MOST_POINTS = 8, 8000  # points for each period of a response over time, and points at the most [count]
-SETTLED = 6.0
-"""Time constants of the slowest mode after which a step response has settled: 0.25 % is left [time constants]."""
+SETTLED = 6.0  # of the slowest mode: 0.25 % of a step response is then left [time constants]
 BEYOND = 30.0  # how far a frequency response reaches beyond the slowest and the fastest root [ratio]
 RESONANT = 0.3  # damping below which a pair of roots makes a peak that needs frequencies of its own [damping ratio]
-NEAR_RESONANCE = 32
-"""Frequencies about each peak; an even number, as at an undamped root itself the response is not finite [count]."""
+NEAR_RESONANCE = 32  # frequencies about a peak; even: at an undamped root itself the response is infinite [count]
 LEAST_DAMPING = 1e-4  # damping at which peaks are not resolved any further [damping ratio]
 
 
@@ -249,11 +247,6 @@ def time_of(model: TransferFunction, given: float | None = None) -> FloatArray:
     """Return times (N,) from 0 to a duration in s, by default until the slowest mode of the model has settled.
 
     They are close enough to show the oscillation of each mode, not its aliases.
-
-    Examples
-    --------
-    >>> time_of(TransferFunction([1.0], [1.0, 0.5]))[[0, -1]]
-    array([ 0., 12.])
     """
     if given is None:
         slowest = np.abs(model.poles.real)
@@ -275,9 +268,6 @@ def frequencies(model: TransferFunction, dt: float, points: int = POINTS) -> Flo
 
     They are equally spaced on a logarithmic axis, and closer about each resonance and antiresonance, so that a curve
     through them shows the whole peak.
-
-    >>> frequencies(TransferFunction([1.0], [1.0, 3.0]), dt=0.1)[[0, -1]].round(2)
-    array([ 0.1 , 31.42])
     """
     roots = np.concatenate([model.poles, model.zeros])
     sizes = np.abs(roots)

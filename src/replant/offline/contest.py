@@ -37,9 +37,8 @@ from replant.assessment.verdict import ALPHA, MATTERS
 from replant.engine.record import Record
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
-from replant.offline.known_before import Known, forget
-from replant.offline.prior import Prior
-from replant.offline.refined import Refined, Root, conclude
+from replant.offline.known_before import Known, forget, with_nuisances
+from replant.offline.refined import Prior, Refined, Root, conclude
 from replant.offline.residual_likelihood import WEAKEST, Stretch
 from replant.offline.solve import Solution
 from replant.offline.srivc import refine
@@ -47,64 +46,30 @@ from replant.offline.srivc_steps import Problem, is_long_enough
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
 
-NOTICED = 0.5 * math.sqrt(MATTERS)
-"""Change of the simulated output below which a change of the plant does not matter [part of the output's amplitude].
-Derivation: half of the amplitude that matters, as a change must be noticed before it is as large.
-"""
-
-HARMLESS = 0.2 * NOTICED
-"""Residual below which no change is looked for [part of the output's standard deviation].
-Derivation: a fifth of what a change must make of the output, so that none that matters is missed.
-"""
-
-UNEXPLAINED = 5.0
-"""Power of what a load or a part of the plant leaves, beyond which neither is what has happened [usual power].
-Derivation: the growth that an alarm is raised for.
-"""
+# half of the amplitude that matters, as a change must be noticed before it is as large
+NOTICED = 0.5 * math.sqrt(MATTERS)  # change of the simulated output below which none matters [part of its amplitude]
+# a fifth of what a change must make of the output, so that none that matters is missed
+HARMLESS = 0.2 * NOTICED  # residual below which no change is looked for [part of the output's standard deviation]
+# the growth that an alarm is raised for
+UNEXPLAINED = 5.0  # power of what a load or a part of the plant leaves, beyond which neither has happened [usual power]
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """A supposition, fitted.
-
-    Attributes
-    ----------
-    supposition : Supposition
-    contest : Contest
-        Whose samples it is fitted to.
-    likelihood : float
-        Logarithm of the likelihood ratio to NOTHING, a prior's included.
-    odds : float
-        Logarithm of the odds beforehand: what another G(s) costs.
-    price : float
-        That of the numbers that it has fitted.
-    unserved : float
-        How much likelier the most likely model of the same supposition is than the one that is served.
-    left : float
-        Variance of what a fit with a prior leaves, over the usual one.
-    model : (T,) array or None
-    root : Root or None
-        Where its fit has ended.
-    prior : Prior or None
-        Of that fit.
-    refined : Refined or None
-        The estimate, where it is made of the samples alone.
-    solution : Solution or None
-        That of all samples.
-    """
+    """A supposition, fitted."""
 
     supposition: Supposition
-    contest: Contest
-    likelihood: float
-    odds: float = 0.0
-    price: float = 0.0
-    unserved: float = 0.0
-    left: float = 1.0
-    model: FloatArray | None = None
-    root: Root | None = None
-    prior: Prior | None = None
-    refined: Refined | None = None
-    solution: Solution | None = None
+    contest: Contest  # whose samples it is fitted to
+    likelihood: float  # logarithm of the likelihood ratio to NOTHING, a prior's included
+    odds: float = 0.0  # logarithm of the odds beforehand: what another G(s) costs
+    price: float = 0.0  # of the numbers that it has fitted
+    unserved: float = 0.0  # how much likelier the most likely model of the same supposition is than the one served
+    left: float = 1.0  # variance of what a fit with a prior leaves, over the usual one
+    model: FloatArray | None = None  # (T,)
+    root: Root | None = None  # where its fit has ended
+    prior: Prior | None = None  # of that fit
+    refined: Refined | None = None  # the estimate, where it is made of the samples alone
+    solution: Solution | None = None  # that of all samples
 
     @property
     def theta(self) -> FloatArray:
@@ -134,15 +99,15 @@ def odds_of(supposition: Supposition) -> float:
 
 
 def decided(claims: Sequence[Claim]) -> Claim | None:
-    """Return the claim of most evidence; None while it is open.
+    """Return the claim of most evidence; None while it is open, or where there are no claims.
 
     What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
     an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
     raise an alarm again explains nothing: it stays open, unless an output that answers to nothing is likelier.
     """
     told = dict(zip(claims, weighed(claims), strict=True))
-    found = max(claims, key=lambda claim: told[claim].evidence)
-    if found.supposition is Supposition.CUT:
+    found = max(claims, key=lambda claim: told[claim].evidence, default=None)
+    if found is None or found.supposition is Supposition.CUT:
         return found
     if found.left > UNEXPLAINED:
         likeliest = max(claims, key=lambda claim: told[claim].fair)
@@ -294,10 +259,7 @@ class Contest:
 
     def _without_moving(self) -> tuple[FloatArray, FloatArray]:
         """Return the known model with offset and initial state as the samples since tell them, and no direction."""
-        model, size = self.known.mean.copy(), self.structure.coefficients
-        model[size:] = 0.0
-        done = self.problem.run(model)
-        model[size:] = least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
+        model = with_nuisances(self.problem, self.known.mean, slice(-self.rows, None))
         return model, np.zeros((model.size, 0))
 
     def _scaled(self) -> tuple[FloatArray, FloatArray]:
@@ -407,9 +369,7 @@ class Contest:
         run = self.problem.run(found.theta)
         problem = self._drifting(run)
         if problem is not self.problem:
-            model, done, converged = problem.polish(found.theta)
-            problem.renew_noise(done)
-            root = Root(model, done, problem.noise, done.cost, done.power, converged, converged, filters=False)
+            root = problem.polished(found.theta)
             again = conclude(self.structure, problem.record, problem.known, root)
             if again is not None and again.settled:
                 found, run = again, self.problem.run(again.theta)
@@ -446,6 +406,4 @@ class Contest:
         """Return the estimate of a claim about the samples since, what was known before included."""
         if claim.refined is not None or claim.root is None:
             return claim.refined
-        return conclude(
-            self.structure, self.problem.record, self.problem.known, claim.root, self.problem.projection, claim.prior
-        )
+        return self.problem.conclude(claim.root, claim.prior)

@@ -17,8 +17,7 @@ from replant.engine.record import Record, join
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.offline.bad_samples import doubts, filled, suspicious
-from replant.offline.prior import Prior
-from replant.offline.refined import Refined
+from replant.offline.refined import Prior, Refined
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 
@@ -27,23 +26,12 @@ ROUNDS = 5  # times that a record is solved and its outputs judged, at the most 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A model and the samples that it was made from.
-
-    Attributes
-    ----------
-    found : Refined
-    record : Record
-        Its outputs that were not measured are the model's.
-    doubt : (K,) array of int
-        The `Doubt` in each output.
-    bridged : (K,) array
-        The record's outputs, with another working point perhaps.
-    """
+    """A model and the samples that it was made from."""
 
     found: Refined
-    record: Record
-    doubt: IntArray
-    bridged: FloatArray
+    record: Record  # its outputs that were not measured are the model's
+    doubt: IntArray  # (K,), the `Doubt` in each output
+    bridged: FloatArray  # (K,), the record's outputs, with another working point perhaps
 
     @property
     def is_bad(self) -> BoolArray:
@@ -76,7 +64,7 @@ def solve(
         if found is None:
             break
         used = leaving_out(record, doubt)
-        modelled = _output(structure, used, found)
+        modelled = Problem(structure, used).run_whole(found.theta).output
         bridged = np.where(used.is_measured, used.y, modelled)
         solution = Solution(found, replace(used, y=bridged), doubt, bridged)
         before, doubt = doubt, _doubts(record, np.where(answers, modelled, np.nan), found)
@@ -119,8 +107,3 @@ def leaving_out(record: Record, doubt: IntArray) -> Record:
     if measured.all():
         return replace(record, measured=None)
     return replace(record, y=filled(record.y, measured), measured=measured)
-
-
-def _output(structure: Structure, record: Record, found: Refined) -> FloatArray:
-    """Return a model's output over a record (K,)."""
-    return Problem(structure, record).run_whole(found.theta).output

@@ -166,8 +166,7 @@ def _extremes(rows: FloatArray) -> FloatArray:
     return np.asarray(values)
 
 
-POINTS = 36_000
-"""Points of each signal at most: a screen is 2,000 columns wide, so nine-fold zoom loses nothing [count]."""
+POINTS = 36_000  # points of a signal at most: nine-fold zoom on 2,000 columns loses nothing [count]
 
 
 @dataclass(frozen=True, eq=False)

@@ -100,6 +100,14 @@ class Autoregression:
         return cls(coefficients, power, models, np.full(size, power), np.zeros((size, size)), 1.0)
 
     @classmethod
+    def of_residual(cls, error: FloatArray, known: IntArray, samples: int) -> Autoregression:
+        """Return the model of a residual (K,) of so many samples; white where too few have ``known`` predecessors."""
+        sums, count = sums_of(error, known)
+        if count >= LEAST and np.isfinite(sums).all():
+            return cls.of_sums(sums, count)
+        return cls.white(float(error @ error), samples)
+
+    @classmethod
     def white(cls, power: float, count: float) -> Autoregression:
         """Return the model of order 0."""
         models = np.zeros((LAGS + 1, LAGS + 1))

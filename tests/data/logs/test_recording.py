@@ -16,6 +16,8 @@ from replant.data.logs import sampling_time as clock
 from replant.errors import LogError
 from support.cases import every
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 ROWS = 500
 Write = Callable[..., Path]
 

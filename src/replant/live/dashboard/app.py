@@ -29,8 +29,7 @@ from replant.report.html.page import uplot
 PERIOD = 0.2  # time between two views to one browser [s]
 HISTORY_PERIOD = 1.0  # time between two messages of what is long and changes slowly, history and responses [s]
 MOST_WATCHING = 256  # browsers at a time [count]
-_OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008
-"""Codes with which a websocket is closed: over, try again later, policy [number]."""
+_OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008  # codes of closing a websocket [number]
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
 _SCRIPTS = (
     "dashboard",
