@@ -16,9 +16,9 @@ import replant as rp
 from replant.cli import main
 from replant.optimizers import OPTIMIZERS
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, style
-from replant.report.figures.comparison import limits
-from replant.report.html.comparison import claim, write_comparison
-from replant.report.terminal.comparison import cells_of
+from replant.report.methods_page import claim, write_comparison
+from replant.report.panels import limits
+from replant.report.terminal_tables import cells_of
 from replant.runs.run_log import METHODS, USUAL, Contender, best, compare
 from replant.settings import Request
 from replant.signals import prbs

@@ -19,9 +19,8 @@ import pytest
 
 import replant as rp
 from replant.data.streams import Batch
-from replant.data.streams.parser import MAGIC, LineSplitter, Parser, Payloads
+from replant.data.streams.parser import BY_WIDTH, FIELDS, MAGIC, LineSplitter, Parser, Payloads
 from replant.data.streams.reader import Reader
-from replant.data.streams.rows import BY_WIDTH, FIELDS
 from replant.settings import Request
 from support.builders import engine_state
 from support.cases import every

@@ -20,7 +20,7 @@ from replant.offline.solve import Solution, solve
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 from replant.offline.structure_search import search
-from replant.report.terminal.summary import as_json
+from replant.report.terminal import as_json
 from replant.runs.result import result_of_fit
 from replant.signals import prbs, white_noise
 from support.cases import every

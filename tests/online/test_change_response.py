@@ -9,7 +9,7 @@ import pytest
 
 import replant as rp
 from replant.kernels.schema import Alarm
-from replant.online import identifier
+from replant.online import lifecycle, revision
 from replant.online.revision import GROWTH
 from support.builders import DT, binary, true_parameters
 from support.cases import every
@@ -205,7 +205,7 @@ def test_what_the_user_interrupts_is_made_up_for_before_the_next_sample(
     y[1200:] = y[1200] + 3.0 * (y[1200:] - y[1200])  # looked into
     ident, twin = (rp.Identifier(rp.Structure(2), DT) for _ in range(2))
     twin.update_many(u, y)
-    whole, calls = getattr(identifier, what), []
+    whole, calls = getattr(revision, what), []
 
     def interrupted(*given: Any) -> Any:
         calls.append(ident._state.samples)
@@ -213,7 +213,7 @@ def test_what_the_user_interrupts_is_made_up_for_before_the_next_sample(
             raise KeyboardInterrupt
         return whole(*given)
 
-    monkeypatch.setattr(identifier, what, interrupted)
+    monkeypatch.setattr(revision, what, interrupted)
     with pytest.raises(KeyboardInterrupt):
         ident.update_many(u, y)
     done = calls[0]
@@ -236,7 +236,7 @@ def test_a_start_up_that_the_user_interrupts_is_ended_before_anything_is_read(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(identifier, "begin", interrupted)
+        patch.setattr(lifecycle, "begin", interrupted)
         ident.update_many(u[:199], y[:199])
         last = slice(199, 300) if many else 199
         with pytest.raises(KeyboardInterrupt):

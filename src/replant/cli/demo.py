@@ -25,11 +25,11 @@ from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, 
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
 from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, notes, summary
+from replant.plotting.numbers import off_by
 from replant.regressor.filters import StateVariableFilter
 from replant.report.figures import save_figures
-from replant.report.html.report import write_report
-from replant.report.number_format import off_by
-from replant.report.terminal.summary import print_result, true_parameters
+from replant.report.result_page import write_report
+from replant.report.terminal import print_result, true_parameters
 from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.runs.result import Result
 from replant.runs.run import run_online
@@ -120,7 +120,7 @@ def _run(
     """Run and draw ``names``; return the outcome, the paths of the figures and, for a report, the figures."""
     drawn = [name for name in names if is_figure(name)]
     if drawn:
-        from replant.plotting.diagrams import blank_figure
+        from replant.plotting.style import blank_figure
 
         blank_figure(1.0, 1.0)  # raises without matplotlib, before the computation
     written: list[Path] = []

@@ -15,12 +15,11 @@ from replant.data.inspection import inspect
 from replant.examples import NAMES, path_of
 from replant.identified.row_model import RowModel, load_model
 from replant.identified.validation import Validation
-from replant.report.terminal.comparison import print_validation
-from replant.report.terminal.comparison import validation_as_json as validation_as_json
-from replant.report.terminal.look import as_json as look_as_json
-from replant.report.terminal.look import print_look
-from replant.report.terminal.row import print_row
-from replant.report.terminal.summary import print_kept_model
+from replant.report.terminal import print_kept_model, print_row
+from replant.report.terminal_look import as_json as look_as_json
+from replant.report.terminal_look import print_look
+from replant.report.terminal_tables import print_validation
+from replant.report.terminal_tables import validation_as_json as validation_as_json
 
 
 @click.command(name="look")
@@ -47,7 +46,7 @@ def look_command(
     make_folder(out)
     path = None
     if out is not None:
-        from replant.report.figures.over_time import save_columns
+        from replant.report.figures import save_columns
 
         with write_errors_reported(out):
             path = save_columns(out, found)

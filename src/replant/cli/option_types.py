@@ -280,7 +280,7 @@ def _look(given: dict[str, Any]) -> str:
     from rich.console import Console
 
     from replant.data.inspection import inspect, options_of
-    from replant.report.terminal.look import print_findings
+    from replant.report.terminal_look import print_findings
 
     columns = {name: given[f"{name}_column"] for name in ("input", "output", "time")}
     if isinstance(columns["input"], tuple):

@@ -33,8 +33,8 @@ from replant.data.logs.sampling_time import COARSE
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
+from replant.plotting.numbers import with_prefix
 from replant.regressor.preprocess import Preprocess
-from replant.report.number_format import with_prefix
 from replant.settings import AUTO, Request, filter_for
 
 ASKED = "replant.progress"

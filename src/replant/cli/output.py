@@ -30,11 +30,11 @@ from replant.identified.model import Model
 from replant.identified.model_file import check_target
 from replant.identified.row_model import RowModel
 from replant.identified.validation import Validation
-from replant.report.html.report_data import identifier_as_python
-from replant.report.terminal.comparison import print_validation
-from replant.report.terminal.comparison import validation_as_json as validation_as_json
-from replant.report.terminal.summary import as_json as result_as_json
-from replant.report.terminal.summary import print_result, record_line
+from replant.report.programs import identifier_as_python
+from replant.report.terminal import as_json as result_as_json
+from replant.report.terminal import print_result, record_line
+from replant.report.terminal_tables import print_validation
+from replant.report.terminal_tables import validation_as_json as validation_as_json
 from replant.runs.result import Result
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]
@@ -149,7 +149,7 @@ def deliver(
         paths.append(keeping.saved)
     if out is not None:
         from replant.report.figures import save_figures
-        from replant.report.html.report import write_report
+        from replant.report.result_page import write_report
 
         if is_conditioned(click.get_current_context().params):
             report["python"] = CONDITIONED

@@ -39,11 +39,10 @@ from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.structure_search import SearchResult, search
 from replant.online.row_identifier import RowIdentifier
-from replant.report.html.report_data import fit_as_python
-from replant.report.terminal import comparison
-from replant.report.terminal.comparison import print_validation, validation_as_json
-from replant.report.terminal.row import print_row
-from replant.report.terminal.summary import record_line
+from replant.report import terminal_tables as comparison
+from replant.report.programs import fit_as_python
+from replant.report.terminal import print_row, record_line
+from replant.report.terminal_tables import print_validation, validation_as_json
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source

@@ -17,6 +17,7 @@ from replant.identified.validation import Validation, validate
 from replant.limits import increasing
 from replant.log import Log
 from replant.model.response import Response
+from replant.plotting.style import axes_for
 from replant.simulation.fitted_run import bridged
 from replant.simulation.model_run import model_output
 from replant.statistics.autoregression import ahead
@@ -223,15 +224,10 @@ class Model(ModelFields):
         axes : four matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.plotting.diagrams import blank_figure, given_axes
-
-        if axes is None:
-            axes = blank_figure(9.0, 6.4).subplots(2, 2)
-        step, poles, magnitude, phase = given_axes("axes", axes, 4)
+        step, poles, magnitude, phase = axes_for("axes", axes, 4, (9.0, 6.4), nrows=2, ncols=2)
         self.step().plot(step)
         self.poles().plot(poles)
         self.bode().plot((magnitude, phase))
-        magnitude.set_xlabel("frequency [rad/s]")
         return np.array([step, poles, magnitude, phase], dtype=object)
 
     def validate(self, log: Log | Any, y: Any = None, t: Any = None, *, reference: Any = None) -> Validation:

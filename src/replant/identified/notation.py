@@ -11,7 +11,8 @@ from replant.arguments import FloatArray
 from replant.errors import MissingDependencyError
 from replant.identified.fields import ModelFields
 from replant.model.transfer_function import TransferFunction
-from replant.plotting.diagrams import picture, with_std
+from replant.plotting.numbers import with_std
+from replant.plotting.style import picture
 
 WIDTH, COEFFICIENT_LINES, REASONS = 110, 3, 5  # characters of a line, lines of coefficients, reasons [count]
 

@@ -22,7 +22,9 @@ from replant.limits import LONGEST, SHORTEST, duration
 from replant.model.mode import Mode
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import UncertainMode, Uncertainty
-from replant.plotting.diagrams import Shown, over, with_std
+from replant.plotting.diagrams import draw_bode, draw_nyquist, draw_poles, draw_response, with_conjugates
+from replant.plotting.numbers import over, with_std
+from replant.plotting.style import Shown
 from replant.statistics.linear_algebra import quiet
 
 POINTS = 400  # points of a response; of one over time that oscillates fast, the least [count]
@@ -66,9 +68,7 @@ class StepResponse(Shown):
         ax : matplotlib axes, optional
             Drawn into; without it a figure is made.
         """
-        from replant.plotting.diagrams import draw_over_time
-
-        return draw_over_time(self.time, self.output, self.std, self.WHAT, ax)
+        return draw_response(self.time, self.output, self.std, self.WHAT, ax)
 
     def __repr__(self) -> str:
         std = None if self.std is None or not self.std.size else float(self.std[-1])
@@ -161,9 +161,7 @@ class Bode(Shown):
         ax : two matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.plotting.diagrams import draw_bode
-
-        return draw_bode(self.frequency, self.magnitude, self.phase, self.relative_std, self.phase_std, ax)
+        return draw_bode({"model": self}, ax, argument="ax")
 
     def __repr__(self) -> str:
         figures = f"abs G {over(self.magnitude, '')}, phase {over(np.degrees(self.phase), 'degrees')}"
@@ -193,8 +191,6 @@ class Nyquist(Bode):
         ax : matplotlib axes, optional
             Drawn into; without it a figure is made.
         """
-        from replant.plotting.diagrams import draw_nyquist
-
         return draw_nyquist(self.response, self.relative_std, self.phase_std, ax)
 
 
@@ -230,10 +226,8 @@ class PoleMap(Shown):
         ax : matplotlib axes, optional
             Drawn into; without it a figure is made.
         """
-        from replant.plotting.diagrams import draw_poles
-
         regions = [(mode.mode.pole, mode.covariance) for mode in self.uncertain]
-        return draw_poles(self.values, self.zeros, regions, ax)
+        return draw_poles({"model": (self.values, self.zeros, with_conjugates(regions))}, ax)
 
     def __repr__(self) -> str:
         poles, zeros = (

@@ -37,14 +37,14 @@ from replant.assessment.verdict import ALPHA, MATTERS
 from replant.engine.record import Record
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
-from replant.offline.known_before import Known, forget, with_nuisances
+from replant.offline.known_before import Known, with_nuisances
 from replant.offline.refined import Prior, Refined, Root, conclude
 from replant.offline.residual_likelihood import WEAKEST, Stretch
 from replant.offline.solve import Solution
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem, is_long_enough
 from replant.simulation.auxiliary_model import Pass
-from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
+from replant.statistics.linear_algebra import least_norm, quiet
 
 # half of the amplitude that matters, as a change must be noticed before it is as large
 NOTICED = 0.5 * math.sqrt(MATTERS)  # change of the simulated output below which none matters [part of its amplitude]
@@ -218,7 +218,7 @@ class Contest:
         plant = self._plant(starts)
         if plant is not None and plant.refined is not None:
             yield plant
-            part = self._asked_for(plant.refined)
+            part = self.known.asked_for(plant.refined, self.structure.coefficients, self.stretch.price)
             claim = self._with_prior(Supposition.PART, part) if part is not None else None
             if claim is not None:
                 yield claim
@@ -281,43 +281,6 @@ class Contest:
         still[self.structure.numerator] = 0.0
         without = self.problem.run(still)
         return without, without.error - self.problem.run(moving).error
-
-    def _asked_for(self, plant: Refined) -> tuple[FloatArray, FloatArray] | None:
-        """Return the fewest coefficients to forget that the samples since ask for, and the model then; None for all.
-
-        By the quadratic forms that the two estimates, of before and since, stand for.  Whichever coefficient explains
-        most of how they differ is forgotten next, as long as that is worth its price.
-        """
-        size, mean = self.structure.coefficients, self.known.mean
-        before, since = self.known.information[:size, :size], inverse_of(plant.covariance[:size, :size])
-        units = np.diag(before) ** -0.5  # the coefficients have units of their own
-        before, since = (each * np.outer(units, units) for each in (before, since))
-        away = (plant.theta[:size] - mean[:size]) / units
-        if not (np.isfinite(since).all() and np.isfinite(away).all()):
-            return None
-
-        def left(forgotten: list[int]) -> tuple[float, FloatArray]:
-            prior = forget(before, np.eye(size)[:, forgotten])
-            step = least_norm(since + prior, since @ away, WEAKEST)[0]
-            rest = away - step
-            return 0.5 * max(float(rest @ since @ rest + step @ prior @ step), 0.0), step
-
-        forgotten: list[int] = []
-        (cost, step), open_ = left([]), list(range(size))
-        while open_:
-            next_ = min(open_, key=lambda each: left([*forgotten, each])[0])
-            less, there = left([*forgotten, next_])
-            if forgotten and not cost - less > self.stretch.price:
-                break
-            cost, step = less, there
-            forgotten.append(next_)
-            open_.remove(next_)
-        if not (forgotten and open_):
-            return None
-        model, directions = plant.theta.copy(), np.zeros((mean.size, len(forgotten)))
-        model[:size] = mean[:size] + step * units
-        directions[forgotten, range(len(forgotten))] = units[forgotten]
-        return model, directions
 
     def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
         """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""

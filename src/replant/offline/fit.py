@@ -227,9 +227,9 @@ def fit_samples(
         )
     if not isinstance(chosen, StateVariableFilter):
         chosen = choose_filter(structure, dt, preprocess, u, y, input_hold=hold)
-    result = _least_squares_result(structure, dt, chosen, preprocess, u, y, accepted, rejected)
     raw = RawRecord(structure, dt, preprocess, u, y, None, chosen.input_hold)
-    return _with_record(dataclasses.replace(result, reference=use), raw, given, raw.made_ready(raw.y, None))
+    result = _least_squares_result(raw, chosen, rejected, use)
+    return _with_record(result, raw, given, raw.made_ready(raw.y, None))
 
 
 def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Record) -> FitResult:
@@ -321,32 +321,26 @@ def _refined_result(
 
 
 def _least_squares_result(
-    structure: Structure,
-    dt: float,
-    state_filter: StateVariableFilter,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    accepted: np.ndarray[tuple[int], np.dtype[np.bool_]],
-    rejected: dict[str, int],
+    raw: RawRecord, chosen: StateVariableFilter, rejected: dict[str, int], use: ReferenceUse | None
 ) -> FitResult:
-    y = np.where(accepted, y, np.nan)
-    phi, target = regressors(structure, dt, state_filter, preprocess, u, y)
+    structure, accepted = raw.structure, raw.usable
+    y = np.where(accepted, raw.y, np.nan)
+    phi, target = regressors(structure, raw.dt, chosen, raw.preprocess, raw.u, y)
     solution = least_squares(phi, target)
     model = structure.transfer_function(solution.parameters)
-    mapped = preprocess.map_input(u) - float(preprocess.input_offset)
-    simulation = simulate(model, np.where(accepted, mapped, np.nan), y, dt, input_hold=state_filter.input_hold)
+    linear_input = np.where(accepted, raw.mapped - float(raw.preprocess.input_offset), np.nan)
     return FitResult(
         structure,
-        dt,
+        raw.dt,
         "least_squares",
-        state_filter,
-        preprocess,
+        chosen,
+        raw.preprocess,
         solution.parameters,
         None,
         solution.condition if solution.rank == structure.size else math.inf,
         fit_percent(y, y - (target - phi @ solution.parameters)),
-        simulation,
+        simulate(model, linear_input, y, raw.dt, input_hold=chosen.input_hold),
         int(accepted.sum()),
         rejected,
+        reference=use,
     )

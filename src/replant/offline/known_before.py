@@ -15,11 +15,11 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.refined import Prior
+from replant.offline.refined import Prior, Refined
 from replant.offline.residual_likelihood import WEAKEST
 from replant.offline.srivc_steps import Problem
 from replant.statistics.autoregression import LEAST, Autoregression
-from replant.statistics.linear_algebra import least_norm, quiet
+from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
 
 UNTOLD = 4.0
 """Residual beyond which a sample is not what the model tells [standard deviations].
@@ -118,6 +118,42 @@ class Known:
     def without(self, directions: FloatArray) -> Prior:
         """Return the prior in which directions (T, Q) are forgotten."""
         return Prior(self.mean, forget(self.information, directions), max(self.variance, np.finfo(float).tiny))
+
+    def asked_for(self, plant: Refined, size: int, price: float) -> tuple[FloatArray, FloatArray] | None:
+        """Return the model, and the fewest of ``size`` coefficients to forget that an estimate since asks for.
+
+        None for all.  By the quadratic forms that the two estimates, of before and since, stand for: whichever
+        coefficient explains most of how they differ is forgotten next, as long as that is worth its price.
+        """
+        before, since = self.information[:size, :size], inverse_of(plant.covariance[:size, :size])
+        units = np.diag(before) ** -0.5  # the coefficients have units of their own
+        before, since = (each * np.outer(units, units) for each in (before, since))
+        away = (plant.theta[:size] - self.mean[:size]) / units
+        if not (np.isfinite(since).all() and np.isfinite(away).all()):
+            return None
+
+        def left(forgotten: list[int]) -> tuple[float, FloatArray]:
+            prior = forget(before, np.eye(size)[:, forgotten])
+            step = least_norm(since + prior, since @ away, WEAKEST)[0]
+            rest = away - step
+            return 0.5 * max(float(rest @ since @ rest + step @ prior @ step), 0.0), step
+
+        forgotten: list[int] = []
+        (cost, step), open_ = left([]), list(range(size))
+        while open_:
+            next_ = min(open_, key=lambda each: left([*forgotten, each])[0])
+            less, there = left([*forgotten, next_])
+            if forgotten and not cost - less > price:
+                break
+            cost, step = less, there
+            forgotten.append(next_)
+            open_.remove(next_)
+        if not (forgotten and open_):
+            return None
+        model, directions = plant.theta.copy(), np.zeros((self.mean.size, len(forgotten)))
+        model[:size] = self.mean[:size] + step * units
+        directions[forgotten, range(len(forgotten))] = units[forgotten]
+        return model, directions
 
 
 def with_nuisances(problem: Problem, model: FloatArray, rows: slice = slice(None)) -> FloatArray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -194,8 +195,7 @@ class RawRecord:
 
     @property
     def _records(self) -> list[slice]:
-        ends = [*self.begins, self.u.size]
-        return [slice(*rows) for rows in zip([0, *self.begins], ends, strict=True)] if self.begins else [slice(None)]
+        return [slice(*rows) for rows in pairwise([0, *self.begins, self.u.size])]
 
     @staticmethod
     def _mean(y: FloatArray) -> float:
@@ -246,14 +246,15 @@ def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | Non
     if time is None and len(found) == 1:
         signals["t"] = _numbers(frame, found[0])
     stamps = None if dt is not None else signals.get("t", _of_index(frame))
-    if dt is None and stamps is None:
-        raise InvalidArgumentError("the table has no column t, time or timestamp: give dt, or t, the name of its clock")
-    if dt is None and stamps is not None:
+    if dt is None:
+        if stamps is None:
+            raise InvalidArgumentError(
+                "the table has no column t, time or timestamp: give dt, or t, the name of its clock"
+            )
         steps = np.diff(stamps)
         dt = float(f"{np.median(steps):.12g}") if steps.size else 1.0
     used = {*roles.values(), *found}
     others = {name: _numbers(frame, name) for name in names if name not in used and _is_numeric(frame, name)}
-    assert dt is not None
     return Log(
         signals["input"], signals["output"], dt, stamps, input, output,
         reference=signals.get("reference"), reference_name=reference or "", others=others,

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
-from replant.engine.record import Record, join
+from replant.engine.record import Record
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.offline.bad_samples import doubts, filled, suspicious
-from replant.offline.refined import Prior, Refined
+from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 
@@ -46,19 +46,17 @@ def at_first(record: Record) -> Record:
 
 def solve(
     structure: Structure,
-    records: Record | Sequence[Record],
+    record: Record,
     given: Sequence[FloatArray] = (),
     *,
-    prior: Prior | None = None,
     afresh: bool = False,
 ) -> Solution | None:
-    """Solve a record, or records of one plant; None where no start leads to a model."""
-    record = records if isinstance(records, Record) else join(records)
+    """Solve a record; None where no start leads to a model."""
     answers, doubt = record.answers(structure.delay), _suspicious(record)
-    found = _first(structure, leaving_out(record, doubt), given, prior, afresh=afresh)
+    found = _first(structure, leaving_out(record, doubt), given, afresh=afresh)
     if found is None and (doubt > Doubt.MISSING).any():  # as they came
         doubt = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
-        found = _first(structure, leaving_out(record, doubt), given, prior, afresh=afresh)
+        found = _first(structure, leaving_out(record, doubt), given, afresh=afresh)
     solution = None
     for _ in range(ROUNDS):
         if found is None:
@@ -70,17 +68,15 @@ def solve(
         before, doubt = doubt, _doubts(record, np.where(answers, modelled, np.nan), found)
         if (doubt == before).all():
             break
-        found = refine(structure, leaving_out(record, doubt), [found.theta], prior=prior)
+        found = refine(structure, leaving_out(record, doubt), [found.theta])
     return solution
 
 
-def _first(
-    structure: Structure, record: Record, given: Sequence[FloatArray], prior: Prior | None, *, afresh: bool
-) -> Refined | None:
+def _first(structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool) -> Refined | None:
     """Return the estimate of a record; None where it has no samples, or input or reference is constant."""
-    if not given and prior is None and not _moves(record):
+    if not given and not _moves(record):
         return None
-    return refine(structure, record, given, prior=prior, afresh=afresh)
+    return refine(structure, record, given, afresh=afresh)
 
 
 def _moves(record: Record) -> bool:

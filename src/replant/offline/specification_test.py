@@ -126,7 +126,7 @@ def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: Floa
     x = np.hstack([run_f.zeta, run_f.nuisances])
     x = x / lengths_of(x)
     z = without(x[:, :size], x[:, size:])
-    filtered = _ahead(noise, x) * whole[:, None]
+    filtered = noise.ahead(x) * whole[:, None]
     weights = pseudo_inverse(products(filtered, filtered), 1e-13)[:, :size] @ products(x[:, :size], z)
     w = (z - _back(noise, filtered) @ weights) @ orthogonal(products(z, z))
     spectra = np.fft.rfft(w, _length(w), axis=0)
@@ -200,7 +200,7 @@ def _answer(
     u = record.u - record.u.mean()
     if record.r is not None:
         return u - _explained(u, record.r), 0.0, 0.0
-    return answering(u, _ahead(noise, error) * whole)
+    return answering(u, noise.ahead(error) * whole)
 
 
 @quiet
@@ -275,16 +275,8 @@ def _length(signal: FloatArray) -> int:
     return 1 << (2 * len(signal) - 1).bit_length()
 
 
-def _ahead(noise: Autoregression, signals: FloatArray) -> FloatArray:
-    """Return D(q) x of ``signals`` (K, ...), zeros before the first sample."""
-    result = signals.copy()
-    for lag in range(1, noise.order + 1):
-        result[lag:] += noise.coefficients[lag] * signals[:-lag]
-    return result
-
-
 def _back(noise: Autoregression, signals: FloatArray) -> FloatArray:
-    """Return the transpose of it."""
+    """Return the transpose of `Autoregression.ahead`."""
     result = signals.copy()
     for lag in range(1, noise.order + 1):
         result[:-lag] += noise.coefficients[lag] * signals[lag:]

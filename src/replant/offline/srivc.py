@@ -45,7 +45,7 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
-from replant.offline.refined import Prior, Refined, Root
+from replant.offline.refined import Refined, Root
 from replant.offline.specification_test import disagreement, is_answered, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.simulation.fitted_run import simulate
@@ -99,7 +99,6 @@ def refine(
     record: Record,
     given: Sequence[FloatArray] = (),
     *,
-    prior: Prior | None = None,
     afresh: bool = False,
     filtered: bool = True,
 ) -> Refined | None:
@@ -112,8 +111,6 @@ def refine(
         return None
     problem = Problem(structure, record)
     starts = [problem.bounded(np.asarray(theta, np.float64)) for theta in given]
-    if prior is not None:
-        return _most_likely(problem, [*starts, prior.mean], prior)
     cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS) if not starts or afresh else ()
     found = (problem.from_cutoff(float(cutoff)) for cutoff in cutoffs)
     starts += [start for start in found if start is not None]
@@ -125,15 +122,6 @@ def refine(
         found = (problem.from_cutoff(float(cutoff), by_reference=False) for cutoff in cutoffs)
         root = _best([root, _by_reference(problem, [start for start in found if start is not None])], referenced=True)
     return None if root is None else problem.conclude(root)
-
-
-def _most_likely(problem: Problem, starts: Sequence[FloatArray], prior: Prior) -> Refined | None:
-    """Return the estimate of the least J that steps from some starts lead to; None if it is not finite."""
-    ends = [problem.polish(start, prior=prior) for start in starts]
-    model, done, converged = min(ends, key=lambda end: end[1].power + prior.cost(end[0]))
-    noise = Autoregression.white(float(done.error @ done.error), done.error.size)
-    root = Root(model, done, noise, done.cost, done.power, converged, converged)
-    return problem.conclude(root, prior)
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
@@ -217,9 +205,9 @@ def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None
     return _best(ends, referenced=True)
 
 
-def _distinct(tried: Sequence[tuple[float, FloatArray]], known: float = math.nan) -> Iterator[tuple[float, FloatArray]]:
-    """Yield the models whose cost differs from that of every one before, and from ``known``."""
-    costs = [known]
+def _distinct(tried: Sequence[tuple[float, FloatArray]]) -> Iterator[tuple[float, FloatArray]]:
+    """Yield the models whose cost differs from that of every one before."""
+    costs: list[float] = []
     for cost, model in tried:
         if not any(abs(cost - one) <= AGREE * abs(one) for one in costs):
             costs.append(cost)

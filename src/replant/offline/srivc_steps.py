@@ -157,7 +157,7 @@ class Problem:
         return self._basis[1:]
 
     def improve(
-        self, theta: FloatArray, iterations: int, patience: int, *, stable: bool = False
+        self, theta: FloatArray, iterations: int, patience: int, *, stable: bool
     ) -> tuple[float, FloatArray, FloatArray | None]:
         """Iterate the instrumental-variable step."""
         best, best_model, stalls = math.inf, theta, 0

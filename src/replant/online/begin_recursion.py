@@ -197,9 +197,7 @@ def clear_doubt(state: State, kept: RecentSamples) -> None:
     recent.doubt[rows[recent.output[rows] == recent.bridged[rows]]] = Doubt.NONE
 
 
-def warm_up(
-    state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None = None, *, learn: bool
-) -> float:
+def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None, *, learn: bool) -> float:
     """Run samples that were collected through the kernel; return the error of the last one.
 
     No past estimate is kept meanwhile: settings or estimate were chosen with all of these samples, so that none of them

@@ -225,12 +225,8 @@ def _has_changed(state: State, settings: Settings, whole: Solution) -> bool:
 
 
 def _rank(settings: Settings, model: FloatArray, record: Record) -> tuple[bool, float]:
-    """Return whether a model runs away, without a reference, and what it leaves of the output: less is better."""
+    """Return whether a model runs away, without a reference, and the mean square that it leaves: less is better."""
     denominator = np.append(1.0, model[settings.structure.denominator])
-    return not settings.reference and runs_away(denominator, record.span), _left(settings, model, record)
-
-
-def _left(settings: Settings, model: FloatArray, record: Record) -> float:
-    """Return the mean square of what a model leaves of the measured output."""
     error = prediction_error(settings.structure, model[: settings.structure.size], record, settings.dt)
-    return math.inf if error is None else float(error @ error) / max(record.count, 1)
+    left = math.inf if error is None else float(error @ error) / max(record.count, 1)
+    return not settings.reference and runs_away(denominator, record.span), left

@@ -15,7 +15,8 @@ import numpy as np
 from replant.offline.fit_result import FitResult
 from replant.paper.actuator import GAINS, Actuator, Record
 from replant.paper.tables import TABLES, Curve, Table, curve, trace, transients
-from replant.plotting.diagrams import BLUE, GREY, NAVY, ORANGE, SKY, TRUE, VERMILION, blank_figure, open_frame, symbol
+from replant.plotting.numbers import symbol
+from replant.plotting.style import BLUE, GREY, NAVY, ORANGE, SKY, TRUE, VERMILION, blank_figure, tidy
 
 
 @dataclass(frozen=True)
@@ -171,7 +172,7 @@ def draw_record(record: Record, offline: Mapping[str, FitResult]) -> Any:
     for axis, letter, window in zip(axes, "abcd", ((0.0, 1.0), (0.0, 1.0), *WINDOWS.values()), strict=True):
         axis.set_title(f"({letter})", loc="left")
         axis.set_xlim(window[0] * duration, window[1] * duration)
-        open_frame(axis)
+        tidy(axis)
     axes[-1].set_xlabel("time [s]")
     canvas.align_ylabels()
     legend_above(canvas, "Figure 6: the actuator's record and its model by least squares, offline", 3)
@@ -231,7 +232,7 @@ def draw_panel(axis: Any, curves: Iterable[tuple[str, Curve, Mapping[str, Any]]]
     for label, drawn, style in curves:
         axis.plot(drawn.t, drawn.values, label=label, **style)
     axis.axhline(true, label="true value", **TRUE)
-    open_frame(axis)
+    tidy(axis)
 
 
 def limit(axis: Any, curves: Sequence[Curve], true: float, begin: float) -> None:

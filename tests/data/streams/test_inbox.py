@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.data.streams.reader import BACKOFF, LARGEST_BATCH, Inbox, Reader
+from replant.data.streams.reader import BACKOFF, LARGEST_BATCH, Inbox, Wire
 from replant.data.streams.source import Batch
 from support.cases import examples
 from support.waiting import PATIENCE
@@ -107,30 +107,30 @@ def test_a_failure_is_raised_once_what_came_before_it_has_been_taken() -> None:
         inbox.get(PATIENCE)
 
 
-class Unplugged(Reader):
-    """A reader whose pauses are kept instead of waited for."""
+class Unplugged(Wire):
+    """A wire whose pauses are kept instead of waited for."""
 
     def __init__(self) -> None:
-        super().__init__("unplugged://", waits=False)
+        super().__init__("unplugged://", None, waits=False)
         self.pauses: list[float] = []
         self._stop.wait = lambda pause: self.pauses.append(pause) or False  # type: ignore[method-assign,func-returns-value]
 
-    def _read(self) -> None:
+    def _session(self) -> None:
         """Nothing comes."""
 
 
 def test_pauses_between_attempts_double_up_to_the_longest_and_begin_anew_with_a_connection() -> None:
     reader = Unplugged()
     for _ in range(8):
-        reader._wait_to_connect("refused", again=False)
+        reader._pause("refused")
         assert (reader.state, reader.trouble) == ("connecting", "refused")
     assert reader.pauses == pytest.approx([min(BACKOFF[0] * 2.0**k, BACKOFF[1]) for k in range(8)])
-    reader._connected(again=False)
+    reader._connected()
     assert (reader.state, reader.trouble, reader.counters) == ("connected", "", {})
-    reader._wait_to_connect("gone", again=True)
+    reader._pause("gone")
     assert (reader.state, reader.pauses[-1]) == ("waiting", BACKOFF[0])
-    reader._connected(again=True)
-    reader._connected(again=True)
+    reader._connected()
+    reader._connected()
     assert reader.counters == {"reconnects": 2}
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
-from replant.data.streams.rows import FIELDS
+from replant.data.streams.parser import FIELDS
 from replant.data.streams.source import Source
 from replant.errors import InvalidArgumentError
 

@@ -20,9 +20,9 @@ from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of, newest_samples
 from replant.plotting.diagrams import mirrored
-from replant.report.figures.style import mapped_label
-from replant.report.terminal.summary import true_parameters
-from replant.runs.thinning import thin
+from replant.plotting.numbers import mapped_label
+from replant.plotting.thinning import thin
+from replant.report.terminal import true_parameters
 from replant.simulation.stretches import joined, stretches_of
 
 MOST_ROWS = 1000  # rows of history kept [rows]

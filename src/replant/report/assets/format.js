@@ -28,13 +28,14 @@ export function number(value, digits = 4) {
 }
 
 /** A tick's label: no more digits than it needs. */
-export function tick(value) {
+export function tick(value, digits = 9) {
+  if (!known(value)) return NONE;
   const size = Math.abs(value);
   if (size !== 0 && (size < 1e-4 || size >= 1e6)) {
-    const [mantissa, power] = value.toExponential(3).split("e");
+    const [mantissa, power] = value.toExponential(Math.min(digits, 4) - 1).split("e");
     return signed(String(+mantissa)) + "×10" + superscript(+power);
   }
-  return signed(String(+value.toPrecision(9)));
+  return signed(String(+value.toPrecision(digits)));
 }
 
 /** Number of decimal places that show two digits of the standard deviation. */

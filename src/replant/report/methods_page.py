@@ -8,17 +8,18 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from replant.data.logs import Log
-from replant.plotting.diagrams import blank_figure
+from replant.log import Log
+from replant.plotting import style
+from replant.plotting.numbers import mapped_label, number, percent, symbols
+from replant.plotting.style import blank_figure
 from replant.regressor.preprocess import Preprocess
-from replant.report.figures import draw_outputs, draw_overlay, draw_responses, style
-from replant.report.figures.comparison import legend_columns
+from replant.report import material as tables
+from replant.report import programs
+from replant.report.figures import draw_outputs, draw_overlay, draw_responses
 from replant.report.findings import BAD, GOOD, Finding, findings
-from replant.report.html import report_data, tables
-from replant.report.html.page import NO_BREAK, Html, code, facts, icon, section, write_page
-from replant.report.html.tables import HALF, described, look, svg, variable
-from replant.report.number_format import number, percent
-from replant.report.terminal.comparison import OUTCOME, cells_of, gravity_of
+from replant.report.page import NO_BREAK, Html, code, facts, icon, section, table, write_page
+from replant.report.page_figures import HALF, look, svg, variable
+from replant.report.terminal_tables import OUTCOME, cells_of, gravity_of
 from replant.runs.result import Result
 from replant.runs.run_log import Contender, best
 
@@ -45,16 +46,13 @@ def estimates(contenders: Sequence[Contender], log: Log, plant_label: str) -> st
     """Return the estimates over time, a picture for each coefficient, below one legend."""
     results, first = results_of(contenders), best(contenders)
     reference = first.name if first else next(iter(results))
-    structure = results[reference].structure
+    names = results[reference].structure.names
     with look():
-        axes = [blank_figure(HALF, 2.5).subplots() for _ in structure.names]
+        axes = [blank_figure(HALF, 2.5).subplots() for _ in names]
         labels = {"input_label": plant_label, "output_label": log.output_name}
         draw_overlay(results, log.dt, reference=reference, axes=axes, **labels)
-        drawn = [
-            svg(axis.figure, name).replace("<svg", f'<svg role="img" aria-label="{_ends(results, i)}"', 1)
-            for i, (name, axis) in enumerate(zip(structure.names, axes, strict=True))
-        ]
-    return _figure(_legend(contenders), f'<div class="panels">{"".join(drawn)}</div>', _caption(contenders))
+        drawn = _panels(axes, names, [_ends(results, i) for i in range(len(names))])
+    return figure(contenders, drawn, _caption(contenders))
 
 
 def outputs(contenders: Sequence[Contender], log: Log) -> str:
@@ -62,16 +60,16 @@ def outputs(contenders: Sequence[Contender], log: Log) -> str:
     results = results_of(contenders)
     said = "Measured output, and that of each model, simulated from the input alone"
     with look():
-        axes = _panels()
+        axes = [blank_figure(HALF, 2.9).subplots() for _ in range(2)]
         draw_outputs(results, log.output, log.dt, axes=axes, output_label=log.output_name)
         fits = ", ".join(f"{name} {percent(result.simulation.fit)}" for name, result in results.items())
-        drawn = _drawn(axes, "outputs", f"{said}; fit: {fits}", "The same over the last tenth of the record")
+        words = f"{said}; fit: {fits}", "The same over the last tenth of the record"
+        drawn = _panels(axes, ("outputs0", "outputs1"), words)
     caption = (
         f"{said}; on the right or below, over the last tenth of the record. Outputs that leave the range of the "
         "measured one by more than its size are cut off."
     )
-    measured = _swatch(style.MEASURED, "solid", 3.6)
-    return _figure(f"<li>{measured}measured</li>{_legend(contenders)}", drawn, caption)
+    return figure(contenders, drawn, caption, f"<li>{_swatch(style.MEASURED, 'solid', 3.6)}measured</li>")
 
 
 def responses(contenders: Sequence[Contender], log: Log, plant_label: str) -> str:
@@ -79,45 +77,41 @@ def responses(contenders: Sequence[Contender], log: Log, plant_label: str) -> st
     results, first = results_of(contenders), best(contenders)
     said = "Bode diagram of each model"
     with look():
-        axes = _panels()
+        axes = [blank_figure(HALF, 2.9).subplots() for _ in range(2)]
         labels = {"input_label": plant_label, "output_label": log.output_name}
         draw_responses(results, log.dt, reference=first.name if first else None, axes=axes, **labels)
-        drawn = _drawn(axes, "responses", f"{said}: magnitude in dB", f"{said}: phase in degrees")
-    caption = f"{said}. Bands are two standard deviations wide to either side, where they are known."
-    return _figure(_legend(contenders), drawn, caption)
-
-
-def _panels() -> list[Any]:
-    """Return the axes of two pictures that stand side by side, on a narrow page below each other."""
-    return [blank_figure(HALF, 2.9).subplots() for _ in range(2)]
-
-
-def _drawn(axes: Sequence[Any], name: str, *words: str) -> str:
-    pictures = (
-        described(svg(axis.figure, f"{name}{i}"), said) for i, (axis, said) in enumerate(zip(axes, words, strict=True))
+        words = f"{said}: magnitude in dB", f"{said}: phase in degrees"
+        drawn = _panels(axes, ("responses0", "responses1"), words)
+    return figure(
+        contenders, drawn, f"{said}. Bands are two standard deviations wide to either side, where they are known."
     )
-    return f'<div class="panels">{"".join(pictures)}</div>'
 
 
-def _figure(legend: str, drawn: str, caption: str) -> str:
-    return f'<figure><ul class="lines">{legend}</ul>{drawn}<figcaption>{html.escape(caption)}</figcaption></figure>'
+def _panels(axes: Sequence[Any], names: Sequence[str], words: Sequence[str]) -> str:
+    """Return pictures that stand side by side, on a narrow page below each other."""
+    return "".join(svg(axis.figure, name, said) for axis, name, said in zip(axes, names, words, strict=True))
 
 
-def _legend(contenders: Sequence[Contender]) -> str:
-    return "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(contenders).items())
+def figure(contenders: Sequence[Contender], drawn: str, caption: str, first: str = "") -> str:
+    """Return pictures with a legend of the methods above and a caption below them."""
+    entries = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(contenders).items())
+    return (
+        f'<figure><ul class="lines">{first}{entries}</ul><div class="panels">{drawn}</div>'
+        f"<figcaption>{html.escape(caption)}</figcaption></figure>"
+    )
 
 
 def _ends(results: Mapping[str, Result], i: int) -> str:
     """Return the text alternative of a panel."""
     name = next(iter(results.values())).structure.names[i]
     ends = ", ".join(f"{method} {number(float(result.parameters[i]))}" for method, result in results.items())
-    return html.escape(f"{name} over time by method; at the end: {ends}")
+    return f"{name} over time by method; at the end: {ends}"
 
 
 def save_figures(folder: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess) -> list[Path]:
     """Draw outputs, Bode diagrams and estimates over time of all methods into PNG files, and return their paths."""
     results, first = results_of(contenders), best(contenders)
-    plant_label = style.mapped_label(log.input_name, preprocess.input_map)
+    plant_label = mapped_label(log.input_name, preprocess.input_map)
     labels = {"input_label": plant_label, "output_label": log.output_name}
     chosen = first.name if first else None
     drawn = {
@@ -134,7 +128,7 @@ def _saved(path: Path, axis: Any) -> Path:
     handles, names = axis.get_legend_handles_labels()
     if names:
         axis.figure.legend(
-            handles, names, loc="outside upper left", ncols=legend_columns(len(names), 6), frameon=False,
+            handles, names, loc="outside upper left", ncols=-(-len(names) // -(-len(names) // 6)), frameon=False,
             labelcolor=style.INK, handlelength=3.4,
         )  # fmt: skip
     axis.figure.savefig(path, dpi=130)
@@ -161,9 +155,9 @@ def write_comparison(
     path: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess, command: str = ""
 ) -> Path:
     """Write the comparison into one self-contained HTML file, and return its path."""
-    plant_label = style.mapped_label(log.input_name, preprocess.input_map)
+    plant_label = mapped_label(log.input_name, preprocess.input_map)
     structure = next(entry.result.structure for entry in contenders if entry.result is not None)
-    labels = style.symbols(structure, plant_label, log.output_name)
+    labels = symbols(structure, plant_label, log.output_name)
     body = [
         section("", f'<p class="claim">{html.escape(claim(contenders))}</p>',
                 _html_table(contenders, labels, len(log)), _remarks(contenders, len(log))),
@@ -225,7 +219,7 @@ def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples:
         rows.append([name, verdict, *outcome, *map(_two_lines, cells[len(outcome) :])])
     headings = ("method", "verdict", "simulated fit", "one-step fit", "time", *labels)
     return (
-        tables.table(headings, rows, "Methods compared", "table wide methods")
+        table(headings, rows, "Methods compared", "table wide methods")
         + '<p class="note">Estimate ± standard deviation, if the method gives one.</p>'
     )
 
@@ -253,13 +247,7 @@ def _remarks(contenders: Sequence[Contender], samples: int) -> str:
 
 
 def _shortened(text: str) -> str:
-    """Return the first two sentences, and the others folded away.
-
-    Examples
-    --------
-    >>> _shortened("It fails. It does. Why? See.")
-    'It fails. It does. <details><summary>More</summary>Why? See.</details>'
-    """
+    """Return the first two sentences, and the others folded away."""
     sentences = re.split(r"(?<=[.?!]) (?=[A-Z0-9])", html.escape(text.replace(" %", NO_BREAK + "%")))
     first, rest = " ".join(sentences[:2]), " ".join(sentences[2:])
     return f"{first} <details><summary>More</summary>{rest}</details>" if rest else first
@@ -272,9 +260,9 @@ def _programs(contenders: Sequence[Contender], log: Log) -> str:
         if entry.result is None:
             continue
         if entry.fitted is not None:
-            program = report_data.fit_as_python(entry.fitted, [log])
+            program = programs.fit_as_python(entry.fitted, [log])
         elif entry.result.settings is not None:
-            program = report_data.run_as_python(entry.result, log)
+            program = programs.run_as_python(entry.result, log)
         else:
             continue
         summary = f"<summary>{html.escape(entry.name)} alone, in Python</summary>"

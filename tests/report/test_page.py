@@ -17,8 +17,8 @@ import replant as rp
 from replant.paper.catalogue import run, save
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
-from replant.report.html.comparison import write_comparison
-from replant.report.html.report import write_report
+from replant.report.methods_page import write_comparison
+from replant.report.result_page import write_report
 from replant.runs.run_log import compare
 from replant.settings import Request
 from support.browsing import TEXTS, chromium, contrast, drawn_anew, luminance, new_page

@@ -12,8 +12,8 @@ from replant.data.inspection import Inspection, options_of
 from replant.data.inspection.columns import Column, Kind
 from replant.data.logs.sampling_time import time_candidates
 from replant.identified.model_json import finite
-from replant.report.number_format import duration, interval
-from replant.report.terminal.summary import wrapped
+from replant.plotting.numbers import duration, interval
+from replant.report.terminal import wrapped
 
 FEW = 8  # different values up to which their number is shown [count]
 LISTED = 30  # columns that the table shows [count]
@@ -124,13 +124,7 @@ def print_findings(console: Any, found: Inspection) -> None:
 
 
 def _counted(count: int, what: str) -> str:
-    """Return a number of things.
-
-    Examples
-    --------
-    >>> _counted(1, "gap"), _counted(4093, "row")
-    ('1 gap', '4,093 rows')
-    """
+    """Return a number of things."""
     return f"{count:,} {what}{'' if count == 1 else 's'}"
 
 

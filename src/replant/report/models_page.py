@@ -17,14 +17,16 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
 from replant.identified.validation import Validation
 from replant.log import Log
-from replant.plotting.diagrams import Shown, blank_figure
-from replant.report.figures import style
-from replant.report.figures.comparison import draw_models, draw_poles_of, draw_steps
-from replant.report.html import tables
-from replant.report.html.comparison import outputs, responses, swatches_of
-from replant.report.html.page import Html, code, facts, section, write_page
-from replant.report.html.tables import HALF, described, look, svg
-from replant.report.number_format import percent, uncertain
+from replant.plotting import diagrams, style
+from replant.plotting.numbers import percent, uncertain
+from replant.plotting.over_time import SHOWN_SMALL, Curve, Panel, draw_panel, draw_panels
+from replant.plotting.style import Shown, axes_for, blank_figure
+from replant.report import material as tables
+from replant.report.figures import responses_of
+from replant.report.methods_page import figure, outputs, responses, swatches_of
+from replant.report.page import Html, code, facts, section, table, write_page
+from replant.report.page_figures import HALF, look, svg
+from replant.report.panels import output_panels
 from replant.runs.result import Clock, Result
 from replant.runs.run_log import Contender, best
 from replant.simulation.stretches import stretches_of
@@ -150,7 +152,7 @@ def write_models(path: Path, comparison: ModelComparison, command: str = "") -> 
         section("", f'<p class="claim">{html.escape(claim(comparison))}</p>', _table(comparison), _reasons(comparison)),
         section("Outputs", outputs(contenders, log)),
         section("Step responses and poles", _steps_and_poles(comparison)),
-        section("Frequency responses", responses(contenders, log, style.mapped_label(log.input_name, "identity"))),
+        section("Frequency responses", responses(contenders, log, log.input_name)),
         section("How to reproduce this", code("shell", command) if command else "", facts(tables.of_record(log))),
     ]
     lede = f"{log.input_name} → {log.output_name}, {len(comparison.models)} models over {len(log):,} samples"
@@ -168,7 +170,7 @@ def claim(comparison: ModelComparison) -> str:
 def _table(comparison: ModelComparison) -> str:
     swatches = swatches_of(comparison.contenders)
     rows = [[Html(swatches[name] + html.escape(name)), *rest] for name, *rest in comparison.rows]
-    return tables.table(HEADINGS, rows, "Models compared", "table wide methods")
+    return table(HEADINGS, rows, "Models compared", "table wide methods")
 
 
 def _reasons(comparison: ModelComparison) -> str:
@@ -187,9 +189,39 @@ def _steps_and_poles(comparison: ModelComparison) -> str:
         axes = [blank_figure(HALF, 3.2).subplots() for _ in words]
         draw_steps(comparison.models, axes[0])
         draw_poles_of(comparison.models, axes[1])
-        pictures = [svg(axis.figure, f"models{i}") for i, axis in enumerate(axes)]
-    drawn = "".join(described(picture, said) for picture, said in zip(pictures, words, strict=True))
-    legend = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(comparison.contenders).items())
+        drawn = "".join(svg(axis.figure, f"models{i}", words[i]) for i, axis in enumerate(axes))
     caption = "Bands are two standard deviations wide to either side; regions of poles hold 95 %."
-    panels = f'<ul class="lines">{legend}</ul><div class="panels">{drawn}</div>'
-    return f"<figure>{panels}<figcaption>{caption}</figcaption></figure>"
+    return figure(comparison.contenders, drawn, caption)
+
+
+def draw_models(
+    models: Mapping[str, Model], results: Mapping[str, Result], log: Log, best: str, axes: Any = None
+) -> Any:
+    """Draw outputs, step responses, magnitudes and poles of all models; return four axes."""
+    output, step, magnitude, poles = axes_for("axes", axes, 4, (11.0, 7.0), nrows=2, ncols=2)
+    draw_panels([output], output_panels(results, log.output, log.dt, log.output_name)[:1], SHOWN_SMALL)
+    draw_steps(models, step)
+    diagrams.draw_magnitude(magnitude, responses_of(results, log.dt, best), reference=best)
+    draw_poles_of(models, poles)
+    style.legend(output)
+    return np.array([output, step, magnitude, poles], dtype=object)
+
+
+def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
+    """Draw the step response of each model with its band of two standard deviations."""
+    longest = max(float(model.step().time[-1]) for model in models.values())
+    curves = []
+    for (name, model), (colour, dashes) in zip(models.items(), style.LINES, strict=False):
+        step = model.step(longest)
+        std = None if step.std is None else np.minimum(step.std, 0.5 * (np.ptp(step.output) or 1.0))
+        curves.append(Curve(step.time, step.output, name, colour, std, dashes=dashes))
+    draw_panel(axis, Panel("", curves, (0.0, longest)))
+    axis.set(xlabel="time [s]", ylabel="step response")
+
+
+def draw_poles_of(models: Mapping[str, Model], axis: Any) -> None:
+    """Draw the poles and zeros of each model with their 95 % regions."""
+    found = {name: model.poles() for name, model in models.items()}
+    regions = {name: [(mode.mode.pole, mode.covariance) for mode in each.uncertain] for name, each in found.items()}
+    drawn = {n: (each.values, each.zeros, diagrams.with_conjugates(regions[n])) for n, each in found.items()}
+    diagrams.draw_poles(drawn, axis)

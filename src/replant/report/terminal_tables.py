@@ -11,10 +11,10 @@ from replant.identified.model_json import finite, verdict_object
 from replant.identified.validation import Validation
 from replant.model.structure import Structure
 from replant.offline.structure_search import Candidate, SearchResult
+from replant.plotting.numbers import percent, uncertain
 from replant.report.findings import BAD, COLOURS, GOOD, findings, without_reasons
-from replant.report.number_format import percent, uncertain
-from replant.report.terminal.summary import as_json as result_as_json
-from replant.report.terminal.summary import print_verdict
+from replant.report.terminal import as_json as result_as_json
+from replant.report.terminal import print_verdict
 from replant.runs.run_log import Contender, best
 
 OUTCOME = ("verdict", "simulated", "one step", "time")
@@ -74,13 +74,7 @@ def print_comparison(console: Any, contenders: Sequence[Contender], structure: S
 
 
 def _aligned(cells: Sequence[str]) -> list[str]:
-    """Return the cells of a right-aligned column with their plus-minus signs below each other.
-
-    Examples
-    --------
-    >>> _aligned(["2.1 ± 0.05", "10 ± 1", "3"])
-    ['2.1 +- 0.05', '10 +- 1   ', '3         ']
-    """
+    """Return the cells of a right-aligned column with their plus-minus signs below each other."""
     parts = [cell.partition(" ± ") for cell in cells]
     width = max(len(std) for _, _, std in parts)
     if width == 0:
@@ -89,13 +83,7 @@ def _aligned(cells: Sequence[str]) -> list[str]:
 
 
 def _blocks(widths: Sequence[int], room: int) -> list[list[int]]:
-    """Return the columns of each block: all in one if they fit, else the outcome first, then as many as fit.
-
-    Examples
-    --------
-    >>> _blocks([7, 9, 8, 6, 9, 20, 20], room=72), _blocks([7, 9, 8, 6, 9, 20, 20], room=100)
-    ([[0, 1, 2, 3, 4], [0, 5, 6]], [[0, 1, 2, 3, 4, 5, 6]])
-    """
+    """Return the columns of each block: all in one if they fit, else the outcome first, then as many as fit."""
     if sum(widths) + GAP * (len(widths) - 1) <= room:
         return [list(range(len(widths)))]
     blocks = [list(range(len(OUTCOME) + 1)), [0]]
@@ -144,13 +132,7 @@ def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
 
 
 def _known(uncertainty: float) -> str:
-    """Return how well the least known coefficient is known.
-
-    Examples
-    --------
-    >>> _known(0.021), _known(52.0)
-    ('± 2.1 %', 'unknown')
-    """
+    """Return how well the least known coefficient is known."""
     return f"± {share(uncertainty)}" if uncertainty < 1.0 else "unknown"
 
 

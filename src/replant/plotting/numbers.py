@@ -1,10 +1,13 @@
-"""Numbers and formulas as text for pages (×, −, ±) and terminals (ASCII), and as MathML."""
+"""Numbers, symbols with their units, and formulas: as text for pages (×, −, ±) and terminals (ASCII), and as MathML."""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from replant.arguments import FloatArray
+from replant.interop import unit_of, without_unit
+from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
@@ -14,16 +17,11 @@ WORST_PERCENT = -1000.0  # fit below which it does not matter how bad it is [%]
 LINE = 42  # width of a line of a polynomial [digits]
 WIDEST = 1e12  # magnitude from which on a grouped number is written with a power of ten [number]
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def number(value: float, digits: int = 4) -> str:
-    """Return ``value`` with that many significant digits.
-
-    Examples
-    --------
-    >>> number(-0.5), number(123456.0), number(2.5e7), number(float("nan"))
-    ('−0.5', '123500', '2.5×10⁷', 'no figure')
-    """
+    """Return ``value`` with that many significant digits."""
     if math.isnan(value):
         return "no figure"
     if math.isinf(value):
@@ -34,13 +32,7 @@ def number(value: float, digits: int = 4) -> str:
 
 
 def uncertain(value: float, std: float | None, digits: int = 4) -> str:
-    """Return value and standard deviation, the latter with two digits and the value to the same place.
-
-    Examples
-    --------
-    >>> uncertain(2.05821, 0.0123), uncertain(35812.0, 120.0), uncertain(1.0, None), uncertain(1.0, math.inf)
-    ('2.058 ± 0.012', '35810 ± 120', '1', '1 ± unknown')
-    """
+    """Return value and standard deviation, the latter with two digits and the value to the same place."""
     if std is not None and math.isinf(std) and math.isfinite(value):
         return f"{number(value, digits)} {PLUS_MINUS} {UNKNOWN}"
     if not std or not (math.isfinite(value) and math.isfinite(std)):  # a std of 0: a real pole's damping is just 1
@@ -59,25 +51,13 @@ def uncertain(value: float, std: float | None, digits: int = 4) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a length of time in s, and in hours where those are more than a handful.
-
-    Examples
-    --------
-    >>> duration(81.86), duration(50_000.0)
-    ('81.86 s', '50,000 s (13.9 h)')
-    """
+    """Return a length of time in s, and in hours where those are more than a handful."""
     text = f"{seconds:,.0f} s" if 1e4 <= seconds < 1e12 else f"{number(seconds)} s"
     return text + (f" ({seconds / 3600:.3g} h)" if seconds >= 7200 else "")
 
 
 def interval(seconds: float) -> str:
-    """Return a short length of time in s, ms or us, in ASCII.
-
-    Examples
-    --------
-    >>> interval(0.001), interval(0.8), interval(2.5e-5), interval(math.nan)
-    ('1 ms', '0.8 s', '25 us', 'no figure')
-    """
+    """Return a short length of time in s, ms or us, in ASCII."""
     if not math.isfinite(seconds):
         return "no figure"
     for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
@@ -87,13 +67,7 @@ def interval(seconds: float) -> str:
 
 
 def percent(value: float, *, ascii_only: bool = False) -> str:
-    """Return a fit in percent; ``ascii_only`` writes the minus sign as a hyphen, for a terminal.
-
-    Examples
-    --------
-    >>> percent(97.94), percent(-2.5e22), percent(float("-inf"))
-    ('97.9 %', 'below −1000 %', 'no figure')
-    """
+    """Return a fit in percent; ``ascii_only`` writes the minus sign as a hyphen, for a terminal."""
     if not math.isfinite(value):
         return "no figure"
     text = f"below {WORST_PERCENT:.0f} %" if value < WORST_PERCENT else f"{value:.1f} %"
@@ -101,13 +75,7 @@ def percent(value: float, *, ascii_only: bool = False) -> str:
 
 
 def off_by(value: float, true: float) -> str:
-    """Return how far ``value`` is from ``true``, in percent.
-
-    Examples
-    --------
-    >>> off_by(5877.0, 5891.0), off_by(5890.9, 5891.0), off_by(2.0, 0.0)
-    ('-0.24 %', '-0.0017 %', 'no figure')
-    """
+    """Return how far ``value`` is from ``true``, in percent."""
     if true == 0.0:
         return "no figure"
     percent = 100.0 * (value / true - 1.0)
@@ -115,44 +83,24 @@ def off_by(value: float, true: float) -> str:
 
 
 def std_alone(std: float) -> str:
-    """Write a standard deviation that stands in a column of its own.
-
-    Examples
-    --------
-    >>> std_alone(0.01234), std_alone(math.inf)
-    ('0.012', 'unknown')
-    """
+    """Write a standard deviation that stands in a column of its own."""
     return f"{std:.2g}" if math.isfinite(std) else UNKNOWN
 
 
-def with_std(value: float, std: float) -> str:
-    """Write a figure with its standard deviation, where one is known: to the same place, in four digits at the most.
-
-    Examples
-    --------
-    >>> with_std(1.2345678, 0.01), with_std(0.4700200, 0.0123), with_std(101.1, 1100.0), with_std(2.0, math.nan)
-    ('1.235 +- 0.010', '0.470 +- 0.012', '100 +- 1100', '2')
-    >>> with_std(2.0, math.inf)
-    '2 +- unknown'
-    """
-    if math.isinf(std) and math.isfinite(value):
-        return f"{value:.4g} +- {UNKNOWN}"
-    if not math.isfinite(std):
+def with_std(value: float, std: float | None) -> str:
+    """Write a figure with its standard deviation, where one is known: to the same place, in four digits at the most."""
+    if std is None or math.isnan(std) or not math.isfinite(value):
         return f"{value:.4g}"
+    if math.isinf(std):
+        return f"{value:.4g} +- {UNKNOWN}"
     digits = 4
-    if value and std > 0.0 and math.isfinite(value):
+    if value and std > 0.0:
         digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(std)) + 2
     return f"{_digits(value, min(max(digits, 1), 4))} +- {_digits(std, 2)}"
 
 
 def _digits(value: float, digits: int) -> str:
-    """Return a figure with so many digits, zeros at the end among them, and a power of ten only where it is far from 1.
-
-    Examples
-    --------
-    >>> _digits(0.47002, 3), _digits(1099.0, 2), _digits(4.5e-6, 2), _digits(0.0, 2)
-    ('0.470', '1100', '4.5e-06', '0')
-    """
+    """Return a figure with so many digits, zeros at its end among them; with a power of ten where it is far from 1."""
     if not 1e-4 <= abs(value) < 1e5:
         return f"{value:.{digits}g}"
     place = digits - 1 - math.floor(math.log10(abs(value)))
@@ -160,13 +108,7 @@ def _digits(value: float, digits: int) -> str:
 
 
 def grouped(value: float, places: int = 1) -> str:
-    """Return a number with commas between groups of three digits; from `WIDEST` on with a power of ten.
-
-    Examples
-    --------
-    >>> grouped(59_857, 0), grouped(1234.56), grouped(-1e300), grouped(10**400, 0)
-    ('59,857', '1,234.6', '-1e+300', '> 1e+308')
-    """
+    """Return a number with commas between groups of three digits; from `WIDEST` on with a power of ten."""
     try:
         return f"{value:,.{places}f}" if abs(value) < WIDEST else f"{float(value):.4g}"
     except OverflowError:  # an integer beyond float64
@@ -174,13 +116,7 @@ def grouped(value: float, places: int = 1) -> str:
 
 
 def with_prefix(value: float) -> str:
-    """Return a number with three digits and the SI prefix of its size.
-
-    Examples
-    --------
-    >>> with_prefix(1234567.0), with_prefix(65432.1), with_prefix(7.0)
-    ('1.23 M', '65.4 k', '7')
-    """
+    """Return a number with three digits and the SI prefix of its size."""
     for power, letter in ((9, " G"), (6, " M"), (3, " k")):
         if value >= 10.0**power:
             return f"{value / 10.0**power:.3g}{letter}"
@@ -188,15 +124,64 @@ def with_prefix(value: float) -> str:
 
 
 def complex_number(value: complex, digits: int = 4) -> str:
-    """Return a root; of a conjugate pair, given with positive imaginary part, both.
-
-    Examples
-    --------
-    >>> complex_number(-2 + 0j), complex_number(-1.5 + 76.7j)
-    ('−2', '−1.5 ± 76.7i')
-    """
+    """Return a root; of a conjugate pair, given with positive imaginary part, both."""
     real = number(value.real, digits)
     return f"{real} {PLUS_MINUS} {number(abs(value.imag), digits)}i" if value.imag else real
+
+
+def over(values: Any, unit: str, digits: int = 4) -> str:
+    """Return the first and last of some values, with their unit."""
+    return f"{values[0]:.{digits}g} to {values[-1]:.{digits}g} {unit}" if len(values) else "none"
+
+
+def power_of_ten(value: float) -> str:
+    """Return a short label of a decade."""
+    if value <= 0:
+        return ""
+    exponent = round(math.log10(value))
+    return f"{value:g}" if -3 < exponent < 4 else "10" + str(exponent).translate(_SUPERSCRIPT)
+
+
+def symbol(name: str) -> str:
+    """Return a parameter's name with its index as subscript."""
+    return name if name == "bias" else name[0] + name[1:].translate(_SUBSCRIPT)
+
+
+def symbols(structure: Structure, input_label: str, output_label: str) -> list[str]:
+    """Return each parameter's symbol with its unit, in the order of the names."""
+    per = gain_unit(input_label, output_label)
+    labels = []
+    for name in structure.names:
+        if name == "bias":
+            unit = unit_of(output_label)
+        else:
+            order = structure.poles - int(name[1:])
+            seconds = "s" + (str(order).translate(_SUPERSCRIPT) if order > 1 else "")
+            unit = f"1/{seconds}" if name[0] == "a" else f"{per}/{seconds}" if per else ""
+        labels.append(with_unit(symbol(name), unit))
+    return labels
+
+
+def with_unit(name: str, unit: str) -> str:
+    """Return a name with its unit in brackets, where that is known."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def gain_unit(input_label: str, output_label: str) -> str:
+    """Return the unit of output per input; empty where either is unknown."""
+    numerator, denominator = unit_of(output_label), unit_of(input_label)
+    if not (numerator and denominator):
+        return ""
+    compound = any(sign in denominator for sign in "/* ·")
+    return f"{numerator}/({denominator})" if compound else f"{numerator}/{denominator}"
+
+
+def mapped_label(label: str, input_map: object) -> str:
+    """Return the label of a mapped input; after a map of the user's own it has no unit."""
+    if input_map == "identity":
+        return label
+    unit, name = unit_of(label), without_unit(label)
+    return name if input_map != "square" else with_unit(f"{name}²", f"{unit}²" if unit else "")
 
 
 def mathml(model: TransferFunction) -> str:

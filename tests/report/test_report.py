@@ -18,10 +18,10 @@ import pytest
 import replant as rp
 from replant.cli import main
 from replant.errors import MissingDependencyError
+from replant.report import result_page as module
 from replant.report.findings import findings
-from replant.report.html import report as module
-from replant.report.html.plot_data import charts
-from replant.report.html.report import write_report
+from replant.report.page_figures import charts
+from replant.report.result_page import write_report
 from support.builders import with_model
 
 
@@ -162,8 +162,8 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
 
 def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
-    from replant.report.html import plot_data as words
-    from replant.report.html.report_data import Material
+    from replant.report import page_figures as words
+    from replant.report.material import Material
 
     with_bands, without = (
         Material(case.result, case.log, case.result.fixed_filter, rp.Preprocess()) for case in (uncertain, plain)
@@ -237,7 +237,7 @@ def test_whatever_a_file_calls_itself_is_text(plain, tmp_path) -> None:
 
 
 def test_plots_hold_the_record(uncertain) -> None:
-    from replant.report.html.report_data import Material
+    from replant.report.material import Material
 
     found = charts(Material(uncertain.result, uncertain.log, uncertain.result.settings.filter, rp.Preprocess()))
     measured, model = found["fit"][1]["curves"]
@@ -337,7 +337,7 @@ def test_commands_write_it_and_say_how_to_repeat_themselves(plain, tmp_path, cap
 
 
 def test_standard_deviations_reach_the_json(uncertain) -> None:
-    from replant.report.terminal.summary import as_json
+    from replant.report.terminal import as_json
 
     entries = as_json(uncertain.result)["parameters"].values()
     assert [entry["std"] for entry in entries] == pytest.approx(np.sqrt(np.diag(uncertain.result.covariance)))
@@ -346,7 +346,7 @@ def test_standard_deviations_reach_the_json(uncertain) -> None:
 @pytest.fixture
 def bare_uplot(monkeypatch):
     """The module that finds uPlot, where there is none: neither in the package nor from uplot-python."""
-    from replant.report.html import page
+    from replant.report import page
 
     page.uplot.cache_clear()
     monkeypatch.setattr(page, "OWN", ("missing.js", "missing.css"))
@@ -374,8 +374,8 @@ def test_where_uplot_was_not_fetched_that_of_uplot_python_is_taken(tmp_path, mon
 
 
 def test_plots_over_time_know_what_is_left_out(uncertain) -> None:
-    from replant.report.html.plot_data import charts
-    from replant.report.html.report_data import Material
+    from replant.report.material import Material
+    from replant.report.page_figures import charts
 
     result = dataclasses.replace(uncertain.result, left_out=np.array([[10, 30]]))
     found = charts(Material(result, uncertain.log, result.settings.filter, rp.Preprocess()))

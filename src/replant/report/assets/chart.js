@@ -85,9 +85,9 @@ export function seen(x, [from, to], column) {
  * limits(): [x, y] limits as of now; read(i): writes the values at index i, or the newest for null, into the legend;
  * choose(range): a stretch of x was chosen by dragging, or none by a double click.
  */
-export function chart(room, { series, bands = [], x, y, limits, cursor, read, choose, log = false, leftOut = () => [] }) {
+export function chart(room, { series, bands = [], x, y, limits, cursor, read, choose, log = false, leftOut = () => [], right = 18 }) {
   const plot = new uPlot({
-    width: room.clientWidth, height: room.clientHeight, legend: { show: false }, padding: [6, 18, 0, 0],
+    width: room.clientWidth, height: room.clientHeight, legend: { show: false }, padding: [6, right, 0, 0],
     pxAlign: 0, // lines between pixels: on whole ones a slope becomes stairs
     scales: {
       x: { time: false, auto: false, distr: log ? 3 : 1, range: () => limits()[0] },
@@ -138,6 +138,26 @@ export function legend(place, entries) {
   return (...texts) => texts.forEach((text, i) => { if (values[i].textContent !== text) values[i].textContent = text; });
 }
 
-export const ticksOf = format => (_, ticks) => ticks.map(format);
+export const ticksOf = format => (_, ticks) => ticks.map(value => format(value));
 export const unlabelled = { size: 6, values: (_, ticks) => ticks.map(() => "") };
 export const labelled = { values: ticksOf(tick) };
+
+/** Keys of a plot over time: arrows pan, plus and minus zoom, Escape and Home show everything. */
+export function zoomKeys(room, zoomBy) {
+  const keys = { ArrowLeft: "left", ArrowRight: "right", "+": "in", "=": "in", "-": "out", Escape: "all", Home: "all" };
+  room.addEventListener("keydown", event => {
+    if (event.ctrlKey || event.metaKey || event.altKey || !(event.key in keys) || event.target !== room) return;
+    event.preventDefault();
+    zoomBy(keys[event.key]);
+  });
+}
+
+/** A stretch that is zoomed, panned, or shown as a whole. */
+export function zoomed([from, to], how, [first, last]) {
+  const width = to - from;
+  let next = { in: [from + width / 4, to - width / 4], out: [from - width / 2, to + width / 2],
+    left: [from - width / 5, to - width / 5], right: [from + width / 5, to + width / 5] }[how];
+  if (!next) return null;
+  const wide = Math.min(next[1] - next[0], last - first), start = Math.min(Math.max(next[0], first), last - wide);
+  return wide >= last - first ? null : [start, start + wide];
+}

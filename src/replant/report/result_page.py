@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import html
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -12,22 +12,20 @@ from typing import Any
 import numpy as np
 
 from replant.assessment.verdict import percent as share
-from replant.data.logs import Log
 from replant.identified.validation import Validation
+from replant.log import Log
 from replant.optimizers import RecursiveLeastSquares
-from replant.plotting.diagrams import blank_figure, draw_validation
+from replant.plotting.diagrams import draw_validation
+from replant.plotting.numbers import gain_unit, mathml, number, percent, uncertain, with_unit
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess
-from replant.report.figures import style
+from replant.report import material as tables
+from replant.report import page_figures
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
-from replant.report.html import plot_data as words
-from replant.report.html import report_data, tables
-from replant.report.html.page import asset, code, folded, heading, icon, today, uplot
-from replant.report.html.page import style as page_style
-from replant.report.html.page import words as in_words
-from replant.report.html.plot_data import charts
-from replant.report.html.report_data import Material
-from replant.report.number_format import mathml, number, percent, uncertain
+from replant.report.material import Material
+from replant.report.page import asset, code, folded, heading, icon, script, table, today, uplot, words
+from replant.report.page import style as page_style
+from replant.report.programs import run_as_python
 from replant.runs.result import Result
 from replant.settings import Settings
 
@@ -38,7 +36,7 @@ def section(validations: Sequence[tuple[str, Validation]]) -> str:
     """Return the section; empty without another log."""
     if not validations:
         return ""
-    found = tables.table(HEADINGS, [_row(*each) for each in validations], "Validation on other logs", "table wide")
+    found = table(HEADINGS, [_row(*each) for each in validations], "Validation on other logs", "table wide")
     figures = "".join(_figure(f"other{number}", *each) for number, each in enumerate(validations))
     return f"<section><h2>On other logs</h2>{found}{figures}</section>"
 
@@ -58,20 +56,12 @@ def _row(name: str, found: Validation) -> tuple[str, ...]:
 
 
 def _figure(element: str, name: str, found: Validation) -> str:
-    figure = blank_figure(tables.WHOLE, 4.6)
-    grid = figure.add_gridspec(2, 3)
-    axes = [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, column]) for column in range(3))]
-    for axis in draw_validation(found, axes):
-        style.tidy(axis)  # with the colours of the page
-        axis.title.set_color(style.INK)
-        for text in axis.get_legend().get_texts() if axis.get_legend() else ():
-            text.set_color(style.INK)
+    axes = draw_validation(found, size=(page_figures.WHOLE, 4.6))
     said = (
         f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. "
         + " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
     )
-    picture = tables.described(tables.svg(figure, element), said)
-    return f'<figure><div class="still">{picture}</div><figcaption>{html.escape(said)}</figcaption></figure>'
+    return _drawn(said, page_figures.svg(axes[0].figure, element, said))
 
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
@@ -101,7 +91,7 @@ def write_report(
     settings = result.settings
     if settings is not None:
         filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
-        python = python or report_data.run_as_python(result, log)
+        python = python or run_as_python(result, log)
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     with np.errstate(all="ignore"):  # figures that are not finite are reported in words
         fields = _fields(material, title or log.path.name or "Simulated record", command, python)
@@ -109,10 +99,10 @@ def write_report(
     fields["candidates"] = ""
     if candidates is not None:
         headings, rows, rest = candidates
-        tried = tables.table(headings, rows, "Structures tried", "table wide")
-        tried += f'<p class="note">{in_words(rest)}</p>' if rest else ""
+        tried = table(headings, rows, "Structures tried", "table wide")
+        tried += f'<p class="note">{words(rest)}</p>' if rest else ""
         fields["candidates"] = folded("Structures tried", tried)
-    with tables.look(), np.errstate(all="ignore"):
+    with page_figures.look(), np.errstate(all="ignore"):
         fields["other_logs"] = section(validations)
     page = Template(asset("report.html")).substitute(fields)
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -122,8 +112,8 @@ def write_report(
 
 def _fields(material: Material, title: str, command: str, python: str) -> dict[str, str]:
     found = findings(material.result, len(material.log))
-    script, style_sheet = uplot()
-    plots = charts(material)
+    library, style_sheet = uplot()
+    plots = page_figures.charts(material)
     return {
         "title": html.escape(title),
         "heading": heading(title),
@@ -140,54 +130,58 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "origin": folded("Record and versions", tables.origin(material)),
         "uplot_css": style_sheet,
         "css": page_style(),
-        "uplot_js": script.replace("</script", "<\\/script"),
-        "js": asset("report.js"),
+        "uplot_js": library.replace("</script", "<\\/script"),
+        "js": script("format.js", "chart.js", "report.js"),
         "data": json.dumps(plots).replace("<", "\\u003c"),
     }
 
 
 def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
     """Return the figures, each with its caption."""
-    with tables.look():
-        fit = _drawn(words.of_fit(material), tables.fit_picture(material), plots["fit"])
-        transients = ""
-        history = material.result.history
-        if history is not None and history.samples.size:
-            said, drawn = words.of_transients(material), tables.transient_pictures(material)
-            transients = f"<h3>Parameter estimates</h3>{_drawn(said, ''.join(drawn), plots['parameters'])}"
-        said = words.of_excitation(material)
-        excitation = folded("Excitation", _drawn(said, tables.excitation_picture(material), plots["excitation"]))
-        auto, cross = tables.correlation_pictures(material)
+    said = {
+        "fit": page_figures.of_fit(material),
+        "parameters": page_figures.of_transients(material),
+        "excitation": page_figures.of_excitation(material),
+    }
+    with page_figures.look():
+        over_time = {
+            name: _drawn(said[name], page_figures.time_picture(name, panels, said[name]), plots[name]) if panels else ""
+            for name, panels in material.panels.items()
+        }
+        one, other = page_figures.of_auto(material), page_figures.of_cross(material)
+        auto, cross = page_figures.correlations(material, (one, other))
         return {
-            "fit": fit,
-            "transients": transients,
-            "excitation": excitation,
-            "poles": _drawn(words.of_poles(material), tables.poles_picture(material)),
-            "bode": _drawn(words.of_bode(material), tables.bode_picture(material)),
-            "step": _drawn(words.of_step(material), tables.step_picture(material)),
-            "auto": _drawn(words.of_auto(material), auto),
-            "cross": _drawn(words.of_cross(material), cross),
+            "fit": over_time["fit"],
+            "transients": f"<h3>Parameter estimates</h3>{over_time['parameters']}" if over_time["parameters"] else "",
+            "excitation": folded("Excitation", over_time["excitation"]),
+            "auto": _drawn(one, auto),
+            "cross": _drawn(other, cross),
+            "poles": _still(material, page_figures.of_poles, page_figures.poles),
+            "bode": _still(material, page_figures.of_bode, page_figures.bode),
+            "step": _still(material, page_figures.of_step, page_figures.step),
             "spectrum": folded(
-                "Spectrum of what is left",
-                _drawn(words.of_spectrum(material), tables.spectrum_picture(material)),
+                "Spectrum of what is left", _still(material, page_figures.of_spectrum, page_figures.spectrum)
             ),
         }
 
 
+def _still(material: Material, caption: Callable[[Material], str], picture: Callable[[Material, str], str]) -> str:
+    said = caption(material)
+    return _drawn(said, picture(material, said))
+
+
 def _drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
     """Return a figure: static pictures and, if there are plots, elements that the script draws zoomable ones into."""
-    drawn = picture.replace("<svg", f'<svg role="img" aria-label="{html.escape(said)}"')
-    rooms = "".join(_room(plot) for plot in plots)
     columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
-    live = f'<div class="live{columns}">{rooms}</div>' if plots else ""
+    live = f'<div class="live{columns}">{"".join(map(_room, plots))}</div>' if plots else ""
     kind = ' class="both"' if plots else ""
-    return f'<figure{kind}>{live}<div class="still">{drawn}</div><figcaption>{in_words(said)}</figcaption></figure>'
+    return f'<figure{kind}>{live}<div class="still">{picture}</div><figcaption>{words(said)}</figcaption></figure>'
 
 
 def _room(plot: dict[str, Any]) -> str:
     name, label = html.escape(plot["name"]), html.escape(plot["label"])
-    words = "no estimate" if name.startswith("parameter") else "no finite values"
-    nothing = f'<p class="nothing">{words}</p>' if plot["empty"] else ""
+    said = "no estimate" if name.startswith("parameter") else "no finite values"
+    nothing = f'<p class="nothing">{said}</p>' if plot["empty"] else ""
     keys = "Arrow keys pan, plus and minus zoom, Escape shows everything."
     return (
         f'<div class="chart"><div class="head"><span class="name">{label}</span><span class="legend"></span></div>'
@@ -226,10 +220,10 @@ def _verdict(found: Sequence[Finding], advice: tuple[str, str] | None) -> str:
     others = [each for each in found if each is not lead]
     more = "".join(
         f'<li class="{other.gravity}">{icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
-        f"{in_words(other.text)}</span></li>"
+        f"{words(other.text)}</span></li>"
         for other in others
     )
-    reasons = "".join(f"<p>{in_words(each)}</p>" for each in lead.more)
+    reasons = "".join(f"<p>{words(each)}</p>" for each in lead.more)
     count = "one more reason" if len(lead.more) == 1 else f"{len(lead.more)} more reasons"
     headline = lead.headline
     if advice is not None:
@@ -238,7 +232,7 @@ def _verdict(found: Sequence[Finding], advice: tuple[str, str] | None) -> str:
         count = f"{count}, and the command" if lead.more else "the command"
     return (
         f'<section class="verdict {first.gravity}" aria-label="Verdict">{icon(first.gravity)}<div>'
-        f"<h2>{html.escape(headline)}</h2><p>{in_words(lead.text)}</p>"
+        f"<h2>{html.escape(headline)}</h2><p>{words(lead.text)}</p>"
         + (f"<ul>{more}</ul>" if more else "")
         + (f'<details class="fold"><summary>{count.capitalize()}</summary>{reasons}</details>' if reasons else "")
         + "</div></section>"
@@ -248,12 +242,12 @@ def _verdict(found: Sequence[Finding], advice: tuple[str, str] | None) -> str:
 def _figures(material: Material) -> str:
     """Return the key figures."""
     result, known = material.result, material.uncertainty
-    unit = style.gain_unit(material.plant_label, material.output_label)
+    unit = gain_unit(material.plant_label, material.log.output_name)
     gain = uncertain(result.transfer_function.dc_gain, None if known is None else known.dc_gain_std)
     entries = [
         (percent(result.simulation.fit), f"fit, {result.simulation.how}"),
         (percent(result.one_step), "fit, one step ahead"),
-        (gain, f"DC gain [{unit}]" if unit else "DC gain"),
+        (gain, with_unit("DC gain", unit)),
         (f"{result.samples:,}", "samples used"),
     ]
     return "".join(f"<div><dd>{_in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import html
 import importlib.util
-from collections.abc import Iterable
+import re
+from collections.abc import Iterable, Sequence
 from datetime import datetime
 from functools import cache
 from importlib import resources
@@ -55,13 +56,7 @@ class Html(str):
 
 
 def words(text: str) -> Html:
-    r"""Return plain text as HTML without line breaks after a plus-minus sign or before a percent sign.
-
-    Examples
-    --------
-    >>> words("2 ± 1, <5 %")
-    '2 ±\xa01, &lt;5\xa0%'
-    """
+    r"""Return plain text as HTML without line breaks after a plus-minus sign or before a percent sign."""
     return Html(html.escape(text.replace("± ", "±" + NO_BREAK).replace(" %", NO_BREAK + "%")))
 
 
@@ -69,6 +64,12 @@ def words(text: str) -> Html:
 def asset(name: str) -> str:
     """Return the text of a file in ``report/assets``."""
     return resources.files("replant.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def script(*names: str) -> str:
+    """Return modules of JavaScript as one script, those that others import first."""
+    text = re.sub(r"^import .*\n|^export (?=const|function)", "", "".join(map(asset, names)), flags=re.MULTILINE)
+    return f'(() => {{\n"use strict";\n{text}}})();\n'
 
 
 def style() -> str:
@@ -127,3 +128,18 @@ def facts(rows: Iterable[tuple[str, str]]) -> str:
 def code(kind: str, text: str) -> str:
     """Return a listing; ``kind`` is "shell" or "python"."""
     return f'<pre class="{kind}" tabindex="0"><code>{html.escape(text)}</code></pre>'
+
+
+def table(headings: Sequence[str], rows: Iterable[Sequence[str]], name: str, kind: str = "table") -> str:
+    """Return a table whose first column holds the row headings."""
+    head = "".join(f'<th scope="col">{_escaped(heading)}</th>' for heading in headings)
+    body = "".join(
+        f'<tr><th scope="row">{_escaped(first)}</th>' + "".join(f"<td>{_escaped(cell)}</td>" for cell in rest) + "</tr>"
+        for first, *rest in rows
+    )
+    inner = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="{kind}" role="region" tabindex="0" aria-label="{html.escape(name)}">{inner}</div>'
+
+
+def _escaped(cell: str) -> str:
+    return cell if isinstance(cell, Html) else words(cell)
