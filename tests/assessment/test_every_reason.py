@@ -96,7 +96,7 @@ def acted(fault: Callable[[Array], Array], u: Array | None = None) -> Verdict:
 
 
 def smooth() -> Array:
-    return multisine(SAMPLES, DT, np.geomspace(0.1, 6.0, 12), amplitude=0.4)
+    return multisine(2 * SAMPLES, DT, np.geomspace(0.05, 2.0, 12), amplitude=0.4)
 
 
 def beside(made: Callable[[Array, Array], Array]) -> Verdict:
@@ -203,8 +203,8 @@ PAIRS: dict[str, Pair] = {
         lambda: acted(lambda u: u, play(steps(1), 0.4)),
     ),
     "the input seems to run straight between its samples": (
-        lambda: run(smooth(), out(smooth(), SLOW, input_hold="foh"), TWO),
-        lambda: run(smooth(), out(smooth(), SLOW), TWO),
+        lambda: run(smooth(), out(smooth(), ZERO, input_hold="foh"), rp.Structure(2, 1)),
+        lambda: run(smooth(), out(smooth(), ZERO), rp.Structure(2, 1)),
     ),
     "than the model says": (
         lambda: run(U, out(np.append(np.zeros(4), U)[:SAMPLES])),
