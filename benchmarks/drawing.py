@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from replant.plotting.diagrams import BLUE, GREEN, ORANGE, VERMILION, blank_figure, font, open_frame
+from replant.plotting.style import BLUE, GREEN, ORANGE, VERMILION, blank_figure, font, tidy
 
 COLOURS, MARKERS = (BLUE, VERMILION, GREEN, ORANGE), "osD^"
 
@@ -42,6 +42,6 @@ def draw_scaling(rows: list[dict[str, Any]], path: Path) -> None:
             low, high = axis.get_ylim()
             axis.set_ylim(low, high * (high / low) ** 0.5)  # room for the legend
             axis.legend(loc="upper left", frameon=False, handletextpad=0.3)
-            open_frame(axis)
+            tidy(axis)
         axes[0].set_ylabel("ns")
         axes[0].figure.savefig(path, metadata={"Date": None})

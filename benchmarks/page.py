@@ -84,8 +84,7 @@ def kernels(figures: Figures) -> str:
         "Time of one sample through filters, regressor, buffer and update, compared with a C program of the same "
         "arithmetic (`benchmarks/reference.c`, gcc -O3 -march=native) that begins at the same state and ends at the "
         "same numbers; with replay there are 20 updates a sample. Times are in nanoseconds, from the least to the "
-        f"greatest of {min(entries)} to {max(entries)} parameters. IntegralCost prefetches all drawn rows, which the "
-        "C program leaves to the processor.\n\n"
+        f"greatest of {min(entries)} to {max(entries)} parameters.\n\n"
     )
     head = ["optimizer", "a sample", "beside C", "with replay: an update", "beside C"]
     largest = f"\nLargest ratio {worst['ratio']:.2f} ({worst['optimizer']}, P = {worst['entries']}). {EVERY_ROW}\n"
@@ -146,11 +145,9 @@ def peers(figures: Figures) -> str:
     ]  # fmt: skip
     text = (
         "Five parameters, the same samples, the same estimate at the end (last column: the relative difference). Ours "
-        "takes (u, y) and filters them itself. The others know regressors only: they get them from the same filter as "
-        'one product of a NumPy matrix and vector a sample ("from u, y": the same task), or ready made ("regressor '
-        'given": the update alone). torch is given the gradient, without autograd; optax is jitted, once a sample as a '
-        "live stream needs it, or over whole chunks, against `update_many`. AMSGrad of torch and optax begin at a late "
-        "step, where their correction of bias, which the article's has not, is one. Microseconds a sample.\n\n"
+        "filters (u, y) itself. The others get their regressors from the same filter, one product of a NumPy matrix "
+        'and vector a sample ("from u, y"), or ready made ("regressor given"). torch is given the gradient; optax is '
+        "jitted, once a sample, or over whole chunks against `update_many`. Microseconds a sample.\n\n"
     )
     return text + table(["task", "library", "form", "ours", "theirs", "ratio", "difference"], rows)
 

@@ -2,9 +2,11 @@
 
 `python tools/mutants.py --sample 100` draws lines evenly over the areas below and changes one comparison, sign, factor,
 constant or condition of each, in a copy of the repository.  Its examples and the tests that import the changed module
-run first, then those of its folder, then those of the folders that use it, up to the first failure.  A mutant that no
-test notices survives: it is printed as a difference, and the share of those killed with its interval (Wilson, 95 %).
-Each result is a line of out/mutants/results.jsonl.
+run first, then those of its folder, then those of the folders that use it, then all of `make test`, up to the first
+failure.  A mutant that no test notices survives: it is printed as a difference, and the share of those killed with its
+interval (Wilson, 95 %).  Each result is a line of out/mutants/results.jsonl.
+
+Mutants that do the same as the line are not drawn: tools/equivalent_mutants.toml has them, each with its proof.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from math import sqrt
@@ -31,6 +34,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 SOURCE = Path("src/replant")
 OUT = ROOT / "out/mutants"
+EQUIVALENT = ROOT / "tools/equivalent_mutants.toml"
 #: Folders of the source that are drawn from, the folders of tests that have to notice, and those that use the code.
 AREAS = {
     "core": (
@@ -112,9 +116,27 @@ def changes(path: Path) -> Iterator[tuple[int, str]]:
             yield node.lineno, (line[:begin] + new.encode() + line[end:]).decode()  # type: ignore[attr-defined]
 
 
+def proved() -> set[tuple[str, str, str]]:
+    """The mutants that do the same as the line: the module, the line, and the line as it becomes, without indents."""
+    return {
+        (name, each["line"], each["becomes"])
+        for name, of_module in tomllib.loads(EQUIVALENT.read_text(encoding="utf-8")).items()
+        for each in of_module
+    }
+
+
+def outdated(equivalent: set[tuple[str, str, str]]) -> list[tuple[str, str, str]]:
+    """Those that no module has any more: the line was changed, and the proof with it is to be looked at again."""
+    found: set[tuple[str, str, str]] = set()
+    for name in {name for name, *_ in equivalent if (ROOT / SOURCE / name).exists()}:
+        lines = (ROOT / SOURCE / name).read_text(encoding="utf-8").splitlines()
+        found |= {(name, lines[line - 1].strip(), new.strip()) for line, new in changes(SOURCE / name)}
+    return sorted(equivalent - found)
+
+
 def drawn(sample: int, seed: int, areas: list[str]) -> Iterator[dict[str, Any]]:
     """As many mutants of each area, each of another line."""
-    generator = random.Random(seed)
+    generator, equivalent = random.Random(seed), proved()
     for number, area in enumerate(areas):
         files = sorted(
             path.relative_to(ROOT)
@@ -123,8 +145,11 @@ def drawn(sample: int, seed: int, areas: list[str]) -> Iterator[dict[str, Any]]:
         )
         found = [(path, *change) for path in files for change in changes(path)]
         lines: dict[tuple[Path, int], list[str]] = {}
+        texts = {path: (ROOT / path).read_text(encoding="utf-8").splitlines() for path in files}
         for path, line, new in found:
-            lines.setdefault((path, line), []).append(new)
+            name = path.relative_to(SOURCE).as_posix()
+            if (name, texts[path][line - 1].strip(), new.strip()) not in equivalent:
+                lines.setdefault((path, line), []).append(new)
         for path, line in generator.sample(
             sorted(lines), sample * (number + 1) // len(areas) - sample * number // len(areas)
         ):
@@ -132,7 +157,7 @@ def drawn(sample: int, seed: int, areas: list[str]) -> Iterator[dict[str, Any]]:
 
 
 def tests_for(area: str, path: Path, near_only: bool) -> list[list[str]]:
-    """The runs of tests that have to notice a change of a module: what knows it, its folders, what uses it."""
+    """The runs of tests that have to notice a change of a module: what knows it, its folders, what uses it, all."""
     module = ".".join(path.with_suffix("").parts[1:])
     inside = path.relative_to(SOURCE)
     folders = [f"tests/{name.format(folder=inside.parts[0])}" for name in AREAS[area][1]]
@@ -150,8 +175,12 @@ def tests_for(area: str, path: Path, near_only: bool) -> list[list[str]]:
         if file.stem == f"test_{path.stem}" or any(words in file.read_text(encoding="utf-8") for words in known)
     ]
     near.sort(key=lambda file: file.stem != f"test_{path.stem}")
-    beyond = [f"tests/{name}" for name in AREAS[area][2] if f"tests/{name}" not in folders and not near_only]
-    return [run for run in ([str(path), *(str(file.relative_to(ROOT)) for file in near)], folders, beyond) if run]
+    known_by = [str(path), *(str(file.relative_to(ROOT)) for file in near)]
+    if near_only:
+        return [known_by, folders]
+    beyond = [f"tests/{name}" for name in AREAS[area][2] if f"tests/{name}" not in folders]
+    left = ["tests", "src", *(f"--ignore={name}" for name in (*folders, *beyond))]
+    return [run for run in (known_by, folders, beyond, left) if run]
 
 
 def copy_of_all(folder: Path) -> None:
@@ -215,9 +244,11 @@ def main() -> None:
     parser.add_argument("--sample", type=int, default=60, help="mutants in all (60)")
     parser.add_argument("--seed", type=int, default=1, help="other lines (1)")
     parser.add_argument("--jobs", type=int, default=2, help="mutants at a time (2)")
-    parser.add_argument("--near-only", action="store_true", help="leave out the tests of folders that use the code")
+    parser.add_argument("--near-only", action="store_true", help="leave out the tests of other folders")
     parser.add_argument("--areas", nargs="+", choices=AREAS, default=list(AREAS))
     options = parser.parse_args()
+    for name, line, _ in outdated(proved()):
+        print(f"{EQUIVALENT.name}: {name} has no such line any more: {line}", file=sys.stderr)
     mutants = list(drawn(options.sample, options.seed, options.areas))
     random.Random(options.seed).shuffle(mutants)
     OUT.mkdir(parents=True, exist_ok=True)

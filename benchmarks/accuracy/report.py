@@ -11,9 +11,8 @@ _HEAD = """# Accuracy, measured
 
 *How accurate are the estimates and their standard deviations, measured?*
 
-`make accuracy` repeats every run, and writes this page and its tables. "default" is `Identifier(structure, dt)` without
-further settings, in one pass; "offline SRIVC" is refined instrumental variables on the whole record at once. Which
-method to use when: [Which method, when](methods.md).
+`make accuracy` repeats every run, and writes this page and its tables. "default" is `Identifier(structure, dt)`, in one
+pass; "offline SRIVC" is refined instrumental variables on the whole record. [Which method, when](methods.md).
 
 {kept} of {all} promises are kept. "Measured" is the figure nearest to its limit, of all experiments.
 """
@@ -21,11 +20,11 @@ method to use when: [Which method, when](methods.md).
 _TAIL = """
 ## The tables
 
-* {download}`experiments.csv <accuracy/experiments.csv>`: the record of each experiment, and the number of runs.
-* {download}`promises.csv <accuracy/promises.csv>`: each promise, and whether it is kept. "beside" is a promised
-  experiment with a harder or an easier input.
-* {download}`figures.csv <accuracy/figures.csv>`: every figure; std over the runs beside printed_std, which the method
-  itself gives, the coverage of its 95 % intervals, and least_std, the Cramer-Rao bound.
+* {download}`experiments.csv <accuracy/experiments.csv>`: records, and numbers of runs.
+* {download}`promises.csv <accuracy/promises.csv>`: each promise with all its limits. "beside": with a harder or
+  an easier input than promised.
+* {download}`figures.csv <accuracy/figures.csv>`: every figure; std over the runs, printed_std by the method itself,
+  coverage of its 95 % intervals, least_std by Cramer and Rao.
 * {download}`loops.csv <accuracy/loops.csv>`: plants under a controller. The anchor knows the controller.
 """
 
@@ -70,7 +69,7 @@ def _lines(rows: Sequence[Row]) -> Iterator[str]:
         methods = " / ".join(dict.fromkeys(row["method"].split(",")[0] for row in found))
         judged = [row for row in found if row["kept"]]
         kept = f"{sum(row['kept'] == 'yes' for row in judged)} of {len(judged)}"
-        yield f"| {methods}: {promise} | {kept} | {measured(promise, [row['measured'] for row in judged])} |"
+        yield f"| {methods}: {shortened(promise)} | {kept} | {measured(promise, [row['measured'] for row in judged])} |"
 
 
 def measured(promise: str, texts: Sequence[str]) -> str:
@@ -103,6 +102,18 @@ def measured(promise: str, texts: Sequence[str]) -> str:
     return max(found)[1] + " %" * bool(in_percent)
 
 
+def shortened(promise: str) -> str:
+    """Return a promise with the least and the greatest of its limits.
+
+    Examples
+    --------
+    >>> shortened("std at most 0.2, 0.1, 0.3"), shortened("within 1, 2 %")
+    ('std at most 0.1 to 0.3', 'within 1, 2 %')
+    """
+    several = rf"{_NUMBER}(?:, {_NUMBER}){{2,}}"
+    return re.sub(several, lambda found: between(found[0].split(", ")), promise)
+
+
 def between(numbers: Sequence[str]) -> str:
     """Return the least and the greatest number.
 
@@ -121,5 +132,11 @@ def _broken(rows: Sequence[Row]) -> Iterator[str]:
         found = [row for row in rows if row["kept"] == "no" and row["beside"] == beside]
         if found:
             yield f"\n{title}:\n"
-        for row in found:
-            yield f"* {row['experiment']}, {row['method']}: {row['promise']}: {row['measured']}"
+        for experiment in dict.fromkeys(row["experiment"] for row in found):
+            mine = [row for row in found if row["experiment"] == experiment]
+            yield f"* {experiment}: {'; '.join(map(_failure, mine))}"
+
+
+def _failure(row: Row) -> str:
+    """Return a promise that is not kept, and what was measured."""
+    return f"{row['method']}: {shortened(row['promise'])}: {re.sub(r' [(].*?[)]', '', row['measured'])}"

@@ -51,7 +51,7 @@ from replant.model.transfer_function import TransferFunction as TransferFunction
 from replant.model.uncertainty import Uncertainty as Uncertainty
 from replant.offline.structure_search import search as search
 from replant.report import figures as figures
-from replant.report.html.model_comparison import ModelComparison as ModelComparison, compare as compare
+from replant.report.models_page import ModelComparison as ModelComparison, compare as compare
 from replant.runs.run_log import run as run
 from replant import examples as examples
 from replant import fleet as fleet

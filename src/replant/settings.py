@@ -1,4 +1,4 @@
-"""Settings: the choices of an identifier, as requested (`Request`), and as `online.defaults` resolves them."""
+"""Settings: the choices of an identifier, as requested (`Request`), and as `online.startup` resolves them."""
 
 from __future__ import annotations
 
@@ -153,10 +153,10 @@ class Request:
     @property
     def keeps_covariance(self) -> bool:
         """Whether the optimizer keeps a covariance: the outputs are then examined, and some may be missing."""
-        return self._optimizer.keeps_covariance
+        return self.optimizer_kind.keeps_covariance
 
     @property
-    def _optimizer(self) -> Optimizer | type[Optimizer]:
+    def optimizer_kind(self) -> Optimizer | type[Optimizer]:
         """The optimizer, or the kind of it where the user named that alone."""
         if isinstance(self.optimizer, Optimizer):
             return self.optimizer
@@ -171,7 +171,7 @@ class Request:
     def takes_reference(self) -> bool:
         """Whether a reference can be used: by the refined filter with recursive least squares."""
         follows = self.filter.follows_estimate if isinstance(self.filter, Filter) else self.wants_instruments
-        return follows and self.keeps_covariance and self._optimizer.keeps_colour
+        return follows and self.keeps_covariance and self.optimizer_kind.keeps_colour
 
     @property
     def least_startup(self) -> int:

@@ -26,7 +26,7 @@ def smooth(dt: float) -> np.ndarray:
     return multisine(SAMPLES, dt, np.geomspace(0.05, 2.0, 12), amplitude=0.4)
 
 
-@pytest.mark.parametrize("dt", [0.05, 0.1])
+@every("dt", [0.1, 0.05], quick=1)
 def test_a_smooth_input_taken_as_held_is_said(dt: float) -> None:
     found = verdict(smooth(dt), dt, "foh", seed=1)
     assert any("run straight between its samples" in reason for reason in found.reasons), found.reasons
@@ -34,7 +34,7 @@ def test_a_smooth_input_taken_as_held_is_said(dt: float) -> None:
     assert right.status == "trusted", right.reasons
 
 
-@every("seed", range(4), quick=2)
+@every("seed", range(4), quick=1)
 def test_a_held_input_is_right_as_it_is(seed: int) -> None:
     """Whether it is smooth or not."""
     steps = random_steps(SAMPLES, shortest=5, longest=40, low=-1.0, high=1.0, seed=seed)
@@ -59,7 +59,7 @@ def with_lost_rows(
     return u[kept], y[kept], t[kept]
 
 
-@every("seed", range(4), quick=2)
+@every("seed", range(4), quick=1)
 def test_lost_rows_do_not_make_a_held_input_straight(seed: int) -> None:
     """Through them a straight line is nearer to what the input did than one step, whatever its hold is."""
     lost = np.random.default_rng(seed).choice(np.arange(20, 1480), 25, replace=False).tolist()
@@ -91,7 +91,7 @@ def late(plant: rp.TransferFunction, delay: float, given: float, seed: int) -> r
 
 
 @every(("delay", "given"), [(0.05, 0.0), (0.15, 0.1), (0.2, 0.1), (0.25, 0.3)])
-@every("seed", range(3), quick=2)
+@every("seed", range(3), quick=1)
 def test_half_a_sample_of_dead_time_is_said(delay: float, given: float, seed: int) -> None:
     """And how long it is: to first order, within a tenth of a sample."""
     found = late(rp.TransferFunction([2.0], [1.0, 1.5, 1.0]), delay, given, seed)
@@ -100,7 +100,7 @@ def test_half_a_sample_of_dead_time_is_said(delay: float, given: float, seed: in
     assert ("later" in reason) == (delay > given)
 
 
-@every("seed", range(6), quick=2)
+@every("seed", range(6), quick=1)
 def test_the_right_dead_time_is_no_other(seed: int) -> None:
     for delay in (0.0, 0.05, 0.3):
         found = late(PLANT, delay, delay, seed)
@@ -108,7 +108,7 @@ def test_the_right_dead_time_is_no_other(seed: int) -> None:
         assert LATE not in " ".join(found.reasons)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@every("seed", range(3), quick=1)
 def test_a_slow_pole_too_few_is_no_dead_time(seed: int) -> None:
     u = random_steps(SAMPLES, shortest=5, longest=40, low=-1.0, high=1.0, seed=seed)
     y = PLANT.simulate(u, 0.1)

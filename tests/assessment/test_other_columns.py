@@ -12,6 +12,7 @@ import replant as rp
 from replant.assessment import Assessment
 from replant.assessment.other_columns import OtherColumn, with_other_columns
 from support.builders import binary, random_plant, record
+from support.cases import every
 from support.loops import closed_loop, coloured, steps
 
 HEATER, PUMP = rp.TransferFunction([2 / 12], [1.0, 1 / 12], delay=3.0), rp.TransferFunction([-0.06], [1.0, 0.05])
@@ -32,7 +33,7 @@ def named(log: rp.Log, poles: int = 1, delay: float = 3.0) -> tuple[OtherColumn,
     return rp.fit(log, poles=poles, delay=delay).other_columns
 
 
-@pytest.mark.parametrize("seed", range(4))
+@every("seed", range(4), quick=1)
 def test_a_second_input_is_named_with_its_part_of_what_is_left(seed: int) -> None:
     u, p, y = heated(seed)
     fitted = rp.fit(log_of(u, y, 1.0, pump=p), poles=1, delay=3.0)
@@ -42,7 +43,7 @@ def test_a_second_input_is_named_with_its_part_of_what_is_left(seed: int) -> Non
     assert fitted.model.verdict.reasons == fitted.verdict.reasons
 
 
-@pytest.mark.parametrize(
+@every(
     "made",
     [
         lambda u, y: 2.0 * y + 1.0,
@@ -62,7 +63,7 @@ def test_a_second_input_is_named_with_its_part_of_what_is_left(seed: int) -> Non
         lambda u, y: np.cumsum(np.random.default_rng(5).standard_normal(u.size)),
     ],
 )
-@pytest.mark.parametrize("poles", [1, 2])
+@pytest.mark.parametrize("poles", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_what_is_made_from_output_or_input_is_no_cause(made, poles: int) -> None:
     """Though a pump that nobody recorded leaves four fifths of the residual to be explained."""
     u, _, y = heated(3)
@@ -85,29 +86,28 @@ def test_the_two_heaters_of_a_laboratory(datasets: Path) -> None:
     assert [each.name for each in named(log_of(second, other, 1.0, Q1=first, T1=one), 1, 0.0)] == ["Q1"]
 
 
-def test_independent_columns_are_hardly_ever_named() -> None:
+@every("seed", range(20), quick=6)
+def test_independent_columns_are_hardly_ever_named(seed: int) -> None:
     """At the level ALPHA of each, none of 60."""
-    for seed in range(20):
-        u, y = record(random_plant(seed, 1 + seed % 3), seed, 1500, 0.1, noise=0.2)
-        generator = np.random.default_rng(1000 + seed)
-        log = log_of(
-            u,
-            y,
-            0.1,
-            walk=np.cumsum(generator.standard_normal(1500)),
-            late=np.roll(u, 3),
-            other=binary(seed + 50, 1500, 10),
-        )
-        assert named(log, 1 + seed // 3 % 3, 0.0) == (), seed
+    u, y = record(random_plant(seed, 1 + seed % 3), seed, 1500, 0.1, noise=0.2)
+    generator = np.random.default_rng(1000 + seed)
+    log = log_of(
+        u,
+        y,
+        0.1,
+        walk=np.cumsum(generator.standard_normal(1500)),
+        late=np.roll(u, 3),
+        other=binary(seed + 50, 1500, 10),
+    )
+    assert named(log, 1 + seed // 3 % 3, 0.0) == (), seed
 
 
-def test_a_reference_and_a_control_error_are_not_named() -> None:
-    for seed in range(6):
-        r, load = steps(seed, 3000, 30), 0.2 * coloured(seed, 3000, 0.95)
-        u, y = closed_loop([1.0], [1.0, 1.4, 1.0], (2.0, 1.0), 0.1, r, load, np.zeros(3000))
-        for poles in (1, 2):
-            found = named(log_of(u, y, 0.1, setpoint=r, error=r - y, integral=0.1 * np.cumsum(r - y)), poles, 0.0)
-            assert found == (), (seed, poles)
+@every("seed", range(6), quick=2)
+@every("poles", [1, 2])
+def test_a_reference_and_a_control_error_are_not_named(seed: int, poles: int) -> None:
+    r, load = steps(seed, 3000, 30), 0.2 * coloured(seed, 3000, 0.95)
+    u, y = closed_loop([1.0], [1.0, 1.4, 1.0], (2.0, 1.0), 0.1, r, load, np.zeros(3000))
+    assert named(log_of(u, y, 0.1, setpoint=r, error=r - y, integral=0.1 * np.cumsum(r - y)), poles, 0.0) == ()
 
 
 def test_a_column_that_moves_with_the_input_biases_and_that_is_said() -> None:

@@ -61,7 +61,7 @@ def rounded(y: np.ndarray, levels: int) -> np.ndarray:
 LIMIT = "a sensor at its limit"
 
 
-@every("seed", range(4), quick=2)
+@every("seed", range(4), quick=1)
 @pytest.mark.parametrize("judged", [whole, running])
 def test_an_encoder_that_turns_round_is_not_at_its_limit(seed: int, judged: Callable[..., Assessment]) -> None:
     u, y = slow(seed)
@@ -70,23 +70,23 @@ def test_an_encoder_that_turns_round_is_not_at_its_limit(seed: int, judged: Call
     assert not said(judged(u, rounded(y + load, 12)), LIMIT), seed
 
 
+@every("seed", range(4), quick=1)
 @pytest.mark.parametrize("judged", [whole, running])
-def test_nor_is_a_coarse_output_that_was_logged_with_few_digits(judged: Callable[..., Assessment]) -> None:
+def test_nor_is_a_coarse_output_that_was_logged_with_few_digits(seed: int, judged: Callable[..., Assessment]) -> None:
     """The distances of its values are not equal then: 0.2, 0.2, 0.3."""
-    for seed in range(4):
-        u, y = switched(seed)
-        assert not said(judged(u, np.round(rounded(y, 40), 1)), LIMIT), seed
+    u, y = switched(seed)
+    assert not said(judged(u, np.round(rounded(y, 40), 1)), LIMIT), seed
 
 
-def test_an_output_that_is_cut_off_is() -> None:
-    for seed in range(4):
-        u, y = slow(seed)
-        coarse = rounded(y, 12)
-        verdict = whole(u, np.minimum(coarse, np.unique(coarse)[-4]))
-        assert said(verdict, LIMIT) or said(verdict, "left out: the sensor was stuck or at its limit"), verdict.reasons
-        u, y = noisy(seed)
-        verdict = running(u, np.minimum(y, 0.5 * y.max()))
-        assert said(verdict, LIMIT) or said(verdict, "left out: the sensor was stuck or at its limit"), verdict.reasons
+@every("seed", range(4), quick=2)
+def test_an_output_that_is_cut_off_is(seed: int) -> None:
+    u, y = slow(seed)
+    coarse = rounded(y, 12)
+    verdict = whole(u, np.minimum(coarse, np.unique(coarse)[-4]))
+    assert said(verdict, LIMIT) or said(verdict, "left out: the sensor was stuck or at its limit"), verdict.reasons
+    u, y = noisy(seed)
+    verdict = running(u, np.minimum(y, 0.5 * y.max()))
+    assert said(verdict, LIMIT) or said(verdict, "left out: the sensor was stuck or at its limit"), verdict.reasons
 
 
 # --- an end that is filled up
@@ -110,13 +110,13 @@ def test_an_end_filled_up_with_zeros_is_named(seed: int, *, coarse: bool, both: 
     assert coarse or said(whole(u, y), "240 outputs were left out")
 
 
-def test_a_sensor_that_stays_where_it_was_fills_up_nothing() -> None:
-    for seed in range(4):
-        u, y = noisy(seed)
-        y[-400:] = y[-401]
-        verdict = running(u, y)
-        assert not said(verdict, FILLED), (seed, verdict.reasons)
-        assert said(verdict, "the output is constant to the bit for 20 s while the model's output moved by")
+@every("seed", range(4), quick=2)
+def test_a_sensor_that_stays_where_it_was_fills_up_nothing(seed: int) -> None:
+    u, y = noisy(seed)
+    y[-400:] = y[-401]
+    verdict = running(u, y)
+    assert not said(verdict, FILLED), (seed, verdict.reasons)
+    assert said(verdict, "the output is constant to the bit for 20 s while the model's output moved by")
 
 
 # --- a sensor that is stuck
@@ -150,16 +150,16 @@ def test_a_sensor_that_was_stuck_where_the_output_seldom_comes_is_well_after_as_
     assert said(verdict, "300 outputs were left out")
 
 
-def test_a_coarse_sensor_that_stands_still_while_the_model_moves_many_steps_is() -> None:
-    for seed in range(3):
-        u, y = switched(seed)
-        u[-380:-180] = 1.0  # up and down, by ten steps and more
-        u[-180:] = -1.0
-        y = rounded(rp.TransferFunction([1.0], [1.0, 0.2]).simulate(u, DT), 26)
-        y[-400:] = y[-401]
-        assert said(running(u, y), STUCK), seed
-        verdict = whole(u, y)
-        assert said(verdict, "outputs were left out: the sensor was stuck") or said(verdict, STUCK), verdict.reasons
+@every("seed", range(3), quick=1)
+def test_a_coarse_sensor_that_stands_still_while_the_model_moves_many_steps_is(seed: int) -> None:
+    u, y = switched(seed)
+    u[-380:-180] = 1.0  # up and down, by ten steps and more
+    u[-180:] = -1.0
+    y = rounded(rp.TransferFunction([1.0], [1.0, 0.2]).simulate(u, DT), 26)
+    y[-400:] = y[-401]
+    assert said(running(u, y), STUCK), seed
+    verdict = whole(u, y)
+    assert said(verdict, "outputs were left out: the sensor was stuck") or said(verdict, STUCK), verdict.reasons
 
 
 # --- an input that is constant
@@ -208,14 +208,14 @@ def halves(seed: int, gain: float, load: float, what: str = "gain") -> rp.Assess
     return rp.fit(u, y + noise, 0.1, rp.Structure(1)).verdict
 
 
-@pytest.mark.parametrize("seed", range(3))
+@every("seed", range(3), quick=1)
 def test_a_plant_that_changes_half_way_has_changed(seed: int) -> None:
     verdict = halves(seed, 1.25, 0.0)
     assert verdict.status == "inconsistent"
     assert said(verdict, CHANGED)
 
 
-@every("seed", range(3))
+@every("seed", range(3), quick=1)
 @every(("load", "what"), [(0.0, ""), (1.0, ""), (0.0, "noise"), (0.0, "input")])
 def test_a_load_other_noise_or_another_input_is_no_change_of_the_plant(load: float, what: str, seed: int) -> None:
     assert not said(halves(seed, 1.0, load, what), CHANGED)

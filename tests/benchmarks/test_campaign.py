@@ -132,6 +132,7 @@ def test_an_uncertain_model_takes_the_place_of_a_wrong_one() -> None:
     assert explained(ident.transfer_function, *of_all) > explained(solved.transfer_function, *of_all) - 1.0 > 80.0
 
 
+@pytest.mark.slow
 def test_a_record_solved_as_a_whole_is_judged_as_a_whole() -> None:
     """An alarm ended where the input came to rest: what came since would not tell anything."""
     assert judged(plants.drawn(702, 942)).status == "trusted"

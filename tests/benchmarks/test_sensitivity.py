@@ -35,10 +35,10 @@ def test_a_copy_takes_a_constant_wherever_it_is_used(tmp_path: Path) -> None:
     look = """
 from replant.assessment import estimate_tests
 from replant.kernels.monitoring import outliers
-from replant.offline import fewer_poles
-from replant.online import change_response
-print(estimate_tests.MOST_UNCERTAIN, fewer_poles.MOST_UNCERTAIN)
-print(change_response.BEGINS, outliers.GATE)
+from replant.offline import structure_evidence
+from replant.online import revision
+print(estimate_tests.MOST_UNCERTAIN, structure_evidence.MOST_UNCERTAIN)
+print(revision.GROWTH, outliers.GATE)
 """
     seen = []
     for changed in ({}, {"assessment.estimate_tests.MOST_UNCERTAIN": 0.3, "kernels.monitoring.outliers.GATE": 2064.0}):
@@ -48,7 +48,7 @@ print(change_response.BEGINS, outliers.GATE)
     usual, other = seen
     assert usual[:2] == [measurable()["assessment.estimate_tests.MOST_UNCERTAIN"]] * 2
     assert other[:2] == [0.3] * 2
-    assert other[2:-1] == usual[2:-1] == list(measurable()["online.change_response.BEGINS"])
+    assert other[2:-1] == usual[2:-1] == [measurable()["online.revision.GROWTH"]]
     assert (usual[-1], other[-1]) == (measurable()["kernels.monitoring.outliers.GATE"], 2064.0)
 
 

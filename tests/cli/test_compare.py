@@ -16,9 +16,9 @@ import replant as rp
 from replant.cli import main
 from replant.optimizers import OPTIMIZERS
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, style
-from replant.report.figures.comparison import limits
-from replant.report.html.comparison import claim, write_comparison
-from replant.report.terminal.comparison import cells_of
+from replant.report.methods_page import claim, write_comparison
+from replant.report.panels import limits
+from replant.report.terminal_tables import cells_of
 from replant.runs.run_log import METHODS, USUAL, Contender, best, compare
 from replant.settings import Request
 from replant.signals import prbs
@@ -135,6 +135,7 @@ def test_a_narrow_terminal_breaks_the_table_and_cuts_nothing(
     assert "…" not in out
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_method_without_a_model_does_not_keep_the_others_from_it(capsys: Any, tmp_path: Path) -> None:
     u = np.full(400, 1.5)
     still = write(tmp_path / "still.csv", u, 3.0 + 0.01 * np.random.default_rng(1).standard_normal(u.size))
@@ -193,6 +194,7 @@ def test_the_page_holds_everything(capsys: Any, log: Path, tmp_path: Path) -> No
     assert listed.endswith("--poles 1 " + " ".join(chosen(*SOME)))
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_its_programs_repeat_each_part(contenders: list[Contender], tmp_path: Path) -> None:
     u = prbs(3000, hold=10)
     y = PLANT.simulate(u, dt=0.05) + 0.02 * np.random.default_rng(1).standard_normal(u.size)

@@ -116,11 +116,11 @@ def test_the_page_of_a_fleet_that_failed_is_not_that_of_the_run_before(
 
 
 def test_progress_is_in_lines_of_tenths(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    small_fleet(tmp_path / "logs", 30)
+    small_fleet(tmp_path / "logs", 12)
     code, _, errors = call(capsys, tmp_path / "logs", "--by", "file", *COLUMNS, "--out", tmp_path / "out", "--progress")
     lines = errors.splitlines()
     assert code == 0
-    assert lines[-1] == "replant: 30 of 30 rigs 100 %"
+    assert lines[-1] == "replant: 12 of 12 rigs 100 %"
     assert len(lines) <= 11
 
 

@@ -78,7 +78,7 @@ def run_example(capsys, monkeypatch: pytest.MonkeyPatch, folder: Path, line: str
     assert (folder / "plots").is_dir() == ("--out plots" in line)
 
 
-@every("line", [line for line in LINES if not line.startswith((*SLOW, SERVES))], quick=3)
+@every("line", [line for line in LINES if not line.startswith((*SLOW, SERVES))], quick=2)
 def test_examples_run(capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str) -> None:
     run_example(capsys, monkeypatch, tmp_path, line)
 

@@ -67,7 +67,7 @@ def walked(monkeypatch: pytest.MonkeyPatch) -> Watched:
 @pytest.mark.parametrize(
     "typed",
     [
-        ("fit", "-i", "u", "-o", "y", "-p", 2, "--reference", "r"),
+        pytest.param(("fit", "-i", "u", "-o", "y", "-p", 2, "--reference", "r"), marks=pytest.mark.slow),
         pytest.param(("run", "-i", "u", "-o", "y", "-p", 1, "--optimizer", "amsgrad"), marks=pytest.mark.slow),
         ("fit", "-i", "u", "-o", "y", "-p", "1:2"),
     ],
@@ -88,7 +88,7 @@ def test_every_reason_has_a_next_command_that_runs(
         assert code == 0, (command, err)
 
 
-@pytest.mark.parametrize("row", ROWS)
+@every("row", ROWS)
 def test_every_reason_is_known_to_the_table(row: str) -> None:
     import re
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import re
 from pathlib import Path
@@ -13,14 +14,14 @@ from replant.cli import main
 from support.cases import every
 from support.odd_files import ODD_FILES, OddFile
 
-odd = every("file", ODD_FILES, ids=lambda file: file.name)
+named = functools.partial(every, "file", ODD_FILES, ids=lambda file: file.name)
 
 
 def test_there_are_sixty_and_each_has_its_name() -> None:
     assert len({file.name for file in ODD_FILES}) == len(ODD_FILES) >= 60
 
 
-@odd
+@named(quick=24)
 @every("command", ["fit", "run"], quick=1)
 def test_the_plant_comes_out_or_one_line_says_why_not(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, file: OddFile, command: str
@@ -44,7 +45,7 @@ def test_the_plant_comes_out_or_one_line_says_why_not(
     np.testing.assert_allclose([found["a0"], found["b0"] / scale], [2.0, 4.0], rtol=0.01)
 
 
-@every("file", ODD_FILES, ids=lambda file: file.name, quick=30)
+@named(quick=15)
 def test_look_shows_it_or_says_why_not(capsys: pytest.CaptureFixture[str], tmp_path: Path, file: OddFile) -> None:
     for package in file.packages:
         pytest.importorskip(package)

@@ -15,9 +15,9 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @pytest.fixture
 def short(monkeypatch):
-    """Let the actuator's record be 3 s long."""
+    """Let the actuator's record be 1.5 s long."""
     whole = actuator.measure_rig
-    monkeypatch.setattr(actuator, "measure_rig", lambda samples=0, seed=0: whole(3000, seed))
+    monkeypatch.setattr(actuator, "measure_rig", lambda samples=0, seed=0: whole(1500, seed))
 
 
 def fails(capsys, *arguments):

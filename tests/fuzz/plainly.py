@@ -42,7 +42,7 @@ def make_plain() -> None:
     """Let this process interpret its kernels, with checked arrays."""
     from replant.engine import dispatch
     from replant.kernels import native
-    from replant.online import identifier, startup
+    from replant.online import begin_recursion, lifecycle, startup
 
     native._interpreted = True
     step_kernels = dispatch.step_kernels
@@ -50,7 +50,7 @@ def make_plain() -> None:
     def checked_step_kernels(*args: Any, **how: Any) -> Any:
         return tuple(map(checked, step_kernels(*args, **how)))
 
-    for user in (dispatch, startup, identifier):
+    for user in (dispatch, startup, begin_recursion, lifecycle):
         user.step_kernels = checked_step_kernels  # type: ignore[attr-defined]
 
 

@@ -20,9 +20,10 @@ from replant.offline.solve import Solution, solve
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
 from replant.offline.structure_search import search
-from replant.report.terminal.summary import as_json
+from replant.report.terminal import as_json
 from replant.runs.result import result_of_fit
 from replant.signals import prbs, white_noise
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -174,7 +175,7 @@ def test_under_a_load_a_reference_takes_the_bias_away(plant: rp.TransferFunction
     assert found.reference.misfit_limit > degrees
 
 
-@pytest.mark.parametrize("run", range(3))
+@every("run", range(3), quick=1)
 def test_a_strong_load_leads_no_search_astray(run: int) -> None:
     """The reference explains no more of what is left than at the root that the steps reach from the truth.
 

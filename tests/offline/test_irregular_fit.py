@@ -48,7 +48,7 @@ CLOCKS = every("make", [jittering, with_gaps, short_gaps, of_two_rates])
 
 
 @CLOCKS
-@every("seed", [1, 2])
+@every("seed", [1, 2], quick=1)
 def test_the_fit_is_as_good_as_its_standard_deviations_say_and_as_on_a_regular_clock(make, seed: int) -> None:
     u, y, t = make(seed)
     fitted = rp.fit(u, y, DT, STRUCTURE, t=t)

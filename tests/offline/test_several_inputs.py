@@ -38,7 +38,7 @@ def noisy(seed: int, x: FloatArray, pole: float = 0.0) -> FloatArray:
 
 @every("correlation", [0.0, 0.9])
 def test_a_row_without_noise_is_found_exactly(correlation: float) -> None:
-    u = toggling(0, correlation=correlation)
+    u = toggling(0, correlation=correlation, samples=1000)
     found = rp.fit(u, row_of(u, FAST, SLOW), DT, **ASKED)
     assert found.parameters == pytest.approx(TRUE, rel=1e-6)
     assert found.names == ("a1.u1", "a0.u1", "b0.u1", "a0.u2", "b0.u2")
@@ -48,16 +48,20 @@ def test_a_row_without_noise_is_found_exactly(correlation: float) -> None:
 
 def test_three_inputs_with_zeros_are_told_apart() -> None:
     plant = FAST, SLOW, rp.TransferFunction([1.0, 4.0], [1.0, 1.0, 4.0])
-    u = toggling(1, inputs=3)
+    u = toggling(1, inputs=3, samples=1000)
     found = rp.fit(u, row_of(u, *plant), DT, poles=(2, 1, 2), zeros=(0, 0, 1), delay=(0.0, 0.3, 0.0))
     for g, true in zip(found.transfer_functions, plant, strict=True):
         assert [*g.num, *g.den] == pytest.approx([*true.num, *true.den], rel=1e-5)
 
 
-@every("pole, correlation", [(0.0, 0.0), (0.0, 0.9), (0.9, 0.0), (0.9, 0.9)])
-def test_the_joint_covariance_is_that_of_the_errors(pole: float, correlation: float) -> None:
+@every(
+    "pole, correlation, runs",
+    [(0.0, 0.0, 3), (0.0, 0.0, 12), (0.0, 0.9, 12), (0.9, 0.0, 12), (0.9, 0.9, 12), (0.9, 0.9, 3)],
+    quick=2,
+)
+def test_the_joint_covariance_is_that_of_the_errors(pole: float, correlation: float, runs: int) -> None:
     """The sum of e' C^-1 e over runs is chi-square; the noise model is estimated too, hence a third on top."""
-    total, runs = 0.0, 12
+    total = 0.0
     for seed in range(runs):
         u = toggling(seed, correlation=correlation)
         found = rp.fit(u, noisy(seed, row_of(u, FAST, SLOW), pole), DT, **ASKED)
@@ -97,7 +101,7 @@ def test_the_simulation_is_the_sum_of_the_branches() -> None:
 
 
 def test_the_text_names_each_input_and_the_verdict() -> None:
-    u = toggling(5)
+    u = toggling(5, samples=1000)
     text = repr(rp.fit(u, row_of(u, FAST, SLOW), DT, **ASKED))
     assert "u1: 20 / (s^2 + 11 s + 10)" in text
     assert "u2: 0.2 / (s + 0.1) exp(-0.3 s)" in text

@@ -7,6 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 import replant as rp
+from replant.kernels.schema import Doubt
+from replant.offline.bad_samples import suspicious
 from replant.runs.result import result_of_fit
 from support.builders import DT, binary, true_parameters
 from support.cases import every
@@ -213,3 +215,13 @@ def test_noise_of_any_colour_has_no_outliers(pole: float) -> None:
         y = PLANT.simulate(u, DT)
         noise = lfilter([1.0], [1.0, -pole], np.random.default_rng(seed).standard_normal(SAMPLES))
         assert rp.fit(u, y + 0.3 * y.std() / noise.std() * noise, DT, STRUCTURE).outliers.size == 0, seed
+
+
+def test_by_the_outputs_alone_missing_gross_and_equal_ones_are_suspicious() -> None:
+    y = np.sin(np.arange(200.0))
+    y[20], y[50], y[100:160] = np.nan, 1e9, 0.3
+    doubt = suspicious(np.cos(np.arange(200.0)), y)
+    assert doubt[20] == Doubt.MISSING
+    assert doubt[50] == Doubt.OUTLIER
+    assert (doubt[100:160] == Doubt.STUCK).all()
+    assert int((doubt != Doubt.NONE).sum()) == 62

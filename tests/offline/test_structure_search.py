@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.offline.structure_search import search
+from replant.offline.structure_search import _top_of_parabola, search
 from replant.signals import prbs, white_noise
 
 U = prbs(2000, hold=8)
@@ -13,7 +13,7 @@ U = prbs(2000, hold=8)
 @pytest.mark.parametrize(
     ("num", "den", "delay"),
     [
-        ([2.0], [1.0, 4.0, 3.0], 0.0),
+        pytest.param([2.0], [1.0, 4.0, 3.0], 0.0, marks=pytest.mark.slow),
         pytest.param([3.0, 2.0], [1.0, 2.0, 10.0], 0.0, marks=pytest.mark.slow),
         ([2.0], [1.0, 1.0], 0.4),
     ],
@@ -37,12 +37,16 @@ def step_test(plant: rp.TransferFunction, samples: int, noise: float, seed: int)
     return u, y + white_noise(samples, noise * 2.0 * abs(plant.dc_gain), seed=seed)
 
 
-@pytest.mark.parametrize("samples", [120, pytest.param(300, marks=pytest.mark.slow)])
-def test_a_step_test_tells_order_and_dead_time(samples: int) -> None:
+@pytest.mark.parametrize(
+    ("samples", "grid"),
+    [(120, 1.0), pytest.param(120, 0.5, marks=pytest.mark.slow), pytest.param(300, 0.5, marks=pytest.mark.slow)],
+)
+def test_a_step_test_tells_order_and_dead_time(samples: int, grid: float) -> None:
     """The input is constant but for one step, and the dead times of the grid are longer than the rest before it."""
     for num, den in (([0.4], [1.0, 0.2]), ([0.5], [1.0, 0.3, 0.25])):
         plant = rp.TransferFunction(num, den, 2.5)
-        found = search(*step_test(plant, samples, 0.01, 3), 0.5, poles=(1, 2), zeros=0, delays=np.arange(0.0, 8.0, 0.5))
+        delays = np.arange(0.0, 8.0, grid)
+        found = search(*step_test(plant, samples, 0.01, 3), 0.5, poles=(1, 2), zeros=0, delays=delays)
         assert found.best.structure.poles == len(den) - 1, den
         assert abs(found.best.structure.delay - 2.5) < 2 * 0.5, den
 
@@ -137,3 +141,9 @@ def test_gross_outliers_cost_no_fit() -> None:
     y[[300, 1500, 2700]] = 9999.0
     found = search(u, y, 0.02, poles=[1], zeros=[0])
     assert found.chosen.fit == pytest.approx(clean.chosen.fit, abs=0.2)
+
+
+def test_the_top_of_a_parabola_lies_between_the_best_value_and_its_neighbours() -> None:
+    assert _top_of_parabola({0.0: 1.0, 1.0: 3.0, 2.0: 1.0}, 0.0, 2.0) == (1.0, 0.0)
+    assert _top_of_parabola({1.0: 1.0, 2.0: 3.0, 3.0: 3.0}, 1.0, 3.0) == (2.5, 0.25)
+    assert _top_of_parabola({1.0: 1.0, 2.0: 3.0}, 1.0, 3.0) == (1.5, np.inf)

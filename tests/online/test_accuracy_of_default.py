@@ -48,7 +48,7 @@ def covariance_of(ident: rp.Identifier) -> np.ndarray:
 # --- without noise
 
 
-@every("name", AWKWARD, quick=5)
+@every("name", AWKWARD, quick=3)
 def test_without_noise_every_coefficient_is_exact_from_the_first_estimate_on(name: str) -> None:
     """A thousandth was asked for; integrator, damping 0.001, zeros on the right and dead times included.
 

@@ -9,8 +9,8 @@ import pytest
 
 import replant as rp
 from replant.kernels.schema import Alarm
-from replant.online import identifier
-from replant.online.renewal import GROWTH
+from replant.online import lifecycle, revision
+from replant.online.revision import GROWTH
 from support.builders import DT, binary, true_parameters
 from support.cases import every
 
@@ -43,8 +43,8 @@ def test_a_cable_that_floats_teaches_nothing(
     ident = rp.Identifier(rp.Structure(2), DT, optimizer=OPTIMIZERS[optimizer])
     ident.update_many(u[:1500], y[:1500])
     true = true_parameters(plant, 0)
-    for k in range(1500, 3500, 250):
-        trace = ident.update_many(u[k : k + 250], y[k : k + 250])
+    for k in range(1500, 3500, 500):
+        trace = ident.update_many(u[k : k + 500], y[k : k + 500])
         assert np.abs(trace.parameters / true - 1.0).max() < 0.1
         assert ident.assess().status != "trusted"
     assert ident._state.alarm == Alarm.FLOATS
@@ -150,7 +150,7 @@ def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: s
             assert ident.assess().status != "trusted"
 
 
-@pytest.mark.parametrize("seed", range(3))
+@every("seed", range(3), quick=1)
 def test_a_gain_that_the_noise_hides_from_the_alarm_is_found(seed: int) -> None:
     """A third up under noise of a quarter: the power of the residual hides it, its score does not."""
     u, samples = binary(seed, 3000, 10), 3000
@@ -190,7 +190,7 @@ def test_the_verdict_can_be_asked_for_at_any_sample_of_an_alarm_and_after() -> N
     ident.update_many(u[:1500], y[:1500])
     for k in range(1500, 1800):
         ident.update(u[k], y[k])
-        if k % 10 and min(abs(k - edge) for edge in (1500, 1600, 1700)) > 12:
+        if k % 20 and min(abs(k - edge) for edge in (1500, 1600, 1700)) > 8:
             continue
         status = ident.assess().status
         assert not (1600 < k < 1700 and status == "trusted")
@@ -205,7 +205,7 @@ def test_what_the_user_interrupts_is_made_up_for_before_the_next_sample(
     y[1200:] = y[1200] + 3.0 * (y[1200:] - y[1200])  # looked into
     ident, twin = (rp.Identifier(rp.Structure(2), DT) for _ in range(2))
     twin.update_many(u, y)
-    whole, calls = getattr(identifier, what), []
+    whole, calls = getattr(revision, what), []
 
     def interrupted(*given: Any) -> Any:
         calls.append(ident._state.samples)
@@ -213,7 +213,7 @@ def test_what_the_user_interrupts_is_made_up_for_before_the_next_sample(
             raise KeyboardInterrupt
         return whole(*given)
 
-    monkeypatch.setattr(identifier, what, interrupted)
+    monkeypatch.setattr(revision, what, interrupted)
     with pytest.raises(KeyboardInterrupt):
         ident.update_many(u, y)
     done = calls[0]
@@ -236,7 +236,7 @@ def test_a_start_up_that_the_user_interrupts_is_ended_before_anything_is_read(
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(identifier, "begin", interrupted)
+        patch.setattr(lifecycle, "begin", interrupted)
         ident.update_many(u[:199], y[:199])
         last = slice(199, 300) if many else 199
         with pytest.raises(KeyboardInterrupt):

@@ -11,7 +11,7 @@ import pytest
 import replant as rp
 from replant.engine.record_regressors import regressors
 from replant.offline.least_squares import choose_filter
-from replant.online.defaults import settle
+from replant.online.startup import settle
 from replant.optimizers import OPTIMIZERS
 from replant.settings import Request
 from support.builders import G1, G2, random_plant, record

@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-import pytest
 
 import replant as rp
+from support.cases import every
 from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
@@ -18,9 +18,9 @@ BEAM = next(each for each in hard_loops() if each.key == "K ball-and-beam camera
 TRUTH = np.array([0.0, 0.0, 7.0])
 
 
-@pytest.mark.parametrize("run", [200, 201, 202])
+@every("run", [200, 201, 202], quick=1)
 def test_the_errors_are_as_large_as_their_standard_deviations_say(run: int) -> None:
-    """Four standard deviations: one of these nine errors is larger with a chance of 6e-4."""
+    """Four standard deviations: one of the three errors of a run is larger with a chance of 2e-4."""
     measured = BEAM.record(run)
     ident = rp.Identifier(BEAM.structure, BEAM.dt)
     ident.update_many(measured.u, measured.y, r=measured.r)

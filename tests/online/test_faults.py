@@ -179,7 +179,7 @@ def failing(y: np.ndarray, fault: str) -> np.ndarray:
 
 
 @every("kind", ["default", "forgetting", "tracking"], quick=1)
-@every("fault", ["stuck", "off", "at its rail", "saturated"], quick=3)
+@every("fault", ["stuck", "off", "at its rail", "saturated"], quick=2)
 @every(("speed", "dt"), [(20.0, 1e-3), (2.0, 0.02)], ids=["1 kHz", "50 Hz"], quick=1)
 def test_a_dead_sensor_is_said_and_not_learned(kind: str, fault: str, speed: float, dt: float) -> None:
     """Not trusted after two seconds of rig time; the parameters hold for as long as it lasts, and after it."""

@@ -12,8 +12,7 @@ import pytest
 
 import replant as rp
 from replant.arguments import FloatArray
-from replant.online import ensemble
-from replant.online import identifier as module
+from replant.online import company, revision
 from support.interrupts import interrupt
 
 DT = 0.1
@@ -104,7 +103,7 @@ def test_an_interrupted_identifier_goes_on_as_if_it_had_not_been_at_many_instant
 
 
 def test_an_interrupted_ensemble_goes_on_as_if_it_had_not_been(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(ensemble, "PORTION", 64)
+    monkeypatch.setattr(company, "PORTION", 64)
     assert interrupted(sweep(2, 1), sweep(1, 1), 0, 2, all_equal) == 2
 
 
@@ -113,7 +112,7 @@ def test_an_interrupted_ensemble_goes_on_as_if_it_had_not_been(monkeypatch: pyte
 def test_an_interrupted_ensemble_goes_on_as_if_it_had_not_been_at_many_instants(
     n_jobs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ensemble, "PORTION", 64)
+    monkeypatch.setattr(company, "PORTION", 64)
     assert interrupted(sweep(n_jobs), sweep(1), 0, 12, all_equal) == 12
 
 
@@ -201,7 +200,7 @@ def test_a_handler_may_read_and_save_and_may_not_change(monkeypatch: pytest.Monk
     u, y = stream(1)
     plain, ident = identifier(0), identifier(0)
     plain.update_many(u, y)
-    whole, saved = module.renew, []
+    whole, saved = revision.renew, []
 
     def handled(*given: Any) -> Any:
         saved.append((ident.taken, ident.to_bytes()))
@@ -209,7 +208,7 @@ def test_a_handler_may_read_and_save_and_may_not_change(monkeypatch: pytest.Monk
             ident.update(1.0, 1.0)
         return whole(*given)
 
-    monkeypatch.setattr(module, "renew", handled)
+    monkeypatch.setattr(revision, "renew", handled)
     ident.update_many(u, y)
     monkeypatch.undo()
     assert equal(ident, plain)

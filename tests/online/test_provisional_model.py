@@ -9,7 +9,7 @@ import pytest
 
 import replant as rp
 from replant.arguments import FloatArray
-from replant.online.provisional_model import next_provisional
+from replant.online.startup import next_provisional
 from support.cases import every
 
 DT = 0.02

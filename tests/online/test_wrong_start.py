@@ -9,6 +9,7 @@ from scipy import signal
 import replant as rp
 from replant.arguments import FloatArray
 from replant.engine.recent_samples import RecentSamples
+from support.cases import every
 
 DT = 0.005
 
@@ -41,7 +42,7 @@ def any_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("replant.offline.refined.FASTEST_UNSTABLE", np.inf)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@every("seed", range(3), quick=1)
 def test_what_no_loop_can_hold_starts_nothing(seed: int) -> None:
     """1/C, found as the plant, has a pole at some hundred rad/s on the right."""
     u, y = loop_at_rest_first(seed)
@@ -53,7 +54,7 @@ def test_what_no_loop_can_hold_starts_nothing(seed: int) -> None:
 
 
 @pytest.mark.usefixtures("any_start")
-@pytest.mark.parametrize("seed", range(3))
+@every("seed", range(3), quick=1)
 def test_a_controller_learned_backwards_is_unlearned(seed: int) -> None:
     u, y = loop_at_rest_first(seed)
     ident = rp.Identifier(rp.Structure(poles=2, zeros=1), DT)

@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from replant.paper.actuator import Course, measure, measure_rig
-from replant.paper.drawing import thin
 from replant.paper.figures import FIGURES, compute
 from replant.paper.rendering import _listed, _short, typeset
 from replant.paper.reproduction import Cell, reproduce
-from replant.paper.tables import TABLES, Plant, run
+from replant.paper.tables import TABLES, Plant, run, thin
 
 
 def test_measures_of_a_course() -> None:

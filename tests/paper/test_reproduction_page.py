@@ -15,7 +15,7 @@ from replant.paper.catalogue import Outcome, run, save
 from replant.paper.figures import FIGURES
 from replant.paper.rendering import CAPTIONS, as_element, typeset, write_report
 from replant.paper.reproduction import summary
-from replant.report.number_format import number, uncertain
+from replant.plotting.numbers import number, uncertain
 
 DRAWN = ("fig1", "fig2", "fig3", "fig4", "fig6", "fig7", "fig7-exact", "fig8", "fig8-exact")
 

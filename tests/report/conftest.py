@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.report.html.report import write_report
+from replant.report.result_page import write_report
 from replant.runs.result import History, Result
 from replant.runs.run import run_online
 from replant.settings import Request

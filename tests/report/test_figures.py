@@ -12,6 +12,7 @@ import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.model.noise import NoiseModel
 from replant.model.uncertainty import Uncertainty
+from replant.plotting.over_time import SHOWN
 from replant.report.figures import (
     draw_bode,
     draw_correlations,
@@ -21,10 +22,11 @@ from replant.report.figures import (
     draw_spectrum,
     draw_step,
     draw_transients,
+    regions,
     save_figures,
     style,
+    zero_covariance,
 )
-from replant.report.figures.responses import regions, zero_covariance
 from replant.report.findings import excitation
 from replant.statistics.residuals import BAND_95, BAND_99, correlations
 from support.builders import with_model
@@ -76,7 +78,7 @@ def test_fit_is_thinned_without_losing_a_peak(long_case) -> None:
     result, u, y, dt = record(long_case)
     _, middle, _ = draw_fit(result, u, y, dt)
     drawn = curves(middle)["measured"]
-    assert drawn.shape[0] <= style.SHOWN
+    assert drawn.shape[0] <= SHOWN
     assert np.nanmax(drawn[:, 1]) == np.nanmax(y) == 9.5
 
 

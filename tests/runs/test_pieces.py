@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from replant import Structure, TransferFunction
+from replant.plotting.thinning import Thinner, thin
 from replant.runs.result import Clock, ClockRecorder
 from replant.runs.run_log import compare
-from replant.runs.thinning import Thinner, batched, thin
+from replant.runs.thinning import batched
 from replant.settings import Request
 
 SIGNAL = np.array([0.0, 0.0, 9.0, 0.0, 0.0, -7.0, 0.0, 0.0])

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from replant.runs.thinning import thin
+from replant.plotting.thinning import thin
 
 signals = some.lists(
     some.one_of(some.floats(-1e3, 1e3), some.just(np.nan), some.just(np.inf)), min_size=1, max_size=400

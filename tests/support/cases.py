@@ -79,9 +79,9 @@ def every(
     return decorate
 
 
-def examples(count: int) -> int:
-    """Return how many examples of a property are tried: a quarter in `make test`, all in `make slow`."""
-    return count if settings.get_current_profile_name() == "whole" else -(-count // 4)
+def examples(count: int, quick: int | None = None) -> int:
+    """Return how many examples of a property are tried: ``quick`` or a quarter in `make test`, all in `make slow`."""
+    return count if settings.get_current_profile_name() == "whole" else quick or -(-count // 4)
 
 
 @contextlib.contextmanager

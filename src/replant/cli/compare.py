@@ -19,12 +19,12 @@ from replant.errors import InvalidArgumentError, ModelFileError
 from replant.identified.model import Model
 from replant.identified.model_file import holds_model
 from replant.identified.row_model import RowModel, load_model
-from replant.report.html.comparison import save_figures, write_comparison
-from replant.report.html.model_comparison import HEADINGS, ModelComparison, write_models
-from replant.report.html.model_comparison import compare as compare_saved
-from replant.report.terminal.comparison import comparison_as_json as comparison_as_json
-from replant.report.terminal.comparison import print_comparison
-from replant.report.terminal.comparison import validation_as_json as validation_as_json
+from replant.report.methods_page import save_figures, write_comparison
+from replant.report.models_page import HEADINGS, ModelComparison, write_models
+from replant.report.models_page import compare as compare_saved
+from replant.report.terminal_tables import comparison_as_json as comparison_as_json
+from replant.report.terminal_tables import print_comparison
+from replant.report.terminal_tables import validation_as_json as validation_as_json
 from replant.runs.result import Result
 from replant.runs.run_log import METHODS, USUAL, Contender, compare
 from replant.settings import Request

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from replant.arguments import FloatArray
-from replant.cli.option_types import command_line
+from replant.cli.option_types import command_line, flag, path_option
 from replant.cli.options import progress_bar
 from replant.cli.output import make_folder, write_errors_reported
 from replant.cli.terminal import did_you_mean
@@ -25,11 +25,11 @@ from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, 
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
 from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, notes, summary
+from replant.plotting.numbers import off_by
 from replant.regressor.filters import StateVariableFilter
 from replant.report.figures import save_figures
-from replant.report.html.report import write_report
-from replant.report.number_format import off_by
-from replant.report.terminal.summary import print_result, true_parameters
+from replant.report.result_page import write_report
+from replant.report.terminal import print_result, true_parameters
 from replant.rigs import Rig, deap_rig, deap_voltage
 from replant.runs.result import Result
 from replant.runs.run import run_online
@@ -55,12 +55,11 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     metavar="WHERE",
     help="Make the tables' runs on threads:N, processes:N or dask://HOST:PORT.  [default: here]",
 )
-@click.option("--json", "json_only", is_flag=True, help="Print one JSON object and nothing else.")
-@click.option(
+@flag("--json", "Print one JSON object and nothing else.", "json_only")
+@path_option(
     "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    help=f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
+    "DIR",
+    f"Write figures (PNG, SVG), tables and report.html here.  [default: {DEFAULT_FOLDER} if there are figures]",
 )
 def reproduce_command(names: tuple[str, ...], on: str | None, json_only: bool, out: Path | None) -> None:
     """Reproduce the article's tables and figures, beside the published numbers.
@@ -121,7 +120,7 @@ def _run(
     """Run and draw ``names``; return the outcome, the paths of the figures and, for a report, the figures."""
     drawn = [name for name in names if is_figure(name)]
     if drawn:
-        from replant.plotting.diagrams import blank_figure
+        from replant.plotting.style import blank_figure
 
         blank_figure(1.0, 1.0)  # raises without matplotlib, before the computation
     written: list[Path] = []
@@ -183,10 +182,8 @@ SIGNALS = ("voltage [kV]", "displacement [mm]")
 
 
 @click.command(name="demo")
-@click.option("--out", type=click.Path(path_type=Path), default="out/demo", show_default=True, metavar="DIR")
-@click.option(
-    "--full", is_flag=True, help="Run the article's whole experiment instead: 12 methods compared, Figures 6-8."
-)
+@path_option("--out", "DIR", "", default="out/demo", show_default=True)
+@flag("--full", "Run the article's whole experiment instead: 12 methods compared, Figures 6-8.")
 def demo_command(out: Path, full: bool) -> None:
     """Identify a simulated dielectric elastomer actuator while it runs: 240 s at 1 kHz, 1 um of laser noise.
 

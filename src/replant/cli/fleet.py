@@ -9,6 +9,7 @@ from typing import Any
 
 import click
 
+from replant.cli.option_types import path_option
 from replant.cli.options import fleet_options, progress_bar, structure_of
 from replant.cli.terminal import Choice, note
 from replant.errors import LogError
@@ -37,19 +38,14 @@ NAMED = 5  # odd rigs that the terminal names [count]
     metavar="WHERE",
     help="threads:N, processes:N or dask://HOST:PORT.  [default: processes, one a core]",
 )
-@click.option(
-    "--compare",
-    type=click.Path(path_type=Path),
-    metavar="OLD_DIR",
-    help="Show what has drifted since the results in OLD_DIR.",
-)
+@path_option("--compare", "OLD_DIR", "Show what has drifted since the results in OLD_DIR.")
 @click.option(
     "--reports",
     type=click.IntRange(1, MOST_REPORTS),
     metavar="N",
     help="Also write the reports of the first N rigs by rank.",
 )
-@click.option("--out", type=click.Path(path_type=Path), required=True, metavar="DIR", help="Write the results here.")
+@path_option("--out", "DIR", "Write the results here.", required=True)
 def fleet_command(
     logs: str,
     by: str,

@@ -9,18 +9,17 @@ from typing import Any
 
 import click
 
-from replant.cli.option_types import input_option, inputs_option, output_option
+from replant.cli.option_types import JSON, flag, input_option, inputs_option, output_option, path_option
 from replant.cli.output import REQUIRE, check_required, make_folder, model_clock, validated, write_errors_reported
 from replant.data.inspection import inspect
 from replant.examples import NAMES, path_of
 from replant.identified.row_model import RowModel, load_model
 from replant.identified.validation import Validation
-from replant.report.terminal.comparison import print_validation
-from replant.report.terminal.comparison import validation_as_json as validation_as_json
-from replant.report.terminal.look import as_json as look_as_json
-from replant.report.terminal.look import print_look
-from replant.report.terminal.row import print_row
-from replant.report.terminal.summary import print_kept_model
+from replant.report.terminal import print_kept_model, print_row
+from replant.report.terminal_look import as_json as look_as_json
+from replant.report.terminal_look import print_look
+from replant.report.terminal_tables import print_validation
+from replant.report.terminal_tables import validation_as_json as validation_as_json
 
 
 @click.command(name="look")
@@ -28,8 +27,8 @@ from replant.report.terminal.summary import print_kept_model
 @input_option("Column of the input, if known: name, or number from 0.")
 @output_option("Column of the output, if known.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time, if known.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Write a plot of the columns (PNG) here.")
+@JSON
+@path_option("--out", "DIR", "Write a plot of the columns (PNG) here.")
 def look_command(
     log: Path,
     input_column: str | None,
@@ -47,7 +46,7 @@ def look_command(
     make_folder(out)
     path = None
     if out is not None:
-        from replant.report.figures.over_time import save_columns
+        from replant.report.figures import save_columns
 
         with write_errors_reported(out):
             path = save_columns(out, found)
@@ -62,9 +61,7 @@ def look_command(
 
 
 @click.command(name="examples")
-@click.option(
-    "--out", type=click.Path(path_type=Path), default=".", metavar="DIR", help="Folder.  [default: the current one]"
-)
+@path_option("--out", "DIR", "Folder.  [default: the current one]", default=".")
 def examples_command(out: Path) -> None:
     """Write motor.csv and motor-step.csv, records of a DC motor, with their licence; a file that exists is kept."""
     make_folder(out)
@@ -80,7 +77,7 @@ def examples_command(out: Path) -> None:
 
 @click.command(name="show")
 @click.argument("model", type=click.Path(path_type=Path))
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@JSON
 def show_command(model: Path, as_json: bool) -> None:
     """Print MODEL, a file that `--save` has written: G(s), its uncertainty, its verdict, and where it comes from."""
     from rich.console import Console
@@ -103,8 +100,8 @@ def show_command(model: Path, as_json: bool) -> None:
 @click.option("--reference", "reference_column", metavar="COL", help="Column of the reference, if there is one.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time.")
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
-@click.option("--json", "as_json", is_flag=True, help="Print a JSON list, an object a log.")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR", help="Write a plot (PNG) a log here.")
+@flag("--json", "Print a JSON list, an object a log.", "as_json")
+@path_option("--out", "DIR", "Write a plot (PNG) a log here.")
 @REQUIRE
 def validate_command(
     model: Path, logs: tuple[Path, ...], as_json: bool, out: Path | None, required: str | None, **columns: Any

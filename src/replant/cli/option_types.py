@@ -13,12 +13,43 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from replant.cli.conditioning_options import Band, Stretch
 from replant.cli.terminal import Choice, did_you_mean
 from replant.errors import InvalidArgumentError, LogError
 from replant.limits import MOST_TRIED
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.settings import AUTO
+
+Option = Callable[[Any], Any]
+
+
+def group(*options: Option) -> Option:
+    """Return a decorator that adds options to a command, in this order."""
+
+    def decorated(command: Any) -> Any:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return decorated
+
+
+def flag(name: str, text: str, *to: str) -> Option:
+    """Return an option without a value, with its line of help, and the argument that it becomes."""
+    return click.option(name, *to, is_flag=True, help=text)
+
+
+def path_option(name: str, metavar: str, text: str, *to: str, **more: Any) -> Option:
+    """Return an option that names a file or a folder."""
+    return click.option(name, *to, type=click.Path(path_type=Path), metavar=metavar, help=text, **more)
+
+
+def structure_options(poles: str, zeros: str, delay: str) -> Option:
+    """Return the options of a structure, with their lines of help; each may be a range, or a number for each input."""
+    return group(
+        click.option("-p", "--poles", type=Whole(), metavar="N", help=poles),
+        click.option("--zeros", type=Whole(), metavar="M", help=zeros),
+        click.option("--delay", type=Seconds(), default="0", metavar="S", help=delay),
+    )
 
 
 class Each(tuple[Any, ...]):
@@ -164,11 +195,9 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
             words += map(str, value if isinstance(value, tuple) else (value,))
         elif value is True:
             words.append(parameter.opts[-1])
-        elif isinstance(parameter.type, Range | OptimizerChoice | Band):
-            words += [parameter.opts[-1], parameter.type.written(value)]
         else:
-            write = parameter.type.written if isinstance(parameter.type, Stretch) else str
-            for entry in value if isinstance(value, tuple) else (value,):
+            write = getattr(parameter.type, "written", str)
+            for entry in value if parameter.multiple and isinstance(value, tuple) else (value,):
                 words += [parameter.opts[-1], write(entry)]
     return shlex.join(words)
 
@@ -177,12 +206,15 @@ MANY_INPUTS = "only replant fit and replant validate take several inputs: name o
 MANY_OUTPUTS = "several outputs are not supported: identify them one after the other"
 
 
-def column_option(*names: str, many: str, **options: Any) -> Callable[[Any], Any]:
+JSON = flag("--json", "Print one JSON object.", "as_json")
+
+
+def column_option(*names: str, many: str, **options: Any) -> Option:
     """Return an option that names one column, and says ``many`` where it is given more than once."""
     return click.option(*names, multiple=True, metavar="COL", callback=partial(_only, many), **options)
 
 
-def inputs_option(text: str) -> Callable[[Any], Any]:
+def inputs_option(text: str) -> Option:
     """Return the option of one input or several, with its line of help: a name, or a tuple of several."""
     return click.option("-i", "--input", "input_column", multiple=True, metavar="COL", callback=_one_or_all, help=text)
 
@@ -196,12 +228,12 @@ def _one_or_all(
     return (given[0] if len(set(given)) == 1 else given) if given else None
 
 
-def input_option(text: str) -> Callable[[Any], Any]:
+def input_option(text: str) -> Option:
     """Return the option of the input, with its line of help."""
     return column_option("-i", "--input", "input_column", many=MANY_INPUTS, help=text)
 
 
-def output_option(text: str) -> Callable[[Any], Any]:
+def output_option(text: str) -> Option:
     """Return the option of the output, with its line of help."""
     return column_option("-o", "--output", "output_column", many=MANY_OUTPUTS, help=text)
 
@@ -245,7 +277,7 @@ def _look(given: dict[str, Any]) -> str:
     from rich.console import Console
 
     from replant.data.inspection import inspect, options_of
-    from replant.report.terminal.look import print_findings
+    from replant.report.terminal_look import print_findings
 
     columns = {name: given[f"{name}_column"] for name in ("input", "output", "time")}
     if isinstance(columns["input"], tuple):

@@ -13,14 +13,18 @@ import click
 
 from replant.cli.conditioning_options import CONDITIONING, STRETCHES, conditioned, input_hold_of, is_conditioned
 from replant.cli.option_types import (
+    JSON,
     Each,
     OptimizerChoice,
-    Seconds,
-    Whole,
+    Option,
     check_complete,
+    flag,
+    group,
     input_option,
     inputs_option,
     output_option,
+    path_option,
+    structure_options,
 )
 from replant.cli.terminal import Choice, is_quiet, note, silence
 from replant.data.inspection.inspect import with_others
@@ -29,8 +33,8 @@ from replant.data.logs.sampling_time import COARSE
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.optimizers import OPTIMIZERS
+from replant.plotting.numbers import with_prefix
 from replant.regressor.preprocess import Preprocess
-from replant.report.number_format import with_prefix
 from replant.settings import AUTO, Request, filter_for
 
 ASKED = "replant.progress"
@@ -43,13 +47,7 @@ def ask() -> None:
 
 
 def is_asked_for() -> bool:
-    """Return whether the command that is running was called with --progress.
-
-    Examples
-    --------
-    >>> is_asked_for()
-    False
-    """
+    """Return whether the command that is running was called with --progress."""
     context = click.get_current_context(silent=True)
     return context is not None and bool(context.meta.get(ASKED))
 
@@ -110,15 +108,10 @@ def _lines() -> Any:
     return Lines(disable=True)
 
 
-MOST_OFF = 0.1
-"""Difference of the time stamps' usual interval from the sampling time given that needs no word: jitter and lost
-samples [part of the sampling time].
-"""
+MOST_OFF = 0.1  # difference of the usual interval from --dt that jitter makes [part of the sampling time]
 
-BIAS = click.option("--bias", is_flag=True, help="Also identify a constant added to the output of G(s).")
-FEEDTHROUGH = click.option(
-    "--feedthrough", is_flag=True, help="Allow as many zeros as poles: the output jumps with the input."
-)
+BIAS = flag("--bias", "Also identify a constant added to the output of G(s).")
+FEEDTHROUGH = flag("--feedthrough", "Allow as many zeros as poles: the output jumps with the input.")
 INPUT_MAP = click.option(
     "--input-map",
     type=Choice(["identity", "square"]),
@@ -143,8 +136,9 @@ INPUT_HOLD = click.option(
 
 _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take the clock for regular)"
 _LOGS = click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="LOG...")
-_COLUMNS: list[Callable[[Any], Any]] = [
-    input_option("Column of the input: name, or number from 0."),
+_INPUT = input_option("Column of the input: name, or number from 0.")
+_INPUTS = inputs_option("Column of the input: name, or number from 0; of several inputs once for each.")
+_OTHER_COLUMNS = group(
     output_option("Column of the output."),
     click.option(
         "--reference",
@@ -152,36 +146,14 @@ _COLUMNS: list[Callable[[Any], Any]] = [
         metavar="COL",
         help="Column of the reference, where a controller makes the input: the set-point, or a dither.",
     ),
-]
-_STRUCTURE: list[Callable[[Any], Any]] = [
-    click.option("-p", "--poles", type=Whole(), metavar="N", help="Number of poles."),
-    click.option("--zeros", type=Whole(), metavar="M", help="Number of zeros.  [default: 0]"),
-    click.option("--delay", type=Seconds(), default="0", metavar="S", help="Dead time in s.  [default: 0]"),
-]
-_INPUTS = inputs_option("Column of the input: name, or number from 0; of several inputs once for each.")
-_STRUCTURES: list[Callable[[Any], Any]] = [
-    click.option(
-        "-p",
-        "--poles",
-        type=Whole(),
-        metavar="N",
-        help="Number of poles, or a range such as 1:4; of several inputs a number for each, as in 2,1.",
-    ),
-    click.option(
-        "--zeros",
-        type=Whole(),
-        metavar="M",
-        help="Number of zeros, or a range.  [default: 0; with a range of poles, every number below that of the poles]",
-    ),
-    click.option(
-        "--delay",
-        type=Seconds(),
-        default="0",
-        metavar="S",
-        help="Dead time in s, or a range such as 0:1:0.1.  [default: 0]",
-    ),
-]
-_REST: list[Callable[[Any], Any]] = [
+)
+_STRUCTURE = structure_options("Number of poles.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]")
+_STRUCTURES = structure_options(
+    "Number of poles, or a range such as 1:4; of several inputs a number for each, as in 2,1.",
+    "Number of zeros, or a range.  [default: 0; with a range of poles, every number below that of the poles]",
+    "Dead time in s, or a range such as 0:1:0.1.  [default: 0]",
+)
+_REST = group(
     click.option(
         "--time",
         "time_column",
@@ -197,47 +169,46 @@ _REST: list[Callable[[Any], Any]] = [
     BIAS,
     FEEDTHROUGH,
     INPUT_MAP,
-    click.option("--quiet", is_flag=True, help="Print the result and errors only: no notes, no progress."),
-    click.option(
-        "--progress",
-        is_flag=True,
-        help="Print progress in lines where standard error is no terminal.",
-    ),
-    click.option("--json", "as_json", is_flag=True, help="Print one JSON object."),
-    click.option(
-        "--out", type=click.Path(path_type=Path), metavar="DIR", help="Write plots (PNG) and report.html here."
-    ),
-]
-
-
-_CONDITION = [INPUT_HOLD, *CONDITIONING]
+    flag("--quiet", "Print the result and errors only: no notes, no progress."),
+    flag("--progress", "Print progress in lines where standard error is no terminal."),
+    JSON,
+)
+_OUT = path_option("--out", "DIR", "Write plots (PNG) and report.html here.")
+_CONDITION = group(INPUT_HOLD, *CONDITIONING)
+_STRETCHES = group(*STRETCHES)
 
 
 def log_options(
     several: str, otherwise: Callable[[dict[str, Any]], bool] = lambda given: False, *, is_kept: bool = True
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+) -> Option:
     """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log."""
-    options = [_LOGS, *_COLUMNS, *_STRUCTURE, *_CONDITION, *(STRETCHES if is_kept else ()), *_REST]
-    return lambda command: _decorated(command, options, several, otherwise)
+    stretches = (_STRETCHES,) if is_kept else ()
+    options = group(_LOGS, _INPUT, _OTHER_COLUMNS, _STRUCTURE, _CONDITION, *stretches, _REST, _OUT)
+    return lambda command: options(_checked(command, several, otherwise))
 
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options, where poles, zeros and dead time may be ranges, of any logs."""
-    return _decorated(command, [_LOGS, _INPUTS, *_COLUMNS[1:], *_STRUCTURES, *_CONDITION, *STRETCHES, *_REST])
+    decorated: Callable[..., Any] = group(
+        _LOGS, _INPUTS, _OTHER_COLUMNS, _STRUCTURES, _CONDITION, _STRETCHES, _REST, _OUT
+    )(_checked(command))
+    return decorated
 
 
 def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options for a fleet, whose logs are many, and its results a folder."""
-    logs = click.argument("logs")
-    return _decorated(command, [logs, *_COLUMNS, *_STRUCTURE, *_REST[:-1], OPTIMIZER])
+    options = group(click.argument("logs"), _INPUT, _OTHER_COLUMNS, _STRUCTURE, _REST, OPTIMIZER)
+    decorated: Callable[..., Any] = options(_checked(command))
+    return decorated
 
 
-def _decorated(
+def _checked(
     command: Callable[..., Any],
-    options: list[Callable[[Any], Any]],
     several: str = "",
     otherwise: Callable[[dict[str, Any]], bool] = lambda given: False,
 ) -> Callable[..., Any]:
+    """Return a command that looks at its options first."""
+
     @functools.wraps(command)
     def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:
         if quiet and progress:
@@ -255,15 +226,12 @@ def _decorated(
         check_complete(given)
         return command(**given)
 
-    decorated: Callable[..., Any] = checked
-    for option in reversed(options):
-        decorated = option(decorated)
-    return decorated
+    return checked
 
 
 def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
     """Read the log and make the request that the options describe."""
-    _check_one_of_each(options)
+    structure_of(options)
     log = read(options)
     return log, request_of(options, log.dt)
 
@@ -275,8 +243,7 @@ def read_several(options: dict[str, Any]) -> list[Log]:
 
 def request_of(options: dict[str, Any], dt: float) -> Request:
     """Return the request that the options describe, for a log with sampling time ``dt`` in s."""
-    zeros = options["zeros"][0] if options["zeros"] else 0
-    structure = Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
+    structure = structure_of(options)
     state_filter = filter_for(input_hold_of(options))
     optimizer = options.get("optimizer", AUTO)
     return Request(structure, dt, preprocess=preprocess_of(options), filter=state_filter, optimizer=optimizer)
@@ -284,7 +251,7 @@ def request_of(options: dict[str, Any], dt: float) -> Request:
 
 def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
     """Check the log that the options name, which may be of any length, and open it; see `open_recording`."""
-    _check_one_of_each(options)
+    structure_of(options)
     recording = open_recording(options["log"], **_columns(options), progress=progress)
     _note(options, recording)
     recording = with_others(recording)
@@ -295,21 +262,13 @@ def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) 
 
 
 def structure_of(options: dict[str, Any]) -> Structure:
-    """Return the one structure that the options describe."""
-    _check_one_of_each(options)
-    zeros = options["zeros"][0] if options["zeros"] else 0
-    return Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
-
-
-def _check_one_of_each(options: dict[str, Any]) -> None:
+    """Return the one structure that the options describe, of one input; an impossible one is refused."""
     check_one_input(options)
     for name in ("poles", "zeros", "delay"):
         if len(options[name] or (0,)) > 1:
             raise InvalidArgumentError(f"--{name} must be one number here; `replant fit` searches a range")
     zeros = options["zeros"][0] if options["zeros"] else 0
-    Structure(
-        options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"]
-    )  # raises if they are impossible
+    return Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
 
 
 def check_one_input(options: dict[str, Any]) -> None:

@@ -7,7 +7,7 @@ import json
 import math
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from replant.assessment.verdict import Verdict
 from replant.cli.conditioning_options import NAMES as STRETCH_NAMES
 from replant.cli.conditioning_options import is_conditioned
 from replant.cli.next_step import OTHER_LOG, NextStep, next_step
-from replant.cli.option_types import command_line
+from replant.cli.option_types import command_line, group, path_option
 from replant.cli.options import read
 from replant.cli.terminal import Choice, is_quiet, note
 from replant.data.logs import Log, read_columns
@@ -30,40 +30,25 @@ from replant.identified.model import Model
 from replant.identified.model_file import check_target
 from replant.identified.row_model import RowModel
 from replant.identified.validation import Validation
-from replant.report.html.report_data import identifier_as_python
-from replant.report.terminal.comparison import print_validation
-from replant.report.terminal.comparison import validation_as_json as validation_as_json
-from replant.report.terminal.summary import as_json as result_as_json
-from replant.report.terminal.summary import print_result, record_line
+from replant.report.programs import identifier_as_python
+from replant.report.terminal import as_json as result_as_json
+from replant.report.terminal import print_result, record_line
+from replant.report.terminal_tables import print_validation
+from replant.report.terminal_tables import validation_as_json as validation_as_json
 from replant.runs.result import Result
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]
 
 REQUIRE = click.option(
-    "--require",
-    "required",
-    type=Choice(["trusted"]),
-    help="Exit with code 3 where a verdict is another one.",
+    "--require", "required", type=Choice(["trusted"]), help="Exit with code 3 where a verdict is another one."
 )
-OPTIONS: list[Callable[[Any], Any]] = [
-    click.option(
-        "--validate",
-        "other_logs",
-        type=click.Path(path_type=Path),
-        multiple=True,
-        metavar="LOG2",
-        help="Compare the model with another log of the same columns; repeat the option for several.",
-    ),
-    click.option("--save", "saved", type=click.Path(path_type=Path), metavar="FILE", help="Write the model (.json)."),
+OTHER_LOGS = "Compare the model with another log of the same columns; repeat the option for several."
+#: The options that `Keeping` takes.
+keeping_options = group(
+    path_option("--validate", "LOG2", OTHER_LOGS, "other_logs", multiple=True),
+    path_option("--save", "FILE", "Write the model (.json).", "saved"),
     REQUIRE,
-]
-
-
-def keeping_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the options of this module, which `Keeping` takes."""
-    for option in reversed(OPTIONS):
-        command = option(command)
-    return command
+)
 
 
 @dataclass(frozen=True)
@@ -164,7 +149,7 @@ def deliver(
         paths.append(keeping.saved)
     if out is not None:
         from replant.report.figures import save_figures
-        from replant.report.html.report import write_report
+        from replant.report.result_page import write_report
 
         if is_conditioned(click.get_current_context().params):
             report["python"] = CONDITIONED
@@ -175,10 +160,7 @@ def deliver(
             report["advice"] = None if step is None else (step.words, step.command)
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
-        whole = result_as_json(result) | (more or {})
-        if validations:
-            whole["validations"] = [validation_as_json(each, name) for name, each in validations]
-        click.echo(json.dumps(whole, allow_nan=False))
+        echo_json(result_as_json(result) | (more or {}), validations)
     else:
         console = Console()
         record = record_line(len(log), log.dt, log.duration)
@@ -192,6 +174,13 @@ def deliver(
         if step is not None:
             click.echo(f"\nNext: {step.words}:\n{step.command}")
     check_required(keeping.required, [result.verdict, *(each.verdict for _, each in validations)])
+
+
+def echo_json(whole: dict[str, Any], validations: Sequence[tuple[str, Validation]]) -> None:
+    """Print a result, and its model's validations if there are some, as one JSON object."""
+    if validations:
+        whole = whole | {"validations": [validation_as_json(each, name) for name, each in validations]}
+    click.echo(json.dumps(whole, allow_nan=False))
 
 
 def _next(result: Result, log: Log, keeping: Keeping, *, is_searched: bool) -> NextStep:

@@ -1,17 +1,18 @@
-"""``replant run`` and ``replant fit``: one online pass over a recorded log, or one structure or more fitted to it."""
+"""``replant run`` and ``replant fit``: one pass over a recorded log, or structures of one or several inputs fitted."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from replant.cli.fit_row import fit_several
+from replant.cli.option_types import Each, path_option
 from replant.cli.options import (
     OPTIMIZER,
     check_one_input,
@@ -24,15 +25,20 @@ from replant.cli.options import (
     search_options,
     structure_of,
 )
-from replant.cli.output import Keeping, deliver, keeping_options, make_folder
-from replant.cli.terminal import Choice
+from replant.cli.output import Keeping, check_required, deliver, echo_json, keeping_options, make_folder
+from replant.cli.terminal import Choice, is_quiet
 from replant.data.logs import Log, Recording
+from replant.data.logs.recording import digest
+from replant.errors import InvalidArgumentError
+from replant.identified import model_json
 from replant.offline.fit import METHODS, fit
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.structure_search import SearchResult, search
-from replant.report.html.report_data import fit_as_python
-from replant.report.terminal import comparison
+from replant.report import terminal_tables as comparison
+from replant.report.programs import fit_as_python
+from replant.report.terminal import print_row, record_line
+from replant.report.terminal_tables import print_validation
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source
@@ -45,12 +51,7 @@ from replant.simulation.fitted_run import FITTED
 @log_options(several="replant run takes one log, in one pass; replant fit makes one model of several")
 @OPTIMIZER
 @click.option("--startup", type=int, metavar="N", help="Number of samples for the first model.  [default: a tenth]")
-@click.option(
-    "--full-trace",
-    type=click.Path(path_type=Path),
-    metavar="FILE",
-    help="Write the estimate after each sample (.parquet).",
-)
+@path_option("--full-trace", "FILE", "Write the estimate after each sample (.parquet).")
 @keeping_options
 def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startup: int | None, **options: Any) -> None:
     """Identify G(s) online from LOG (csv, mat, parquet and more; - is standard input), sample by sample in one pass.
@@ -121,7 +122,7 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
 
     keeping, begun, found = Keeping.of(options), time.perf_counter(), None
     if isinstance(options["input_column"], tuple):
-        fit_several(as_json, out, method, keeping, options)
+        _fit_several(as_json, out, method, keeping, options)
         return
     check_one_input(options)
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
@@ -193,3 +194,54 @@ def _as_one(logs: list[Log]) -> Log:
         all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
         reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
     )  # fmt: skip
+
+
+#: Options that one input takes, and several do not, with what they are without them.
+NOT_YET = {"bias": False, "feedthrough": False, "input_map": "identity", "reference_column": None}
+
+
+def _fit_several(as_json: bool, out: Path | None, method: str, keeping: Keeping, options: dict[str, Any]) -> None:
+    """Fit a row of transfer functions, print it, save and validate its model."""
+    from rich.console import Console
+
+    named, begun = options["input_column"], time.perf_counter()
+    for name, usual in {**NOT_YET, "method": "auto", "out": None}.items():
+        if {**options, "method": method, "out": out}[name] != usual:
+            raise InvalidArgumentError(f"several inputs take no --{name.removesuffix('_column').replace('_', '-')} yet")
+    asked = {name: _of_each(options[name], name, named) for name in ("poles", "zeros", "delay")}
+    logs = read_several(options)
+    log = logs[0]
+    found = fit(logs if len(logs) > 1 else log, poles=asked["poles"], zeros=asked["zeros"], delay=asked["delay"])
+    sha256 = digest(log.path) if len(logs) == 1 else ""
+    model = replace(found.model, provenance=replace(found.model.provenance, sha256=sha256))
+    validations = keeping.validated(model)
+    if keeping.saved is not None:
+        model.save(keeping.saved)
+    if as_json:
+        elapsed = round(time.perf_counter() - begun, 3)
+        echo_json(model_json.as_object(model) | {"elapsed_seconds": elapsed}, validations)
+    else:
+        console = Console()
+        samples, seconds = sum(map(len, logs)), sum(each.duration for each in logs)
+        print_row(console, model, record=record_line(samples, log.dt, seconds))
+        for name, each in validations:
+            print_validation(console, each, name)
+        if keeping.saved is not None:
+            click.echo(f"wrote {keeping.saved}")
+        elif not validations and not is_quiet() and model.verdict.status == "trusted":
+            click.echo("\nNext: keep the model and check it on another log: --save model.json --validate LOG2")
+    check_required(keeping.required, [model.verdict, *(each.verdict for _, each in validations)])
+
+
+def _of_each(given: tuple[Any, ...] | None, name: str, inputs: tuple[str, ...]) -> tuple[Any, ...]:
+    """Return a number for each input: those given, or 0 for all."""
+    example = ",".join("1" for _ in inputs)
+    if given is None or (name != "poles" and given == (0.0,)):
+        return (0,) * len(inputs)
+    if not isinstance(given, Each) or len(given) != len(inputs):
+        got = f"{len(given)} numbers" if isinstance(given, Each) else "one number or a range"
+        raise InvalidArgumentError(
+            f"--{name} must have a number for each of {len(inputs)} inputs ({', '.join(inputs)}), as in {example}: "
+            f"got {got}"
+        )
+    return tuple(given)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -83,13 +84,16 @@ def bandpass(log: Log, low: float | None = None, high: float | None = None) -> L
     unknown = ~(accepted(log.input)[1] & accepted(log.output)[1])
     forgets = _calm(unknown, count) & (np.arange(unknown.size) >= count)
     output = _filtered(log.output, sections)
+    return changed(log, lambda signal: _filtered(signal, sections), np.where(forgets & ~unknown, output, np.nan))
+
+
+def changed(log: Log, change: Callable[[FloatArray], FloatArray], output: FloatArray, **others: Any) -> Log:
+    """Return a log whose signals but the output are changed by a function."""
     return dataclasses.replace(
-        log,
-        input=_filtered(log.input, sections),
-        output=np.where(forgets & ~unknown, output, np.nan),
-        reference=None if log.reference is None else _filtered(log.reference, sections),
-        others={name: _filtered(signal, sections) for name, signal in log.others.items()},
-    )
+        log, input=change(log.input), output=output,
+        reference=None if log.reference is None else change(log.reference),
+        others={name: change(signal) for name, signal in log.others.items()}, **others,
+    )  # fmt: skip
 
 
 def _sections(log: Log, low: float | None, high: float | None) -> Any:

@@ -6,7 +6,6 @@ links those of the log, because each is a linear operation applied to input, out
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from replant.arguments import FloatArray, instance, whole
-from replant.data.band import bandpass
+from replant.data.band import bandpass, changed
 from replant.errors import InvalidArgumentError, shown
 from replant.limits import duration, increasing
 from replant.log import Log
@@ -82,11 +81,7 @@ def from_rest(log: Log) -> Log:
     time = log.time
     if time is not None:
         time = np.concatenate([time[0] + log.dt * np.arange(-count, 0), time])
-    return dataclasses.replace(
-        log, input=held(log.input), output=output, time=time,
-        reference=None if log.reference is None else held(log.reference),
-        others={name: held(signal) for name, signal in log.others.items()},
-    )  # fmt: skip
+    return changed(log, held, output, time=time)
 
 
 HALF_LENGTH = 10
@@ -155,13 +150,7 @@ def detrend(log: Log) -> Log:
         slope = float(t[known] @ signal[known]) / float(t[known] @ t[known])
         return np.asarray(signal - slope * t)
 
-    return dataclasses.replace(
-        log,
-        input=without_line(log.input),
-        output=without_line(log.output),
-        reference=None if log.reference is None else without_line(log.reference),
-        others={name: without_line(signal) for name, signal in log.others.items()},
-    )
+    return changed(log, without_line, without_line(log.output))
 
 
 def decimate(log: Log, factor: int) -> Log:
@@ -224,16 +213,11 @@ def decimate(log: Log, factor: int) -> Log:
         before = np.concatenate([signal[:1], signal[:-1]])
         return np.asarray((before + signal) / 2 if log.input_hold == "zoh" else signal)
 
-    return dataclasses.replace(
-        log,
-        input=thinned(centred(log.input)),
-        output=thinned(log.output),
-        reference=None if log.reference is None else thinned(centred(log.reference)),
-        others={name: thinned(centred(signal)) for name, signal in log.others.items()},
-        dt=log.dt * factor,
-        time=None if log.time is None else log.time[half : log.input.size - half : factor],
-        input_hold="foh",
-    )
+    time = None if log.time is None else log.time[half : log.input.size - half : factor]
+    return changed(
+        log, lambda signal: thinned(centred(signal)), thinned(log.output),
+        dt=log.dt * factor, time=time, input_hold="foh",
+    )  # fmt: skip
 
 
 def resample(log: Log, dt: float) -> Log:
@@ -314,12 +298,7 @@ def resample(log: Log, dt: float) -> Log:
     def interpolated(signal: FloatArray) -> FloatArray:
         return np.asarray(np.where(missing, np.nan, np.interp(grid, t, accepted(signal)[0])))
 
-    reference = None if log.reference is None else averaged(log.reference)
-    return dataclasses.replace(
-        log, input=averaged(log.input), output=interpolated(log.output), reference=reference, dt=dt,
-        time=grid, irregular=False, earlier=0,
-        others={name: averaged(signal) for name, signal in log.others.items()},
-    )  # fmt: skip
+    return changed(log, averaged, interpolated(log.output), dt=dt, time=grid, irregular=False, earlier=0)
 
 
 def _clock(log: Log) -> FloatArray:

@@ -266,28 +266,6 @@ def _slices(begins: Sequence[int], end: int) -> list[slice]:
     return [slice(*rows) for rows in zip([0, *begins], [*begins, end], strict=True)]
 
 
-def join(records: Sequence[Record]) -> Record:
-    """Return records of one plant as one record: of each the offset and the initial state are its own.
-
-    >>> join([Record(np.zeros(9), np.zeros(9), np.array([0.1])), Record(np.ones(4), np.ones(4), np.array([0.1]))]).parts
-    [slice(0, 9, None), slice(9, 13, None)]
-    """
-    first, *others = records
-    if not others:
-        return first
-    ends = np.cumsum([each.u.size for each in records]).tolist()
-    u, y, measured = (np.concatenate([getattr(each, name) for each in records]) for name in ("u", "y", "is_measured"))
-    clocks = [each.intervals for each in records]
-    regular = all(clock.size == 1 and clock == clocks[0] for clock in clocks)
-    intervals = np.concatenate([np.broadcast_to(each.intervals, each.u.size) for each in records])
-    r = None if first.r is None else np.concatenate([each.r for each in records if each.r is not None])
-    begins = [begin + last for last, each in zip([0, *ends], records, strict=False) for begin in (0, *each.begins)]
-    return Record(
-        u, y, clocks[0] if regular else intervals, first.input_hold, r, None,
-        min(each.usual for each in records), None if measured.all() else measured, tuple(begins[1:]),
-    )  # fmt: skip
-
-
 @quiet
 def ready_record(
     structure: Structure,

@@ -25,10 +25,8 @@ from typing import Any, TypeVar
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError, shown
 from replant.operating_system import refusal
 
-MOST_WAITING = 1024
-"""Tasks that are with the workers at a time: enough for a large cluster, without all of them in memory [count]."""
-MOST_LOST = 3
-"""How often in a row all workers of a pool may die without a task done: then one of the tasks kills them [count]."""
+MOST_WAITING = 1024  # tasks with the workers at a time: enough for a large cluster, and little memory [count]
+MOST_LOST = 3  # a pool that dies more often in a row without a task done is killed by a task [count]
 
 #: Errors of Dask that say that a worker died, by their names: it may not be installed.
 LOST = ("KilledWorker", "CancelledError", "FutureCancelledError")

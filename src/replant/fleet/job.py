@@ -95,6 +95,7 @@ class Piece:
     column: str = ""
     # the column whose value is ``key`` in the rig's rows; an empty name where all rows are the rig's
     key: str | int | None = None
+    problem: str = ""  # why it cannot be read, where that is known without opening it
 
     @property
     def row_groups(self) -> RowGroups:
@@ -172,15 +173,9 @@ def report_path(rig: str) -> str:
     return f"{REPORTS}/{plain}-{digest(rig)[:6]}.html"
 
 
-FIXED = 100_000
-"""Work of a rig beside its samples: starting, solving as a whole, judging; benchmarks/fleet measures it [samples that
-take as long].
-"""
+FIXED = 100_000  # work of a rig beside its samples, by benchmarks/fleet [samples that take as long]
 TEXT_ROW, BINARY_ROW = 24, 12  # usual size of a row of time, input and output in text, and in other formats [bytes]
-FEWEST, LARGEST = 64, 20_000_000
-"""Tasks that a fleet is divided into at least, so that workers end together, and work of a task at most, so that little
-is lost with a worker: about a minute [count, samples].
-"""
+FEWEST, LARGEST = 64, 20_000_000  # least number of tasks, and most work of one: about a minute [count, samples]
 
 
 @dataclass(frozen=True)

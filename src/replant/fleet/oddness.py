@@ -185,7 +185,7 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
     """Return what has changed between two identifications of a fleet.
 
     A rig has drifted if the difference of both estimates, beside the covariances of both, has a probability below
-    that of `replant.fleet.oddness.CHANCE` divided by the number of rigs.
+    that of `CHANCE` divided by the number of rigs.
     """
     import pyarrow
 

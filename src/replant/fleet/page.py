@@ -22,9 +22,9 @@ from replant.fleet.oddness import Drift, Oddness, drift_between, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
 from replant.fleet.work import Watched, one_thread, opened, result_of
-from replant.report.html.page import asset, heading, icon, section, style, today, words
-from replant.report.html.report import write_report
-from replant.report.number_format import number
+from replant.plotting.numbers import number
+from replant.report.page import asset, heading, icon, script, section, style, today, words
+from replant.report.result_page import write_report
 
 WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and of the part for its axis [px]
 MOST_BARS = 40  # bars at most: few rigs get fewer [count]
@@ -109,7 +109,7 @@ def write_page(fleet: Fleet, compare: Fleet | None = None) -> Path:
         histograms=_histograms(fleet, table),
         table_note=html.escape(_table_note(table.num_rows)),
         data=_data(fleet, table, found),
-        script=asset("fleet.js"),
+        script=script("format.js", "fleet.js"),
         date=today(),
     )
     path = fleet.folder / PAGE

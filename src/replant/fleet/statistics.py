@@ -32,9 +32,7 @@ KEPT = 0.975
 Level: an odd rig is far outside, a usual one is left out in one of forty cases.
 """
 STEPS = 60  # steps of the iteration: later ones move the spread by less than a hundredth [count]
-MOST_USED = 20_000
-"""Rigs that location and spread are made from, evenly chosen from more: their own uncertainty is then below 1 %
-[count]."""
+MOST_USED = 20_000  # rigs that location and spread are made from: they are then known to 1 % [count]
 SCALED_AT = (0.5, 0.75)
 """Quantiles of the squared distances that the scale is made from [probability].
 Origin: with the quantile of 0.9 three odd rigs of 20, 8 deviations off, hide each other (1 of 600 named); with that of
@@ -112,8 +110,7 @@ def _spread_of(x: FloatArray) -> FloatArray:
     return np.asarray(np.where(found > small, found, np.maximum(np.abs(np.median(x, axis=0)), 1.0)))
 
 
-AGREEING = 0.8
-"""Share of the rigs that must agree in a coefficient's sign for its logarithm to be compared [share of rigs]."""
+AGREEING = 0.8  # share of rigs that must agree in a coefficient's sign for its logarithm to count [share of rigs]
 
 
 @dataclass(frozen=True)

@@ -237,7 +237,8 @@ def begin_of(rig: Rig, recording: Recording, job: Job) -> float:
     log = recording.held
     if log is not None and log.time is not None:
         return origin + float(log.time[0])
-    known = next((block[np.isfinite(block)] for (block,) in table.stream([number])), np.empty(0))
+    (block,) = table.head([number], 1)
+    known = block[np.isfinite(block)]
     return origin + (float(known[0]) * recording.unit if known.size else 0.0)
 
 
@@ -266,11 +267,7 @@ def _first(table: Table, job: Job) -> float:
     number = _time_column(table, job)
     if number is None:
         return math.inf
-    blocks = table.stream([number])
-    try:
-        (block,) = next(blocks, [np.empty(0)])
-    finally:
-        blocks.close()
+    (block,) = table.head([number], 1)
     known = block[np.isfinite(block)]
     return table.origins.get(number, 0) / 1e9 + float(known[0]) if known.size else math.inf
 

@@ -43,34 +43,14 @@ def _now() -> str:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a model comes from.
+    """Where a model comes from."""
 
-    Attributes
-    ----------
-    method : str
-        "srivc", "least_squares", or the optimizer of an identifier.
-    source : str
-        Name of the log's file; empty for arrays and live samples.
-    sha256 : str
-        Digest of that file in hexadecimal; empty where it is not known.
-    samples : int
-        Samples that the model was made from.
-    version : str
-        Version of replant.
-    date : str
-        When the model was made, UTC in ISO 8601.  Two models that differ in nothing else are equal.
-
-    Examples
-    --------
-    >>> Provenance("srivc", "motor.csv", samples=2000).source
-    'motor.csv'
-    """
-
-    method: str
-    source: str = ""
-    sha256: str = ""
-    samples: int = 0
-    version: str = field(default_factory=lambda: version("replant"))
+    method: str  # "srivc", "least_squares", or the optimizer of an identifier
+    source: str = ""  # name of the log's file; empty for arrays and live samples
+    sha256: str = ""  # digest of that file in hexadecimal; empty where it is not known
+    samples: int = 0  # that the model was made from
+    version: str = field(default_factory=lambda: version("replant"))  # of replant
+    # UTC in ISO 8601; two models that differ in nothing else are equal
     date: str = field(default_factory=_now, compare=False)
 
     def __post_init__(self) -> None:
@@ -303,12 +283,5 @@ class RowFields(_Fields):
 
 
 def has_rest(model: TransferFunction, span: float) -> bool:
-    """Return whether a model comes to rest within ``span`` s; slower modes have a gain that nobody knows.
-
-    Examples
-    --------
-    >>> g = TransferFunction([1.0], [1.0, 0.5])
-    >>> has_rest(g, 10.0), has_rest(g, 1.0)
-    (True, False)
-    """
+    """Return whether a model comes to rest within ``span`` s; slower modes have a gain that nobody knows."""
     return bool((model.poles.real < (-1.0 / span if span > 0.0 else 0.0)).all())

@@ -17,13 +17,13 @@ from replant.identified.validation import Validation, validate
 from replant.limits import increasing
 from replant.log import Log
 from replant.model.response import Response
+from replant.plotting.style import axes_for
 from replant.simulation.fitted_run import bridged
 from replant.simulation.model_run import model_output
 from replant.statistics.autoregression import ahead
 from replant.statistics.linear_algebra import quiet
 
-SAME_CLOCK = 0.1
-"""Difference of the usual interval from the noise model's up to which that predicts [part of the interval]."""
+SAME_CLOCK = 0.1  # difference of intervals up to which the noise model predicts [part of the interval]
 
 
 class Model(ModelFields):
@@ -224,15 +224,10 @@ class Model(ModelFields):
         axes : four matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.plotting.diagrams import blank_figure, given_axes
-
-        if axes is None:
-            axes = blank_figure(9.0, 6.4).subplots(2, 2)
-        step, poles, magnitude, phase = given_axes("axes", axes, 4)
+        step, poles, magnitude, phase = axes_for("axes", axes, 4, (9.0, 6.4), nrows=2, ncols=2)
         self.step().plot(step)
         self.poles().plot(poles)
         self.bode().plot((magnitude, phase))
-        magnitude.set_xlabel("frequency [rad/s]")
         return np.array([step, poles, magnitude, phase], dtype=object)
 
     def validate(self, log: Log | Any, y: Any = None, t: Any = None, *, reference: Any = None) -> Validation:
@@ -334,13 +329,7 @@ class Model(ModelFields):
 
 
 def usual_interval(t: FloatArray, dt: float) -> float:
-    """Return the usual interval of time stamps (K,) in s; of fewer than two ``dt``.
-
-    Examples
-    --------
-    >>> usual_interval(np.array([0.0, 1.0, 2.0, 9.0]), 0.1)
-    1.0
-    """
+    """Return the usual interval of time stamps (K,) in s; of fewer than two ``dt``."""
     return float(np.median(np.diff(t))) if t.size > 1 else dt
 
 

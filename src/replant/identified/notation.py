@@ -11,10 +11,10 @@ from replant.arguments import FloatArray
 from replant.errors import MissingDependencyError
 from replant.identified.fields import ModelFields
 from replant.model.transfer_function import TransferFunction
-from replant.plotting.diagrams import picture, with_std
+from replant.plotting.numbers import with_std
+from replant.plotting.style import picture
 
-WIDTH, COEFFICIENT_LINES, REASONS = 110, 3, 5
-"""Of a result in a few lines: characters of a line, lines of coefficients, reasons [count]."""
+WIDTH, COEFFICIENT_LINES, REASONS = 110, 3, 5  # characters of a line, lines of coefficients, reasons [count]
 
 
 def one_line(model: ModelFields) -> str:
@@ -44,13 +44,7 @@ def in_lines(kind: str, model: ModelFields, samples: int, reasons: tuple[str, ..
 
 
 def latex(model: TransferFunction) -> str:
-    r"""Return G(s) as mathematical text of LaTeX.
-
-    Examples
-    --------
-    >>> print(latex(TransferFunction([2.0], [1.0, 0.5, 3e-5], delay=0.1)))
-    G(s) = \frac{2}{s^{2} + 0.5\, s + 3 \cdot 10^{-5}}\, e^{-0.1\, s}
-    """
+    r"""Return G(s) as mathematical text of LaTeX."""
     dead_time = rf"\, e^{{-{_number(model.delay)}\, s}}" if model.delay else ""
     return rf"G(s) = \frac{{{_polynomial(model.num)}}}{{{_polynomial(model.den)}}}{dead_time}"
 

@@ -22,17 +22,17 @@ from replant.limits import LONGEST, SHORTEST, duration
 from replant.model.mode import Mode
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import UncertainMode, Uncertainty
-from replant.plotting.diagrams import Shown, over, with_std
+from replant.plotting.diagrams import draw_bode, draw_nyquist, draw_poles, draw_response, with_conjugates
+from replant.plotting.numbers import over, with_std
+from replant.plotting.style import Shown
 from replant.statistics.linear_algebra import quiet
 
 POINTS = 400  # points of a response; of one over time that oscillates fast, the least [count]
 PER_PERIOD, MOST_POINTS = 8, 8000  # points for each period of a response over time, and points at the most [count]
-SETTLED = 6.0
-"""Time constants of the slowest mode after which a step response has settled: 0.25 % is left [time constants]."""
+SETTLED = 6.0  # of the slowest mode: 0.25 % of a step response is then left [time constants]
 BEYOND = 30.0  # how far a frequency response reaches beyond the slowest and the fastest root [ratio]
 RESONANT = 0.3  # damping below which a pair of roots makes a peak that needs frequencies of its own [damping ratio]
-NEAR_RESONANCE = 32
-"""Frequencies about each peak; an even number, as at an undamped root itself the response is not finite [count]."""
+NEAR_RESONANCE = 32  # frequencies about a peak; even: at an undamped root itself the response is infinite [count]
 LEAST_DAMPING = 1e-4  # damping at which peaks are not resolved any further [damping ratio]
 
 
@@ -68,9 +68,7 @@ class StepResponse(Shown):
         ax : matplotlib axes, optional
             Drawn into; without it a figure is made.
         """
-        from replant.plotting.diagrams import draw_over_time
-
-        return draw_over_time(self.time, self.output, self.std, self.WHAT, ax)
+        return draw_response(self.time, self.output, self.std, self.WHAT, ax)
 
     def __repr__(self) -> str:
         std = None if self.std is None or not self.std.size else float(self.std[-1])
@@ -163,9 +161,7 @@ class Bode(Shown):
         ax : two matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.plotting.diagrams import draw_bode
-
-        return draw_bode(self.frequency, self.magnitude, self.phase, self.relative_std, self.phase_std, ax)
+        return draw_bode({"model": self}, ax, argument="ax")
 
     def __repr__(self) -> str:
         figures = f"abs G {over(self.magnitude, '')}, phase {over(np.degrees(self.phase), 'degrees')}"
@@ -195,8 +191,6 @@ class Nyquist(Bode):
         ax : matplotlib axes, optional
             Drawn into; without it a figure is made.
         """
-        from replant.plotting.diagrams import draw_nyquist
-
         return draw_nyquist(self.response, self.relative_std, self.phase_std, ax)
 
 
@@ -232,10 +226,8 @@ class PoleMap(Shown):
         ax : matplotlib axes, optional
             Drawn into; without it a figure is made.
         """
-        from replant.plotting.diagrams import draw_poles
-
         regions = [(mode.mode.pole, mode.covariance) for mode in self.uncertain]
-        return draw_poles(self.values, self.zeros, regions, ax)
+        return draw_poles({"model": (self.values, self.zeros, with_conjugates(regions))}, ax)
 
     def __repr__(self) -> str:
         poles, zeros = (
@@ -249,11 +241,6 @@ def time_of(model: TransferFunction, given: float | None = None) -> FloatArray:
     """Return times (N,) from 0 to a duration in s, by default until the slowest mode of the model has settled.
 
     They are close enough to show the oscillation of each mode, not its aliases.
-
-    Examples
-    --------
-    >>> time_of(TransferFunction([1.0], [1.0, 0.5]))[[0, -1]]
-    array([ 0., 12.])
     """
     if given is None:
         slowest = np.abs(model.poles.real)
@@ -275,9 +262,6 @@ def frequencies(model: TransferFunction, dt: float, points: int = POINTS) -> Flo
 
     They are equally spaced on a logarithmic axis, and closer about each resonance and antiresonance, so that a curve
     through them shows the whole peak.
-
-    >>> frequencies(TransferFunction([1.0], [1.0, 3.0]), dt=0.1)[[0, -1]].round(2)
-    array([ 0.1 , 31.42])
     """
     roots = np.concatenate([model.poles, model.zeros])
     sizes = np.abs(roots)

@@ -23,6 +23,7 @@ from replant.assessment.verdict import Verdict
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.identified.fields import ModelFields
+from replant.plotting.diagrams import draw_validation
 from replant.regressor.preprocess import screen
 from replant.simulation.fitted_run import fit_percent
 from replant.simulation.model_run import model_output
@@ -131,8 +132,6 @@ class Validation:
         axes : four matplotlib axes, optional
             Drawn into; without them a figure is made.
         """
-        from replant.plotting.diagrams import draw_validation
-
         return draw_validation(self, axes)
 
     def __repr__(self) -> str:

@@ -27,10 +27,7 @@ from replant.settings import Request
 
 M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
 
-THRESHOLD = 1 << 17
-"""Size from which on a block is given back to the system at once: glibc's initial value, which it raises as blocks of
-different sizes come and go [bytes].
-"""
+THRESHOLD = 1 << 17  # size of blocks that the system gets back at once: glibc's initial value [bytes]
 
 
 def limit_heap_growth() -> None:

@@ -41,32 +41,15 @@ Origin: an outlier that is smaller moves no coefficient by more than its deviati
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-STEPS = 3.0
-"""The same beside the sensor's usual step, and what a model must move while the sensor is stuck: rounded, right
-outputs lie up to two steps from their neighbours' median, and one that settles between two steps stands still [steps].
-Derivation: one more than two.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# rounded, right outputs lie up to two steps from their neighbours' median, and one between two steps stands still
+STEPS = 3.0  # the same beside the sensor's usual step, and what a model must move while the sensor is stuck [steps]
 
-MOST = 0.05
-"""Share of outliers beyond which they are none: noise with heavy tails, or another plant [share of samples].
-Derivation: as MOST_DOUBTED of the recursion.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-UNEXPLAINED = 0.5
-"""Residual of a gross output beyond which the model does not explain it [part of its distance from the median].
-Derivation: half-way between an output that the model gives whole, and one of which it gives nothing.
-"""
-
+# half-way between an output that the model gives whole, and one of which it gives nothing
+UNEXPLAINED = 0.5  # residual of a gross output that the model does not explain [part of its distance from the median]
+MOST = 0.05  # share of outliers beyond which they are none: heavy tails, or another plant; as MOST_DOUBTED [share]
 FEWEST = 5  # residuals that tell how large one usually is, at the least [samples]
-
 IN_A_ROW = 5  # outliers in a row that are told apart: each time the largest of neighbours is found [count]
-
-JUMP = math.sqrt(MATTERS)
-"""Step of the input that a model without a direct path answers too late [part of the input's range].
-Derivation: the part of an amplitude that matters.
-"""
+JUMP = math.sqrt(MATTERS)  # step of the input that a model without a direct path answers too late [part of its range]
 
 BY_CHANCE = 0.01
 """Chance below which outliers are at steps of the input for a reason [probability].
@@ -78,11 +61,7 @@ TIED_BY_CHANCE = 1e-3
 Level: the run's length follows from the share of equal neighbours elsewhere.
 """
 
-HARM = 0.02
-"""What a model must move while the sensor is stuck, so that it does harm [part of the output's standard deviation].
-Derivation: the square root of HARM of the recursion.
-Sensitivity: not measured.
-"""
+HARM = 0.02  # what a model must move for a stuck sensor to do harm: the root of the recursion's [part of y's deviation]
 
 
 def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
@@ -90,13 +69,6 @@ def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
 
     Gross outputs at steps of the input may be answers to it.  Where equal ones are most of all, none of them is
     suspicious.
-
-    Examples
-    --------
-    >>> y = np.sin(np.arange(200.0))
-    >>> y[20], y[50], y[100:160] = np.nan, 1e9, 0.3
-    >>> np.flatnonzero(np.diff(suspicious(np.cos(np.arange(200.0)), y)) != 0).tolist()
-    [19, 20, 49, 50, 99, 159]
     """
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
     known, gross = np.isfinite(y), _gross(y)

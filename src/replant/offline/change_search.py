@@ -33,20 +33,12 @@ from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem, least_since
 from replant.statistics.linear_algebra import chi2_quantile, inverse_of, least_norm, quiet
 
-BEGINS = 32
-"""Samples since which a change is looked for, evenly spread over the record [count].
-Derivation: a change in between loses a thirty-second of the samples that tell it.
-"""
-
-BLOCKS = 64
-"""Blocks of samples whose scores tell how these scatter [count].
-Derivation: their variance is then known to a sixth, and a block is long beside the colour that a noise model leaves.
-"""
-
-SAME = 1e-9
-"""Singular value of the scores' covariance below which a direction tells nothing [part of the largest].
-Derivation: some hundred thousand times the precision of float64, as sums of squares have half the digits.
-"""
+# a change in between loses a thirty-second of the samples that tell it
+BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
+# their variance is then known to a sixth, and a block is long beside the colour that a noise model leaves
+BLOCKS = 64  # blocks of samples whose scores tell how these scatter [count]
+# some hundred thousand times float64's precision, as sums of squares have half the digits
+SAME = 1e-9  # singular value of the scores' covariance below which a direction tells nothing [part of the largest]
 
 
 @quiet
@@ -73,8 +65,8 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
         return None
     contest = Contest(structure, record, begin, known)
     claims = contest.claims(again=True)
-    claims += [contest.whole(with_nuisances(structure, record, model))] if claims else []
-    found = decided(claims) if claims else None
+    claims += [contest.whole(with_nuisances(Problem(structure, record), model))] if claims else []
+    found = decided(claims)
     if found is None or not found.supposition.is_of_plant:
         return None
     # what changes on and on is no linear plant that has changed
@@ -85,23 +77,12 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
 
 @quiet
 def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> int:
-    """Return the sample since which a model (T,) fits the record worst; 0 where that may be chance.
-
-    Examples
-    --------
-    >>> from replant.model.transfer_function import TransferFunction
-    >>> u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 300), 10)
-    >>> gain = np.where(np.arange(u.size) < 2000, 1.0, 1.1)  # of a plant that follows at once, nearly
-    >>> y = gain * TransferFunction([5.0], [1.0, 5.0]).simulate(u, 0.1)
-    >>> record = Record(u, y + 0.1 * np.random.default_rng(1).standard_normal(u.size), np.array([0.1]))
-    >>> model = np.array([5.0, 5.17, 0.0, 0.0])  # of all samples
-    >>> abs(begin_of_change(Structure(1), record, model) - 2000) < 100
-    True
-    """
+    """Return the sample since which a model (T,) fits the record worst; 0 where that may be chance."""
     size, fewest = structure.coefficients, least_since(structure)
     if record.u.size < 3 * fewest:
         return 0
-    done = Problem(structure, record).run_whole(with_nuisances(structure, record, model))
+    problem = Problem(structure, record)
+    done = problem.run_whole(with_nuisances(problem, model))
     noise = Stretch.of(record, slice(None)).colour(done.ahead)
     score = noise.whiten_known(done.zeta, record.rough_predecessors)
     white = noise.whiten_known(done.ahead, record.rough_predecessors)

@@ -37,74 +37,39 @@ from replant.assessment.verdict import ALPHA, MATTERS
 from replant.engine.record import Record
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
-from replant.offline.known_before import Known, forget
-from replant.offline.prior import Prior
-from replant.offline.refined import Refined, Root, conclude
+from replant.offline.known_before import Known, with_nuisances
+from replant.offline.refined import Prior, Refined, Root, conclude
 from replant.offline.residual_likelihood import WEAKEST, Stretch
 from replant.offline.solve import Solution
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem, is_long_enough
 from replant.simulation.auxiliary_model import Pass
-from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
+from replant.statistics.linear_algebra import least_norm, quiet
 
-NOTICED = 0.5 * math.sqrt(MATTERS)
-"""Change of the simulated output below which a change of the plant does not matter [part of the output's amplitude].
-Derivation: half of the amplitude that matters, as a change must be noticed before it is as large.
-"""
-
-HARMLESS = 0.2 * NOTICED
-"""Residual below which no change is looked for [part of the output's standard deviation].
-Derivation: a fifth of what a change must make of the output, so that none that matters is missed.
-"""
-
-UNEXPLAINED = 5.0
-"""Power of what a load or a part of the plant leaves, beyond which neither is what has happened [usual power].
-Derivation: the growth that an alarm is raised for.
-"""
+# half of the amplitude that matters, as a change must be noticed before it is as large
+NOTICED = 0.5 * math.sqrt(MATTERS)  # change of the simulated output below which none matters [part of its amplitude]
+# a fifth of what a change must make of the output, so that none that matters is missed
+HARMLESS = 0.2 * NOTICED  # residual below which no change is looked for [part of the output's standard deviation]
+# the growth that an alarm is raised for
+UNEXPLAINED = 5.0  # power of what a load or a part of the plant leaves, beyond which neither has happened [usual power]
 
 
 @dataclass(frozen=True, eq=False)
 class Claim:
-    """A supposition, fitted.
-
-    Attributes
-    ----------
-    supposition : Supposition
-    contest : Contest
-        Whose samples it is fitted to.
-    likelihood : float
-        Logarithm of the likelihood ratio to NOTHING, a prior's included.
-    odds : float
-        Logarithm of the odds beforehand: what another G(s) costs.
-    price : float
-        That of the numbers that it has fitted.
-    unserved : float
-        How much likelier the most likely model of the same supposition is than the one that is served.
-    left : float
-        Variance of what a fit with a prior leaves, over the usual one.
-    model : (T,) array or None
-    root : Root or None
-        Where its fit has ended.
-    prior : Prior or None
-        Of that fit.
-    refined : Refined or None
-        The estimate, where it is made of the samples alone.
-    solution : Solution or None
-        That of all samples.
-    """
+    """A supposition, fitted."""
 
     supposition: Supposition
-    contest: Contest
-    likelihood: float
-    odds: float = 0.0
-    price: float = 0.0
-    unserved: float = 0.0
-    left: float = 1.0
-    model: FloatArray | None = None
-    root: Root | None = None
-    prior: Prior | None = None
-    refined: Refined | None = None
-    solution: Solution | None = None
+    contest: Contest  # whose samples it is fitted to
+    likelihood: float  # logarithm of the likelihood ratio to NOTHING, a prior's included
+    odds: float = 0.0  # logarithm of the odds beforehand: what another G(s) costs
+    price: float = 0.0  # of the numbers that it has fitted
+    unserved: float = 0.0  # how much likelier the most likely model of the same supposition is than the one served
+    left: float = 1.0  # variance of what a fit with a prior leaves, over the usual one
+    model: FloatArray | None = None  # (T,)
+    root: Root | None = None  # where its fit has ended
+    prior: Prior | None = None  # of that fit
+    refined: Refined | None = None  # the estimate, where it is made of the samples alone
+    solution: Solution | None = None  # that of all samples
 
     @property
     def theta(self) -> FloatArray:
@@ -134,15 +99,15 @@ def odds_of(supposition: Supposition) -> float:
 
 
 def decided(claims: Sequence[Claim]) -> Claim | None:
-    """Return the claim of most evidence; None while it is open.
+    """Return the claim of most evidence; None while it is open, or where there are no claims.
 
     What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
     an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
     raise an alarm again explains nothing: it stays open, unless an output that answers to nothing is likelier.
     """
     told = dict(zip(claims, weighed(claims), strict=True))
-    found = max(claims, key=lambda claim: told[claim].evidence)
-    if found.supposition is Supposition.CUT:
+    found = max(claims, key=lambda claim: told[claim].evidence, default=None)
+    if found is None or found.supposition is Supposition.CUT:
         return found
     if found.left > UNEXPLAINED:
         likeliest = max(claims, key=lambda claim: told[claim].fair)
@@ -253,7 +218,7 @@ class Contest:
         plant = self._plant(starts)
         if plant is not None and plant.refined is not None:
             yield plant
-            part = self._asked_for(plant.refined)
+            part = self.known.asked_for(plant.refined, self.structure.coefficients, self.stretch.price)
             claim = self._with_prior(Supposition.PART, part) if part is not None else None
             if claim is not None:
                 yield claim
@@ -294,10 +259,7 @@ class Contest:
 
     def _without_moving(self) -> tuple[FloatArray, FloatArray]:
         """Return the known model with offset and initial state as the samples since tell them, and no direction."""
-        model, size = self.known.mean.copy(), self.structure.coefficients
-        model[size:] = 0.0
-        done = self.problem.run(model)
-        model[size:] = least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
+        model = with_nuisances(self.problem, self.known.mean, slice(-self.rows, None))
         return model, np.zeros((model.size, 0))
 
     def _scaled(self) -> tuple[FloatArray, FloatArray]:
@@ -319,43 +281,6 @@ class Contest:
         still[self.structure.numerator] = 0.0
         without = self.problem.run(still)
         return without, without.error - self.problem.run(moving).error
-
-    def _asked_for(self, plant: Refined) -> tuple[FloatArray, FloatArray] | None:
-        """Return the fewest coefficients to forget that the samples since ask for, and the model then; None for all.
-
-        By the quadratic forms that the two estimates, of before and since, stand for.  Whichever coefficient explains
-        most of how they differ is forgotten next, as long as that is worth its price.
-        """
-        size, mean = self.structure.coefficients, self.known.mean
-        before, since = self.known.information[:size, :size], inverse_of(plant.covariance[:size, :size])
-        units = np.diag(before) ** -0.5  # the coefficients have units of their own
-        before, since = (each * np.outer(units, units) for each in (before, since))
-        away = (plant.theta[:size] - mean[:size]) / units
-        if not (np.isfinite(since).all() and np.isfinite(away).all()):
-            return None
-
-        def left(forgotten: list[int]) -> tuple[float, FloatArray]:
-            prior = forget(before, np.eye(size)[:, forgotten])
-            step = least_norm(since + prior, since @ away, WEAKEST)[0]
-            rest = away - step
-            return 0.5 * max(float(rest @ since @ rest + step @ prior @ step), 0.0), step
-
-        forgotten: list[int] = []
-        (cost, step), open_ = left([]), list(range(size))
-        while open_:
-            next_ = min(open_, key=lambda each: left([*forgotten, each])[0])
-            less, there = left([*forgotten, next_])
-            if forgotten and not cost - less > self.stretch.price:
-                break
-            cost, step = less, there
-            forgotten.append(next_)
-            open_.remove(next_)
-        if not (forgotten and open_):
-            return None
-        model, directions = plant.theta.copy(), np.zeros((mean.size, len(forgotten)))
-        model[:size] = mean[:size] + step * units
-        directions[forgotten, range(len(forgotten))] = units[forgotten]
-        return model, directions
 
     def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
         """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
@@ -407,9 +332,7 @@ class Contest:
         run = self.problem.run(found.theta)
         problem = self._drifting(run)
         if problem is not self.problem:
-            model, done, converged = problem.polish(found.theta)
-            problem.renew_noise(done)
-            root = Root(model, done, problem.noise, done.cost, done.power, converged, converged, filters=False)
+            root = problem.polished(found.theta)
             again = conclude(self.structure, problem.record, problem.known, root)
             if again is not None and again.settled:
                 found, run = again, self.problem.run(again.theta)
@@ -446,6 +369,4 @@ class Contest:
         """Return the estimate of a claim about the samples since, what was known before included."""
         if claim.refined is not None or claim.root is None:
             return claim.refined
-        return conclude(
-            self.structure, self.problem.record, self.problem.known, claim.root, self.problem.projection, claim.prior
-        )
+        return self.problem.conclude(claim.root, claim.prior)

@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, overload
 
 import numpy as np
 
 from replant.arguments import (
-    BoolArray,
     FloatArray,
     one_of,
     record,
     vector,
 )
 from replant.assessment import Simulation, fit_percent, simulate
-from replant.engine.record import Record, ready_record
+from replant.engine.record import Record
 from replant.engine.record_regressors import regressors
 from replant.errors import InvalidArgumentError
 from replant.interop import in_our_words
@@ -26,19 +23,15 @@ from replant.kernels.schema import Doubt
 from replant.limits import increasing
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
-from replant.model.transfer_function import TransferFunction
-from replant.offline.fit_result import FitResult
+from replant.offline.fit_result import FitResult, ReferenceUse, use_of
 from replant.offline.least_squares import choose_filter, least_squares
-from replant.offline.reference_use import ReferenceUse, use_of
 from replant.offline.row_fit import RowFit, fit_row, is_row
-from replant.offline.samples import Samples
+from replant.offline.samples import RawRecord, Samples
 from replant.offline.solve import Solution, solve
 from replant.regressor.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.settings import AUTO, Request
-from replant.simulation.fitted_run import FittedRun
 from replant.simulation.model_run import prediction_error, runs_away
-from replant.statistics.autoregression import one_step, one_step_with_lost
 from replant.statistics.linear_algebra import quiet
 
 METHODS = (AUTO, "srivc", "least_squares")
@@ -234,9 +227,9 @@ def fit_samples(
         )
     if not isinstance(chosen, StateVariableFilter):
         chosen = choose_filter(structure, dt, preprocess, u, y, input_hold=hold)
-    result = _least_squares_result(structure, dt, chosen, preprocess, u, y, accepted, rejected)
     raw = RawRecord(structure, dt, preprocess, u, y, None, chosen.input_hold)
-    return _with_record(dataclasses.replace(result, reference=use), raw, given, raw.made_ready(raw.y, None))
+    result = _least_squares_result(raw, chosen, rejected, use)
+    return _with_record(result, raw, given, raw.made_ready(raw.y, None))
 
 
 def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Record) -> FitResult:
@@ -278,100 +271,6 @@ def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
     if r.size != samples:
         raise InvalidArgumentError(f"reference must have one value for each of {samples} samples, got {r.size}")
     return r
-
-
-@dataclass(frozen=True, eq=False)
-class RawRecord:
-    """A record as it was given, and a structure to fit to it.
-
-    Attributes
-    ----------
-    structure : Structure
-    dt : float
-        Sampling time in s.
-    preprocess : Preprocess
-        With numbers for the working point.
-    u, y : (K,) arrays
-    stamps : (K,) array or None
-        Time stamps in s; None for a regular clock.
-    input_hold : {"zoh", "foh"}
-        Whether the input is held between two samples or goes on in a straight line.
-    begins : tuple of int
-        Samples at which another record begins, whose offset and initial state are its own.
-    """
-
-    structure: Structure
-    dt: float
-    preprocess: Preprocess
-    u: FloatArray
-    y: FloatArray
-    stamps: FloatArray | None
-    input_hold: str
-    begins: tuple[int, ...] = ()
-
-    @cached_property
-    def mapped(self) -> FloatArray:
-        """The input (K,) behind its map."""
-        return self.preprocess.map_input(self.u)
-
-    @cached_property
-    def known(self) -> BoolArray:
-        """Which inputs (K,) can be used."""
-        return screen(self.mapped, np.zeros(self.u.size))[0]
-
-    @cached_property
-    def made_use_of(self) -> BoolArray:
-        """Which samples (K,) a record made ready has: inputs that can be used, from the first output to the last."""
-        usable = self.usable
-        return self.known & np.logical_or.accumulate(usable) & np.logical_or.accumulate(usable[::-1])[::-1]
-
-    @cached_property
-    def usable(self) -> BoolArray:
-        """Which samples (K,) can be used."""
-        return screen(self.mapped, self.y)[0]
-
-    def made_ready(self, y: FloatArray, r: FloatArray | None) -> Record:
-        """Return the record with another output (K,), and a reference (K,) or None."""
-        ready = ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, self.input_hold, r)
-        if not self.begins:
-            return ready
-        places = np.searchsorted(np.flatnonzero(self.made_use_of), self.begins)
-        begins = tuple(sorted({int(place) for place in places if 0 < place < ready.u.size}))
-        return dataclasses.replace(ready, begins=begins).levelled
-
-    def levelled(self, y: FloatArray) -> FloatArray:
-        """Return an output (K,) less the mean of each record: what the model is to explain of them."""
-        return np.concatenate([y[rows] - self._mean(y[rows]) for rows in self._records])
-
-    @property
-    def _records(self) -> list[slice]:
-        ends = [*self.begins, self.u.size]
-        return [slice(*rows) for rows in zip([0, *self.begins], ends, strict=True)] if self.begins else [slice(None)]
-
-    @staticmethod
-    def _mean(y: FloatArray) -> float:
-        known = np.isfinite(y)
-        return float(y[known].mean()) if known.any() else 0.0
-
-    def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:
-        """Return a model run from the input, offset and initial state fitted to the outputs (K,) that are not NaN."""
-        linear_input = np.where(self.known, self.mapped - float(self.preprocess.input_offset), np.nan)
-        if not self.begins:
-            return simulate(model, linear_input, y, self.dt, input_hold=self.input_hold, t=self.stamps)
-        runs = [(rows, FittedRun(model, self.dt, self.input_hold)) for rows in self._records]
-        stamps = self.stamps
-        parts = [run.take(linear_input[k], y[k], None if stamps is None else stamps[k]) for k, run in runs]
-        output, known = (np.concatenate(signals) for signals in zip(*parts, strict=True))
-        return Simulation(output, runs[0][1].offset, self.fit(known, known - output))
-
-    def fit(self, y: FloatArray, error: FloatArray) -> float:
-        """Return the fit in percent of an output (K,) with an error (K,), each record around its own level."""
-        levelled = self.levelled(y) if self.begins else y
-        return fit_percent(levelled, levelled - error)
-
-    def one_step(self, residual: FloatArray) -> FloatArray:
-        """Return the one-step prediction error (K,) of a free run's residual (K,)."""
-        return one_step(residual) if self.stamps is None else one_step_with_lost(residual, self.stamps, self.dt)
 
 
 def _solution(raw: RawRecord, r: FloatArray | None) -> Solution | None:
@@ -422,32 +321,26 @@ def _refined_result(
 
 
 def _least_squares_result(
-    structure: Structure,
-    dt: float,
-    state_filter: StateVariableFilter,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    accepted: np.ndarray[tuple[int], np.dtype[np.bool_]],
-    rejected: dict[str, int],
+    raw: RawRecord, chosen: StateVariableFilter, rejected: dict[str, int], use: ReferenceUse | None
 ) -> FitResult:
-    y = np.where(accepted, y, np.nan)
-    phi, target = regressors(structure, dt, state_filter, preprocess, u, y)
+    structure, accepted = raw.structure, raw.usable
+    y = np.where(accepted, raw.y, np.nan)
+    phi, target = regressors(structure, raw.dt, chosen, raw.preprocess, raw.u, y)
     solution = least_squares(phi, target)
     model = structure.transfer_function(solution.parameters)
-    mapped = preprocess.map_input(u) - float(preprocess.input_offset)
-    simulation = simulate(model, np.where(accepted, mapped, np.nan), y, dt, input_hold=state_filter.input_hold)
+    linear_input = np.where(accepted, raw.mapped - float(raw.preprocess.input_offset), np.nan)
     return FitResult(
         structure,
-        dt,
+        raw.dt,
         "least_squares",
-        state_filter,
-        preprocess,
+        chosen,
+        raw.preprocess,
         solution.parameters,
         None,
         solution.condition if solution.rank == structure.size else math.inf,
         fit_percent(y, y - (target - phi @ solution.parameters)),
-        simulation,
+        simulate(model, linear_input, y, raw.dt, input_hold=chosen.input_hold),
         int(accepted.sum()),
         rejected,
+        reference=use,
     )

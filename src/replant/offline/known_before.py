@@ -15,52 +15,32 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.prior import Prior
+from replant.offline.refined import Prior, Refined
 from replant.offline.residual_likelihood import WEAKEST
 from replant.offline.srivc_steps import Problem
-from replant.statistics.autoregression import LEAST, Autoregression, sums_of
-from replant.statistics.linear_algebra import least_norm, quiet
+from replant.statistics.autoregression import LEAST, Autoregression
+from replant.statistics.linear_algebra import inverse_of, least_norm, quiet
 
 UNTOLD = 4.0
 """Residual beyond which a sample is not what the model tells [standard deviations].
 Level: a normal deviate beyond 4 has the chance 6e-5.
 """
 
-STRETCHES = 8
-"""Fewest stretches before a change whose scatter is told [count].
-Derivation: what two coefficients explain of them is then known to a third.
-"""
+# what two coefficients explain of them is then known to a third
+STRETCHES = 8  # fewest stretches before a change whose scatter is told [count]
 
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known before a change.
+    """What is known before a change."""
 
-    Attributes
-    ----------
-    mean : (T,) array
-        The model.
-    information : (T, T) array
-        Of its coefficients; zero for the nuisances.
-    error : (K,) array
-        Of the model over a record, offset and initial state those of the samples before the change.
-    noise : Autoregression
-        D(q) of the error before.
-    variance : float
-        Of that error filtered by it, in the output's unit squared.
-    filters : bool
-        Whether estimates are filtered by it.
-    slopes : (B, T) array
-        Of the output before the change, filtered by it; none where too few samples are before.
-    """
-
-    mean: FloatArray
-    information: FloatArray
-    error: FloatArray
-    noise: Autoregression
-    variance: float
-    filters: bool
-    slopes: FloatArray
+    mean: FloatArray  # (T,), the model
+    information: FloatArray  # (T, T) of its coefficients; zero for the nuisances
+    error: FloatArray  # (K,) of the model over a record, offset and initial state those of the samples before
+    noise: Autoregression  # D(q) of the error before
+    variance: float  # of that error filtered by it, in the output's unit squared
+    filters: bool  # whether estimates are filtered by it
+    slopes: FloatArray  # (B, T) of the output before, filtered by it; none where too few samples are before
 
     @classmethod
     @quiet
@@ -81,18 +61,16 @@ class Known:
         told = first.count > LEAST + mean.size
         if not (problem.is_usable(mean) and np.isfinite(information).all()):
             return None
-        model = with_nuisances(structure, record, mean, slice(0, begin) if told else slice(None))
-        done = problem.run_whole(model)
+        done = problem.run_whole(with_nuisances(problem, mean, slice(0, begin) if told else slice(None)))
         error = done.ahead
         if not np.isfinite(error).all():
             return None
         if not told:
             known = Autoregression.white(usual, 1.0)
             return cls(mean, information, error, known, usual, filters, np.zeros((0, mean.size)))
-        sums, count = sums_of(error[:begin], first.rough_predecessors)
         noise = Autoregression.white(float(error[:begin] @ error[:begin]), first.count)
-        if count >= LEAST and np.isfinite(sums).all() and noise.power > 0.0:
-            noise = Autoregression.of_sums(sums, count)
+        if noise.power > 0.0:
+            noise = Autoregression.of_residual(error[:begin], first.rough_predecessors, first.count)
         white = noise.whiten_known(error[:begin], first.rough_predecessors)
         slopes = noise.whiten_known(done.zeta[:begin], first.rough_predecessors)
         slopes[~first.is_measured] = 0.0
@@ -141,26 +119,55 @@ class Known:
         """Return the prior in which directions (T, Q) are forgotten."""
         return Prior(self.mean, forget(self.information, directions), max(self.variance, np.finfo(float).tiny))
 
+    def asked_for(self, plant: Refined, size: int, price: float) -> tuple[FloatArray, FloatArray] | None:
+        """Return the model, and the fewest of ``size`` coefficients to forget that an estimate since asks for.
 
-def with_nuisances(structure: Structure, record: Record, model: FloatArray, rows: slice = slice(None)) -> FloatArray:
-    """Return a model (T,) with the offset and the initial state that rows of a record tell."""
-    model, size = model.copy(), structure.coefficients
+        None for all.  By the quadratic forms that the two estimates, of before and since, stand for: whichever
+        coefficient explains most of how they differ is forgotten next, as long as that is worth its price.
+        """
+        before, since = self.information[:size, :size], inverse_of(plant.covariance[:size, :size])
+        units = np.diag(before) ** -0.5  # the coefficients have units of their own
+        before, since = (each * np.outer(units, units) for each in (before, since))
+        away = (plant.theta[:size] - self.mean[:size]) / units
+        if not (np.isfinite(since).all() and np.isfinite(away).all()):
+            return None
+
+        def left(forgotten: list[int]) -> tuple[float, FloatArray]:
+            prior = forget(before, np.eye(size)[:, forgotten])
+            step = least_norm(since + prior, since @ away, WEAKEST)[0]
+            rest = away - step
+            return 0.5 * max(float(rest @ since @ rest + step @ prior @ step), 0.0), step
+
+        forgotten: list[int] = []
+        (cost, step), open_ = left([]), list(range(size))
+        while open_:
+            next_ = min(open_, key=lambda each: left([*forgotten, each])[0])
+            less, there = left([*forgotten, next_])
+            if forgotten and not cost - less > price:
+                break
+            cost, step = less, there
+            forgotten.append(next_)
+            open_.remove(next_)
+        if not (forgotten and open_):
+            return None
+        model, directions = plant.theta.copy(), np.zeros((self.mean.size, len(forgotten)))
+        model[:size] = self.mean[:size] + step * units
+        directions[forgotten, range(len(forgotten))] = units[forgotten]
+        return model, directions
+
+
+def with_nuisances(problem: Problem, model: FloatArray, rows: slice = slice(None)) -> FloatArray:
+    """Return a model (T,) with the offset and the initial state that rows of a problem's record tell."""
+    model, size = model.copy(), problem.structure.coefficients
     model[size:] = 0.0
-    done = Problem(structure, record).run_whole(model)
+    done = problem.run_whole(model)
     model[size:] = least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0]
     return model
 
 
 @quiet
 def forget(information: FloatArray, directions: FloatArray) -> FloatArray:
-    """Return an information matrix (T, T) in which directions (T, Q) are forgotten.
-
-    Examples
-    --------
-    >>> forget(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([[1.0], [0.0]]))
-    array([[0. , 0. ],
-           [0. , 1.5]])
-    """
+    """Return an information matrix (T, T) in which directions (T, Q) are forgotten."""
     if directions.shape[1] == 0:
         return information
     along = information @ directions

@@ -15,40 +15,25 @@ from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
 from replant.statistics.linear_algebra import least_norm, quiet
 
-RANK_TOLERANCE = 1e-10
-"""Singular value of the scaled regressor below which it counts as zero [part of the largest].
-Derivation: some hundred thousand times the precision of float64.
-"""
+# some hundred thousand times float64's precision
+RANK_TOLERANCE = 1e-10  # singular value of the scaled regressor that counts as zero [part of the largest]
+SLOWEST_CUTOFF = 10.0  # slowest cutoff tried: five time constants are half the record [1 / duration of the record]
+CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm [count]
+MOST_SAMPLES = 20_000  # samples looked at for the choice [samples]
 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The solution of a least-squares problem.
+    """The solution of a least-squares problem."""
 
-    Attributes
-    ----------
-    parameters : (P,) array
-        If the data do not determine all of them, the solution of least norm in scaled parameters.
-    rank : int
-        How many directions the data determine, at most P.
-    condition : float
-        Of the scaled regressors: largest over smallest singular value.
-    """
-
-    parameters: FloatArray
-    rank: int
-    condition: float
+    parameters: FloatArray  # (P,); of least norm in scaled parameters where the data do not determine all of them
+    rank: int  # how many directions the data determine, at most P
+    condition: float  # of the scaled regressors: largest over smallest singular value
 
 
 @quiet
 def least_squares(phi: FloatArray, target: FloatArray) -> Solution:
-    """Minimise ||target - phi theta|| over the rows that are finite; phi (K, P), target (K,).
-
-    Examples
-    --------
-    >>> least_squares(np.array([[1.0, 0.0], [0.0, 2.0], [1.0, 2.0]]), np.array([1.0, 4.0, 5.0])).parameters
-    array([1., 2.])
-    """
+    """Minimise ||target - phi theta|| over the rows that are finite; phi (K, P), target (K,)."""
     kept = np.isfinite(target) & np.isfinite(phi).all(axis=1)
     phi, target = phi[kept], target[kept]
     if phi.shape[0] == 0:
@@ -60,17 +45,6 @@ def least_squares(phi: FloatArray, target: FloatArray) -> Solution:
     scaled, rank, singular = least_norm(phi / lengths, target, RANK_TOLERANCE)
     condition = float(singular[0] / singular[-1]) if singular.size == phi.shape[1] and singular[-1] > 0 else np.inf
     return Solution(scaled / lengths, rank, condition)
-
-
-SLOWEST_CUTOFF = 10.0
-"""Slowest cutoff tried [1 / duration of the record].
-Derivation: five time constants of such a filter are half of the record.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm [count]
-
-MOST_SAMPLES = 20_000  # samples looked at for the choice [samples]
 
 
 @quiet

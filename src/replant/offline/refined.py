@@ -1,4 +1,14 @@
-"""A refined instrumental-variable estimate of a record: its factors, its covariance and its relative uncertainty."""
+r"""A refined instrumental-variable estimate of a record: what it is made of, its covariance, its relative uncertainty.
+
+A record that was taken under a controller has instruments from its reference.  Input and output are projected on the
+Laguerre functions of the reference and a constant.  The weights are found by generalised least squares, with the
+autoregression of what is left, as disturbances in a loop are seldom white:
+
+.. math:: u_r = L w_u, \qquad y_r = L w_y.
+
+Source: Van den Hof and Schrama (1993), "An indirect method for transfer function estimation from closed loop data",
+Automatica 29.
+"""
 
 from __future__ import annotations
 
@@ -9,10 +19,8 @@ import numpy as np
 
 from replant.arguments import FloatArray, IntArray
 from replant.engine.record import Record
-from replant.kernels.schema import FIXED, LAGS, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
+from replant.kernels.schema import FIXED, LAGS, LAGUERRE, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
 from replant.model.structure import Structure
-from replant.offline.prior import Prior
-from replant.offline.reference_projection import Projection
 from replant.simulation.auxiliary_model import Pass
 from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import (
@@ -25,6 +33,7 @@ from replant.statistics.linear_algebra import (
     real_coefficients,
     roots,
 )
+from replant.statistics.projections import best_pole, laguerre, products, weights_of
 from replant.statistics.robust import no_less_than_scattered, path_of_record, rows_of
 
 ACCEPTABLE = 0.25
@@ -34,44 +43,76 @@ known.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-FASTEST_UNSTABLE = 1.0
-"""Real part of a pole beyond which no estimate starts a recursion [1 / sampling time].
-Derivation: what grows e-fold from sample to sample no sampled controller holds: its sensitivity peaks at e or more.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# what grows e-fold from sample to sample no sampled controller holds: its sensitivity peaks at e or more
+FASTEST_UNSTABLE = 1.0  # real part of a pole beyond which no estimate starts a recursion [1 / sampling time]
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """What is known of a model before a record, as a normal density of it."""
+
+    mean: FloatArray  # (T,)
+    information: FloatArray  # (T, T), inverse of the covariance; zero for nuisances, of which nothing is known
+    variance: float  # of the residual that it is weighed against, in the output's unit squared
+
+    @classmethod
+    def none(cls, size: int) -> Prior:
+        """Return that nothing is known of ``size`` entries."""
+        return cls(np.zeros(size), np.zeros((size, size)), 1.0)
+
+    @property
+    def weight(self) -> FloatArray:
+        """What the prior adds to sum zeta zeta', (T, T)."""
+        return self.variance * self.information
+
+    def pull(self, model: FloatArray) -> FloatArray:
+        """Return what it adds to sum zeta e at a model, (T,)."""
+        return np.asarray(self.weight @ (self.mean - model))
+
+    def cost(self, model: FloatArray) -> float:
+        """Return what it adds to the sum of squares at a model; rounded far from the mean it is no less than 0, too."""
+        return max(float((self.mean - model) @ self.pull(model)), 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Projection:
+    """What the reference of a record of K samples explains."""
+
+    functions: FloatArray  # (K, L), Laguerre functions of the reference, and ones
+    parts: FloatArray  # (K, 2), u_r and y_r
+    share: float  # part of the input's power that u_r takes off
+    slots: ReferenceSlots  # for a recursion that goes on from the record's end
+
+    @classmethod
+    def of(cls, record: Record) -> Projection:
+        """Project input and output of a record that has a reference."""
+        assert record.r is not None
+        pole = best_pole(record.r, record.u, record.y)
+        states = laguerre(record.r, pole)
+        functions = np.column_stack([states, np.ones(record.u.size)])
+        weights = np.array([weights_of(functions, signal) for signal in (record.u, record.y)])
+        slots = ReferenceSlots.zeros(FIXED | {"L": LAGUERRE + 1})
+        slots.pole, slots.origin = pole, float(record.r.mean())
+        slots.states[:], slots.weights[:] = functions[-1], weights
+        slots.factors[:], slots.diagonal[:] = factor_information(products(functions, functions))
+        parts = functions @ weights.T
+        power = float(np.var(record.u))
+        left = float(np.var(record.u - parts[:, 0]))
+        return cls(functions, parts, max(1.0 - left / power, 0.0) if power > 0.0 else 0.0, slots)
 
 
 @dataclass(frozen=True, eq=False)
 class Root:
-    """A model at which the whitened instrumental-variable steps end.
+    """A model at which the whitened instrumental-variable steps end."""
 
-    Attributes
-    ----------
-    model : (T,) array
-    done : Pass
-        Of the model.
-    noise : Autoregression
-        Of its residual.
-    innovation : float
-        Variance of the whitened residual; without a reference that of the whitened error of the predicted output.
-    misfit : float
-        See `replant.offline.srivc_steps.Problem.misfit`.
-    converged : bool
-        Whether the last step was short: a third of a standard deviation.
-    ends : bool
-        Whether it was, or the last steps no longer lowered the cost.
-    filters : bool
-        Whether the model was found with the noise model as a filter.
-    """
-
-    model: FloatArray
-    done: Pass
-    noise: Autoregression
-    innovation: float
-    misfit: float
-    converged: bool
-    ends: bool
-    filters: bool = True
+    model: FloatArray  # (T,)
+    done: Pass  # of the model
+    noise: Autoregression  # of its residual
+    innovation: float  # variance of the whitened residual; without a reference of the error of the predicted output
+    misfit: float  # see `Problem.misfit`
+    converged: bool  # the last step was short: a third of a standard deviation
+    ends: bool  # it was, or the last steps no longer lowered the cost
+    filters: bool = True  # the model was found with the noise model as a filter
 
     @property
     def relative_misfit(self) -> float:
@@ -81,63 +122,25 @@ class Root:
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A refined instrumental-variable estimate of a record.
+    """A refined instrumental-variable estimate of a record."""
 
-    Attributes
-    ----------
-    theta : (T,) array
-        Parameters, then nuisances.
-    upper, diagonal : (T, T), (T,) arrays
-        Factors U and D of (sum zeta zeta')^-1 = U D U', instruments filtered by the noise model.
-    covariance : (T, T) array
-        Of ``theta``; the residual's colour and the scatter of the estimate along the record are taken into account.
-    variance : float
-        Of the residual, in the output's unit squared.
-    innovation : float
-        Of the residual filtered by the noise model: what it is when the past is known.
-    converged : bool
-        Whether the iteration converged.
-    ends : bool
-        Whether it did, or no longer lowered the cost.
-    uncertainty : float
-        Largest relative uncertainty of a coefficient, see `relative_uncertainty`.
-    rightmost : float
-        Largest real part of a pole times the sampling time.
-    colour : ColourSlots
-        Power and autocorrelation of the filtered residual at the record's end, for a recursion that continues from it.
-    path : PathSlots
-        The estimates that a recursion would have passed through.
-    noise : NoiseSlots
-        The noise model.
-    reference : ReferenceSlots or None
-        What the reference explains of input and output.
-    explained : float
-        Part of the input's power that the reference explains; NaN without one.
-    misfit : float
-        J: the part of the filtered residual that the reference explains, in variances of the latter; chi-squared with
-        12 less the number of coefficients in degrees of freedom where the model is right.
-    disagreement : float
-        By how much the output of the estimate filtered by the noise model differs, where that was given up because the
-        structure cannot be right, as a part of the output's amplitude; else 0.
-    """
-
-    theta: FloatArray
-    upper: FloatArray
-    diagonal: FloatArray
-    covariance: FloatArray
-    variance: float
-    innovation: float
+    theta: FloatArray  # (T,), parameters, then nuisances
+    upper: FloatArray  # (T, T), U of (sum zeta zeta')^-1 = U D U', instruments filtered by the noise model
+    diagonal: FloatArray  # (T,), D
+    covariance: FloatArray  # (T, T), the residual's colour and the scatter along the record taken into account
+    variance: float  # of the residual, in the output's unit squared
+    innovation: float  # of the residual filtered by the noise model: what it is when the past is known
     converged: bool
-    ends: bool
-    uncertainty: float
-    rightmost: float
-    colour: ColourSlots
-    path: PathSlots
+    ends: bool  # the iteration converged, or no longer lowered the cost
+    uncertainty: float  # see `relative_uncertainty`
+    rightmost: float  # largest real part of a pole times the sampling time
+    colour: ColourSlots  # of the filtered residual at the record's end, for a recursion that continues from it
+    path: PathSlots  # the estimates that a recursion would have passed through
     noise: NoiseSlots
-    reference: ReferenceSlots | None
-    explained: float
-    misfit: float
-    disagreement: float = 0.0
+    reference: ReferenceSlots | None  # what the reference explains of input and output
+    explained: float  # part of the input's power that it explains; NaN without one
+    misfit: float  # J in variances of the innovation: chi-squared, 12 less the coefficients, where the model is right
+    disagreement: float = 0.0  # see `specification_test.disagreement`; 0 unless the filtered estimate was given up
 
     @property
     def noise_model(self) -> Autoregression:

@@ -13,46 +13,24 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.engine.record import Record
-from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import least_norm, quiet
 
-PIECES = 1, 2, 4
-"""Pieces of the broken line along which a load may drift [count].
-Origin: what an alarm has taken for a step is of few pieces until the next alarm.
-Sensitivity: not measured.
-"""
-
-FINEST = 1e-9
-"""Standard deviation of a residual below which what is left is no evidence [part of the output's standard deviation].
-Derivation: a thousandth of what a converter of 20 bits resolves.
-"""
-
-WEAKEST = 1e-12
-"""Singular value below which a direction counts as not there [part of the largest].
-Derivation: some thousand times the precision of float64.
-"""
+PIECES = 1, 2, 4  # pieces of the broken lines that a load may drift along; a line has to pay for them [count]
+# a thousandth of what a converter of 20 bits resolves
+FINEST = 1e-9  # deviation of a residual below which it is no evidence [part of the output's standard deviation]
+# some thousand times float64's precision
+WEAKEST = 1e-12  # singular value below which a direction counts as not there [part of the largest]
 
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A stretch of K samples, and what the likelihood of a residual is told by.
+    """A stretch of K samples, and what the likelihood of a residual is told by."""
 
-    Attributes
-    ----------
-    predecessors : (K,) array of int
-        Residuals before each that are one sampling time apart.
-    measured : (K,) array of bool
-        Residuals that count; the others are zero.
-    parts : tuple of slice
-        Those of a variance of their own.
-    least : float
-        Variance that a residual is not told below.
-    """
-
-    predecessors: IntArray
-    measured: BoolArray
-    parts: tuple[slice, ...]
-    least: float
+    predecessors: IntArray  # (K,), residuals before each that are one sampling time apart
+    measured: BoolArray  # (K,), residuals that count; the others are zero
+    parts: tuple[slice, ...]  # those of a variance of their own
+    least: float  # variance that a residual is not told below
 
     @classmethod
     def of(cls, record: Record, rows: slice, middle: int = 0) -> Stretch:
@@ -123,10 +101,7 @@ class Stretch:
 
     def colour(self, error: FloatArray) -> Autoregression:
         """Return the noise model of a residual (K,)."""
-        sums, count = sums_of(error, self.predecessors)
-        if count < LEAST or not np.isfinite(sums).all():
-            return Autoregression.white(float(error @ error), max(self.count, 1))
-        return Autoregression.of_sums(sums, count)
+        return Autoregression.of_residual(error, self.predecessors, max(self.count, 1))
 
     def _coloured(self, error: FloatArray, noise: Autoregression) -> float:
         likelihood, own = self._of_own_variance(error, noise), self.colour(error)

@@ -13,11 +13,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
-from replant.engine.record import Record, join
+from replant.engine.record import Record
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.offline.bad_samples import doubts, filled, suspicious
-from replant.offline.prior import Prior
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.offline.srivc_steps import Problem
@@ -27,23 +26,12 @@ ROUNDS = 5  # times that a record is solved and its outputs judged, at the most 
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """A model and the samples that it was made from.
-
-    Attributes
-    ----------
-    found : Refined
-    record : Record
-        Its outputs that were not measured are the model's.
-    doubt : (K,) array of int
-        The `Doubt` in each output.
-    bridged : (K,) array
-        The record's outputs, with another working point perhaps.
-    """
+    """A model and the samples that it was made from."""
 
     found: Refined
-    record: Record
-    doubt: IntArray
-    bridged: FloatArray
+    record: Record  # its outputs that were not measured are the model's
+    doubt: IntArray  # (K,), the `Doubt` in each output
+    bridged: FloatArray  # (K,), the record's outputs, with another working point perhaps
 
     @property
     def is_bad(self) -> BoolArray:
@@ -58,41 +46,37 @@ def at_first(record: Record) -> Record:
 
 def solve(
     structure: Structure,
-    records: Record | Sequence[Record],
+    record: Record,
     given: Sequence[FloatArray] = (),
     *,
-    prior: Prior | None = None,
     afresh: bool = False,
 ) -> Solution | None:
-    """Solve a record, or records of one plant; None where no start leads to a model."""
-    record = records if isinstance(records, Record) else join(records)
+    """Solve a record; None where no start leads to a model."""
     answers, doubt = record.answers(structure.delay), _suspicious(record)
-    found = _first(structure, leaving_out(record, doubt), given, prior, afresh=afresh)
+    found = _first(structure, leaving_out(record, doubt), given, afresh=afresh)
     if found is None and (doubt > Doubt.MISSING).any():  # as they came
         doubt = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
-        found = _first(structure, leaving_out(record, doubt), given, prior, afresh=afresh)
+        found = _first(structure, leaving_out(record, doubt), given, afresh=afresh)
     solution = None
     for _ in range(ROUNDS):
         if found is None:
             break
         used = leaving_out(record, doubt)
-        modelled = _output(structure, used, found)
+        modelled = Problem(structure, used).run_whole(found.theta).output
         bridged = np.where(used.is_measured, used.y, modelled)
         solution = Solution(found, replace(used, y=bridged), doubt, bridged)
         before, doubt = doubt, _doubts(record, np.where(answers, modelled, np.nan), found)
         if (doubt == before).all():
             break
-        found = refine(structure, leaving_out(record, doubt), [found.theta], prior=prior)
+        found = refine(structure, leaving_out(record, doubt), [found.theta])
     return solution
 
 
-def _first(
-    structure: Structure, record: Record, given: Sequence[FloatArray], prior: Prior | None, *, afresh: bool
-) -> Refined | None:
+def _first(structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool) -> Refined | None:
     """Return the estimate of a record; None where it has no samples, or input or reference is constant."""
-    if not given and prior is None and not _moves(record):
+    if not given and not _moves(record):
         return None
-    return refine(structure, record, given, prior=prior, afresh=afresh)
+    return refine(structure, record, given, afresh=afresh)
 
 
 def _moves(record: Record) -> bool:
@@ -119,8 +103,3 @@ def leaving_out(record: Record, doubt: IntArray) -> Record:
     if measured.all():
         return replace(record, measured=None)
     return replace(record, y=filled(record.y, measured), measured=measured)
-
-
-def _output(structure: Structure, record: Record, found: Refined) -> FloatArray:
-    """Return a model's output over a record (K,)."""
-    return Problem(structure, record).run_whole(found.theta).output

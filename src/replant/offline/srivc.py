@@ -45,8 +45,7 @@ from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
-from replant.offline.prior import Prior
-from replant.offline.refined import Refined, Root, conclude
+from replant.offline.refined import Refined, Root
 from replant.offline.specification_test import disagreement, is_answered, is_right
 from replant.offline.srivc_steps import STALLS, Problem, is_long_enough
 from replant.simulation.fitted_run import simulate
@@ -54,17 +53,9 @@ from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import chi2_quantile, quiet, roots
 
 CUTOFFS = 8  # state-variable filters tried for a start, evenly spaced in the logarithm [count]
-
-SLOWEST_CUTOFF = 5.0
-"""Slowest of their cutoffs; the fastest is 1 / dt [1 / duration of the record].
-Derivation: five time constants of such a filter are the record.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
+SLOWEST_CUTOFF = 5.0  # slowest of them: five time constants are the record; the fastest is 1 / dt [1 / duration]
 SHORT = 4  # iterations of each start [count]
-
 LONG = 20  # iterations of the most promising starts [count]
-
 PROMISING = 3  # starts that are iterated further [count]
 
 AGREE = 1e-2
@@ -93,15 +84,12 @@ in half of the runs of the PI and PID loops under a load.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-MOST_GROWN = 18.0
-"""Growth within the record beyond which the simulation of an unstable model says nothing [exponent].
-Derivation: the root of float64's precision: no measurement tells the initial state better.
-"""
+# the root of float64's precision: no measurement tells the initial state better
+MOST_GROWN = 18.0  # growth within the record beyond which an unstable model's simulation says nothing [exponent]
 
 LIKELY = 0.999
 """Probability of a lower J at the right model, beyond which other starts are tried [probability].
 Level: one right root in a thousand is looked for twice.
-Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 
@@ -111,7 +99,6 @@ def refine(
     record: Record,
     given: Sequence[FloatArray] = (),
     *,
-    prior: Prior | None = None,
     afresh: bool = False,
     filtered: bool = True,
 ) -> Refined | None:
@@ -119,19 +106,11 @@ def refine(
 
     Every start is improved by a few steps, the most promising ones by more.  Then the noise model is found, and the
     best models are improved with it.
-
-    >>> from replant.model.transfer_function import TransferFunction
-    >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
-    >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)
-    >>> refine(Structure(1), Record(u, y, np.array([0.1]))).theta[:2].round(6)
-    array([0.5, 2. ])
     """
     if not is_long_enough(structure, record):
         return None
     problem = Problem(structure, record)
     starts = [problem.bounded(np.asarray(theta, np.float64)) for theta in given]
-    if prior is not None:
-        return _most_likely(problem, [*starts, prior.mean], prior)
     cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS) if not starts or afresh else ()
     found = (problem.from_cutoff(float(cutoff)) for cutoff in cutoffs)
     starts += [start for start in found if start is not None]
@@ -142,16 +121,7 @@ def refine(
         # a strong load leads every start by instruments astray; least squares is biased, but less led by chance
         found = (problem.from_cutoff(float(cutoff), by_reference=False) for cutoff in cutoffs)
         root = _best([root, _by_reference(problem, [start for start in found if start is not None])], referenced=True)
-    return None if root is None else _concluded(problem, root)
-
-
-def _most_likely(problem: Problem, starts: Sequence[FloatArray], prior: Prior) -> Refined | None:
-    """Return the estimate of the least J that steps from some starts lead to; None if it is not finite."""
-    ends = [problem.polish(start, prior=prior) for start in starts]
-    model, done, converged = min(ends, key=lambda end: end[1].power + prior.cost(end[0]))
-    noise = Autoregression.white(float(done.error @ done.error), done.error.size)
-    root = Root(model, done, noise, done.cost, done.power, converged, converged)
-    return conclude(problem.structure, problem.record, problem.known, root, problem.projection, prior)
+    return None if root is None else problem.conclude(root)
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:
@@ -166,14 +136,14 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
         # the error of a prediction is no measure beside that of a simulation
         plain = simulated if simulated.innovation <= _simulated(problem, plain.model) else plain
     if plain.converged and (plain.noise.order == 0 or not filtered):
-        return _concluded(problem, plain)
+        return problem.conclude(plain)
     ends = [problem.descend(start, WHITENED, RENEWALS) for start in [plain.model, *distinct[1:]]]
     root = _best(ends)
     if root is None:
-        return _concluded(problem, plain)
+        return problem.conclude(plain)
     if not (plain.converged and problem.is_stable(plain.model)):  # from where the other has come to
         plain = _plain(problem, [plain.model, root.model], stable=problem.is_stable(plain.model))
-    estimate, other = _concluded(problem, plain), _concluded(problem, root)
+    estimate, other = problem.conclude(plain), problem.conclude(root)
     if estimate is None or other is None:
         return estimate or other
     if not root.converged and plain.converged:
@@ -196,7 +166,7 @@ def _promising(problem: Problem, starts: Sequence[FloatArray], *, stable: bool =
 
 def _plain(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = False) -> Root:
     """Return the root of the least output error, among stable models or all."""
-    ends = [_polished(problem, problem.stabilized(start) if stable else start, stable=stable) for start in starts]
+    ends = [problem.polished(problem.stabilized(start) if stable else start, stable=stable) for start in starts]
     least = min(end.innovation for end in ends)
     alike = [end for end in ends if end.innovation <= (1.0 + AGREE) * least]
     return min(alike, key=lambda end: (not end.converged, end.innovation))
@@ -214,18 +184,6 @@ def _simulated(problem: Problem, model: FloatArray) -> float:
         error[rows] -= simulate(plant, record.u[rows], y[rows], dt, input_hold=record.input_hold, t=t).output
     square = float(np.nanmean(error**2))
     return square if math.isfinite(square) else math.inf
-
-
-def _polished(problem: Problem, start: FloatArray, *, stable: bool = False) -> Root:
-    """Return where steps on the output error end, and the noise model of its residual."""
-    model, done, converged = problem.polish(start, stable=stable)
-    problem.renew_noise(done)
-    power = done.cost * done.error.size
-    return Root(model, done, problem.noise, done.cost, power, converged, converged, filters=False)
-
-
-def _concluded(problem: Problem, root: Root) -> Refined | None:
-    return conclude(problem.structure, problem.record, problem.known, root, problem.projection)
 
 
 def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:
@@ -247,9 +205,9 @@ def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None
     return _best(ends, referenced=True)
 
 
-def _distinct(tried: Sequence[tuple[float, FloatArray]], known: float = math.nan) -> Iterator[tuple[float, FloatArray]]:
-    """Yield the models whose cost differs from that of every one before, and from ``known``."""
-    costs = [known]
+def _distinct(tried: Sequence[tuple[float, FloatArray]]) -> Iterator[tuple[float, FloatArray]]:
+    """Yield the models whose cost differs from that of every one before."""
+    costs: list[float] = []
     for cost, model in tried:
         if not any(abs(cost - one) <= AGREE * abs(one) for one in costs):
             costs.append(cost)

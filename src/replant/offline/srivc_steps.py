@@ -14,120 +14,51 @@ import numpy as np
 from replant.arguments import FloatArray
 from replant.engine.record import Record
 from replant.model.structure import Structure
-from replant.offline.prior import Prior
-from replant.offline.reference_projection import Projection
-from replant.offline.refined import Root
+from replant.offline.refined import Prior, Projection, Refined, Root, conclude
 from replant.simulation.auxiliary_model import AuxiliaryModel, Pass, stability_margin
-from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import real_coefficients, roots, solve
 from replant.statistics.projections import orthogonal, products
 
-STALLED = 1e-6
-"""Decrease of the cost below which an iteration stalls [part of the cost].
-Derivation: of 10,000 samples that is a hundredth of a unit of chi-square, a tenth of a standard deviation.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-STILL = 1e-3
-"""Movement of the estimate below which the iteration has converged [standard deviations of what a regressor's entry
-tells].
-Derivation: a thousandth of a standard deviation is nothing that the samples tell.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-DONE = 1e-6
-"""Gain of a Gauss-Newton step below which the fit is done [variances of the residual].
-Derivation: a thousandth of a standard deviation.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-NEARLY_DONE = 0.1
-"""The same where no shorter step gains anything either [variances of the residual].
-Derivation: a third of a standard deviation: where poles are as fast as the sampling the instruments' root lies a
-little beside the least cost.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-ROUNDING = 1e-18
-"""Power of the residual below which only rounding is left [part of the output's power].
-Derivation: the square of some million times the precision of float64.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-DIFFERENCE = 1e-5
-"""Step of the differences that make derivatives [part of a coefficient's size].
-Derivation: the cube root of float64's precision.
-"""
-
-HALVINGS = 10
-"""Halvings of a Gauss-Newton step at the most [count].
-Derivation: a step halved ten times is a thousandth of it.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
+# of 10,000 samples that is a hundredth of a unit of chi-square, a tenth of a standard deviation
+STALLED = 1e-6  # decrease of the cost below which an iteration stalls [part of the cost]
+STILL = 1e-3  # movement of the estimate below which it has converged [standard deviations of what an entry tells]
+DONE = 1e-6  # gain of a Gauss-Newton step below which the fit is done: .001 standard deviations [residual's variances]
+# a third of a standard deviation: where poles are as fast as the sampling the instruments' root is not the least cost
+NEARLY_DONE = 0.1  # the same where no shorter step gains anything either [variances of the residual]
+# the square of some million times float64's precision
+ROUNDING = 1e-18  # power of the residual below which only rounding is left [part of the output's power]
+DIFFERENCE = 1e-5  # step of differences that make derivatives: float64's cube root [part of a coefficient]
+HALVINGS = 10  # halvings of a Gauss-Newton step at the most: a thousandth is left of it [count]
 POLISH = 30  # Gauss-Newton steps at the most [count]
-
-STALLS = 6
-"""Steps that may gain nothing to speak of before an iteration counts as ended [count].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-SLOW = 0.01
-"""Gain of the last `STALLS` whitened steps below which they end [variances of the innovation].
-Derivation: a tenth of a standard deviation.
-"""
-
+STALLS = 6  # steps that may gain nothing to speak of before an iteration counts as ended: a limit of effort [count]
+SLOW = 0.01  # gain of the last `STALLS` whitened steps below which they end: .1 deviations [innovation's variances]
+# growth of the cost that a whitened step may bring, without and with a reference [part of the cost]: the root of the
+# instruments' equations lies beside the least cost, and J is chi-squared at it
 SLACK = {False: 1e-3, True: 0.02}
-"""Growth of the cost that a whitened step may bring, without and with a reference [part of the cost].
-Derivation: the root of the instruments' equations lies beside the least cost, and J is chi-squared at it.
-Sensitivity: not measured.
-"""
-
-FASTEST = 3.0
-"""Bound of a pole's magnitude [1 / sampling time].
-Derivation: beyond pi / dt a pole lies above half the sampling rate.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+FASTEST = 3.0  # bound of a pole's magnitude: beyond pi / dt it lies above half the sampling rate [1 / sampling time]
 
 
-SOONEST = 50
-"""Fewest samples before or since a change that are looked into, and between two looks [samples].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, nothing changes on these records; doubled, 48 samples held against 'load step' instead of 49.
-"""
+# that many residuals tell their variance to a fifth
+SOONEST = 50  # fewest samples before or since a change that are looked into, and between two looks [samples]
 
 
 class Problem:
-    """The fit of one structure to one record: passes of models over it, and the steps from model to model.
-
-    Attributes
-    ----------
-    whole : Record
-    record : Record
-        Without the samples at its beginning that answer to unknown inputs, because of a dead time.
-    slowest, fastest : float
-        Bounds of a filter's poles in rad/s: they lie left of -slowest, and their magnitudes are at most fastest.
-    projection : Projection or None
-        What the record's reference explains.
-    known : (K,) array of int
-        Residuals before each that are one sampling time apart, up to LAGS.
-    noise : Autoregression
-        D(q) of the residual; it begins as one.
-    """
+    """The fit of one structure to one record: passes of models over it, and the steps from model to model."""
 
     def __init__(self, structure: Structure, record: Record, beside: FloatArray | None = None) -> None:
         self.whole, self._unknown = record, record.unknown(structure.delay)
         self._beside = beside
+        # without the samples at its beginning that answer to unknown inputs, because of a dead time
         self.structure, self.record = structure, record.last(record.u.size - self._unknown)
+        # a filter's poles lie left of -slowest, their magnitudes are at most fastest, in rad/s
         self.slowest, self.fastest = stability_margin(record), FASTEST / record.dt
         self.projection = None if record.r is None else Projection.of(record)
         referenced = self.projection is not None
-        self._model = AuxiliaryModel(
-            structure, record.dt, record.input_hold, margin=self.slowest, reference=referenced
-        )  # fmt: skip
-        self.known = self.record.predecessors
-        self.noise = Autoregression.white(1.0, self.record.u.size)
+        hold = record.input_hold
+        self._model = AuxiliaryModel(structure, record.dt, hold, margin=self.slowest, reference=referenced)
+        self.known = self.record.predecessors  # residuals before each that are one sampling time apart
+        self.noise = Autoregression.white(1.0, self.record.u.size)  # D(q) of the residual
         self._basis: tuple[Autoregression, FloatArray, FloatArray] | None = None
 
     def run(self, model: FloatArray, *, filled: bool = True) -> Pass:
@@ -197,12 +128,10 @@ class Problem:
 
     def renew_noise(self, done: Pass) -> None:
         """Model the residual of a pass; what only rounding is left of counts as white."""
-        error = done.error
-        sums, count = sums_of(error, self.known)
-        if count >= LEAST and np.isfinite(sums).all() and not self.is_rounding(done):
-            self.noise = Autoregression.of_sums(sums, count)
+        if self.is_rounding(done):
+            self.noise = Autoregression.white(float(done.error @ done.error), self.record.count)
         else:
-            self.noise = Autoregression.white(float(error @ error), self.record.count)
+            self.noise = Autoregression.of_residual(done.error, self.known, self.record.count)
 
     def misfit(self, done: Pass) -> float:
         """Return J, the part of a pass's whitened residual that the reference explains.
@@ -228,7 +157,7 @@ class Problem:
         return self._basis[1:]
 
     def improve(
-        self, theta: FloatArray, iterations: int, patience: int, *, stable: bool = False
+        self, theta: FloatArray, iterations: int, patience: int, *, stable: bool
     ) -> tuple[float, FloatArray, FloatArray | None]:
         """Iterate the instrumental-variable step."""
         best, best_model, stalls = math.inf, theta, 0
@@ -279,6 +208,16 @@ class Problem:
                 return model, done, float(direction @ gradient) <= NEARLY_DONE * variance
             exact = exact or better is None
         return model, done, False
+
+    def polished(self, start: FloatArray, *, stable: bool = False) -> Root:
+        """Return where steps on the output error end, and the noise model of its residual."""
+        model, done, converged = self.polish(start, stable=stable)
+        self.renew_noise(done)
+        return Root(model, done, self.noise, done.cost, done.power, converged, converged, filters=False)
+
+    def conclude(self, root: Root, prior: Prior | None = None) -> Refined | None:
+        """Return the estimate that an iteration has come to."""
+        return conclude(self.structure, self.record, self.known, root, self.projection, prior)
 
     def _damped(
         self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], limit: float

@@ -27,6 +27,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
+from replant.assessment.assess import MOST_SAMPLES
+from replant.assessment.estimate_tests import MOST_UNCERTAIN, without_longer
+from replant.assessment.verdict import Assessment
+from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.kernels.schema import LAGS
 from replant.model.dead_time import unknown_outputs
@@ -34,36 +38,22 @@ from replant.model.structure import Structure
 from replant.offline.refined import Refined
 from replant.offline.srivc import refine
 from replant.simulation.auxiliary_model import AuxiliaryModel, stability_margin
-from replant.statistics.autoregression import LEAST, Autoregression, sums_of
+from replant.statistics.autoregression import Autoregression
 from replant.statistics.linear_algebra import quiet, real_coefficients
 
-FINEST = 1e-6
-"""Standard deviation of a residual below which what is left is no evidence [part of the output's standard deviation].
-Derivation: a converter of 20 bits resolves as much.
-"""
+# a converter of 20 bits resolves as much
+FINEST = 1e-6  # deviation of a residual below which it is no evidence [part of the output's standard deviation]
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A structure fitted to a record of K samples.
-
-    Attributes
-    ----------
-    structure : Structure
-    found : Refined
-    likelihood : float
-        Logarithm of the likelihood of all samples.
-    price : float
-        ln(K) / 2 for every number that was fitted.
-    fit : float
-        Fit in percent of the simulated output, or of an unstable model of the output predicted one step ahead.
-    """
+    """A structure fitted to a record of K samples."""
 
     structure: Structure
     found: Refined
-    likelihood: float
-    price: float
-    fit: float
+    likelihood: float  # logarithm of that of all samples
+    price: float  # ln(K) / 2 for every number that was fitted
+    fit: float  # in percent, of the simulated output, or of an unstable model of that predicted one step ahead
 
     @property
     def evidence(self) -> float:
@@ -163,14 +153,47 @@ class Evidence:
     def _densities(self, error: FloatArray, explained: BoolArray) -> tuple[FloatArray, int]:
         """Return the log-densities (K,) of an error (K,) under an autoregression of its own, and its order."""
         known = replace(self.record, measured=explained).predecessors
-        sums, count = sums_of(error, known)
         power = float(error[explained] @ error[explained])
         noise = Autoregression.white(power, error.size)
-        if count >= LEAST and np.isfinite(sums).all() and power > self._least * error.size:
-            noise = Autoregression.of_sums(sums, count)
+        if power > self._least * error.size:
+            noise = Autoregression.of_residual(error, known, error.size)
         white = noise.whiten_known(error, known)
         variance = max(float(np.mean(white[explained] ** 2)), self._least, np.finfo(float).tiny)
         # a sample with a shorter past is known less well
         power = max(float(noise.powers[noise.order]), np.finfo(float).tiny)
         wider = np.maximum(noise.powers[np.minimum(known, noise.order)] / power, 1.0)
         return -0.5 * (white**2 / variance + np.log(2.0 * math.pi * variance * wider)), noise.order
+
+
+def is_asked_for(verdict: Assessment, structure: Structure) -> bool:
+    """Return whether a smaller model is worth trying: a coefficient is not known."""
+    return (
+        structure.poles > 1
+        and not structure.feedthrough
+        and verdict.uncertainty > MOST_UNCERTAIN
+        and bool(verdict.excited)
+    )
+
+
+def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: FloatArray, record: Record) -> Assessment:
+    """Return the verdict on a model (P,) that names the fewer poles of more evidence: first, unless it is trusted."""
+    fewer = _fewer_poles(structure, parameters, record.last(MOST_SAMPLES))
+    if fewer is None:
+        return verdict
+    reason = f"with fewer poles the record is likelier: ask for {'one pole' if fewer == 1 else f'{fewer} poles'}"
+    verdict = without_longer(verdict)  # of a pole that is not there no record tells more
+    reasons = (*verdict.reasons, reason) if verdict.status == "trusted" else (reason, *verdict.reasons)
+    return replace(verdict, reasons=reasons)
+
+
+def _fewer_poles(structure: Structure, parameters: FloatArray, record: Record) -> int | None:
+    """Return the fewer poles with the most evidence, by the measure of the search; None where the model has more."""
+    theta = np.zeros(entries_of(structure, refined=True))
+    theta[: parameters.size] = parameters
+    evidence = Evidence(record, at_rest=not structure.delay)
+    trials = [evidence.of(structure, [theta])]
+    for poles in range(1, structure.poles):
+        smaller = Structure(poles, min(structure.zeros, poles - 1), structure.delay, structure.bias)
+        trials.append(evidence.of(smaller, ()))
+    best = max(filter(None, trials), key=lambda trial: trial.evidence, default=None)
+    return None if best is None or best.structure.poles == structure.poles else best.structure.poles

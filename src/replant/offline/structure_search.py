@@ -17,9 +17,9 @@ from replant.errors import InvalidArgumentError
 from replant.interop import in_our_words
 from replant.limits import MOST_TRIED, dead_time, duration, increasing, several
 from replant.model.structure import Structure
-from replant.offline.fit import RawRecord, check_delay, check_length, fit_samples
+from replant.offline.fit import check_delay, check_length, fit_samples
 from replant.offline.fit_result import FitResult
-from replant.offline.samples import Samples
+from replant.offline.samples import RawRecord, Samples
 from replant.offline.solve import at_first
 from replant.offline.structure_evidence import Evidence, Trial
 from replant.regressor.filters import RefinedFilter
@@ -31,16 +31,10 @@ ALPHA = 1e-2
 Level: 1 %.
 """
 
-WORTH = 0.01
-"""Gain that a dead time between two points of the grid must promise to be tried [log-likelihood].
-Derivation: a dead time that lies a seventh of its standard deviation from the likeliest costs as much.
-"""
-
-BETWEEN = 8
-"""Dead times tried between two points of the grid, at the most [count].
-Derivation: halving as often would find it to a 256th of a sample; tops of parabolas come as near in fewer steps.
-"""
-
+# a dead time that lies a seventh of its standard deviation from the likeliest costs as much
+WORTH = 0.01  # gain that a dead time between two points of the grid must promise to be tried [log-likelihood]
+# halving as often would find it to a 256th of a sample; tops of parabolas come as near in fewer steps
+BETWEEN = 8  # dead times tried between two points of the grid, at the most [count]
 SHOWN = 6  # candidates within chance of the best that are shown, at the most [count]
 
 
@@ -362,17 +356,7 @@ class _Sweep:
 
 
 def _top_of_parabola(values: Mapping[float, float], low: float, high: float) -> tuple[float, float]:
-    """Return where the parabola through the best of some values and its neighbours is highest, and by how much.
-
-    Examples
-    --------
-    >>> _top_of_parabola({0.0: 1.0, 1.0: 3.0, 2.0: 1.0}, 0.0, 2.0)
-    (1.0, 0.0)
-    >>> _top_of_parabola({1.0: 1.0, 2.0: 3.0, 3.0: 3.0}, 1.0, 3.0)
-    (2.5, 0.25)
-    >>> _top_of_parabola({1.0: 1.0, 2.0: 3.0}, 1.0, 3.0)
-    (1.5, inf)
-    """
+    """Return where the parabola through the best of some values and its neighbours is highest, and by how much."""
     best = max(values, key=lambda place: values[place])
     near = sorted((place for place in values if place != best), key=lambda place: abs(place - best))
     if len(near) < 2:

@@ -1,1 +1,6 @@
-"""The identifier that learns sample by sample, and everything that belongs to its life."""
+"""The identifier that learns sample by sample.
+
+`identifier` is its interface, `estimate` what is read from it, `lifecycle` how it starts and goes on.  It starts by
+`startup` and `begin_recursion`; at growing counts, at an alarm and at the end `revision` and `change_response` ask
+again which model holds.  `ensemble` and `company` step many at once, `saving` and `resume` are for checkpoints.
+"""

@@ -1,4 +1,4 @@
-"""Begin the recursion: a refined estimate, its covariance and its statistics written into a state."""
+"""Begin the recursion: a state that begins at a refined estimate, with its covariance and statistics."""
 
 from __future__ import annotations
 
@@ -7,32 +7,23 @@ import math
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.engine.dispatch import step_kernels
+from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
-from replant.engine.state import State
+from replant.engine.state import NOTHING, REGULAR, State
+from replant.kernels.schema import BELIEVED, Doubt
 from replant.offline.refined import Refined
+from replant.offline.solve import Solution
 from replant.offline.srivc_steps import FASTEST
 from replant.settings import Settings
 from replant.simulation.auxiliary_model import stability_margin
 from replant.statistics.linear_algebra import compose, factor_covariance, quiet
 
-SHORTEST_MEMORY = 100
-"""Samples of an input that stands still before which it does not rest, where an optimizer forgets [samples].
-Derivation: 100 residuals know a standard deviation to 7 %.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-FORGETS = 0.1
-"""Share that is forgotten in a sample, times the start-up's samples, up to which an optimizer counts as one that never
-forgets [ratio].
-Derivation: its memory is then ten start-ups.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-ROOM = 1e6
-"""How far forgetting may let the variances grow beyond those of the start-up [ratio of variances].
-Derivation: a thousand standard deviations: nothing is known then.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# so many residuals know a standard deviation to 7 %
+SHORTEST_MEMORY = 100  # samples of an input that stands still before it rests, where an optimizer forgets [samples]
+# its memory is then ten start-ups
+FORGETS = 0.1  # share forgotten in a sample, times the start-up's, up to which an optimizer never forgets [ratio]
+ROOM = 1e6  # how far forgetting may let variances grow: nothing is known then [variances of the start-up]
 
 
 @quiet
@@ -163,3 +154,84 @@ def _write_path(state: State, settings: Settings, refined: Refined, rate: FloatA
     path.step, path.due, path.kept = source.step, source.due, source.kept
     rows = source.rows[:, :, : state.entries]
     path.rows[:, 0], path.rows[:, 1] = rows[:, 0] * sigma / settings.scaling.output, rows[:, 1] * sigma**2
+
+
+def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
+    """Return a state that begins at a refined estimate and goes on at the newest sample of ``old``."""
+    new = State.of_settings(settings, len(old.recent))
+    initialize(new, settings, refined, record)
+    stamps = REGULAR
+    if record.intervals.size > 1:
+        stamps = old.last_time - (record.intervals.sum() - np.cumsum(record.intervals))
+    with new.without_preprocessing():
+        warm_up(new, record.u, record.y, stamps, record.r, learn=False)
+    new.ready_at = new.elapsed
+    carry_over(old, new)
+    new.record_began, new.solved_at = origin, old.samples
+    return new
+
+
+def restart_at(old: State, settings: Settings, solution: Solution, origin: int) -> State:
+    """Return `restart` at the solution of a record as it was measured; what it left out is in doubt from now on."""
+    new = restart(old, settings, solution.found, solution.record, origin)
+    note_doubts(new, solution)
+    return new
+
+
+def note_doubts(state: State, solution: Solution, output: FloatArray | None = None) -> None:
+    """Note with the newest raw samples which of them a solution has left out, and their ``output`` (K,) if given."""
+    if not (state.examines_output and len(state.recent)):
+        return
+    count = solution.doubt.size
+    rows, recent = (state.samples - count + np.arange(count)) % len(state.recent), RecentSamples(state.recent)
+    recent.bridged[rows], recent.doubt[rows] = solution.bridged, solution.doubt
+    measured = recent.output[rows] if output is None else output
+    recent.output[rows] = np.where(solution.doubt == Doubt.MISSING, solution.bridged, measured)
+
+
+def clear_doubt(state: State, kept: RecentSamples) -> None:
+    """Bridge the newest samples by the outputs that the model was solved with; no doubt is left of a measured one."""
+    doubted = np.flatnonzero(kept.is_bridged & (kept.output != kept.bridged))
+    rows, recent = (state.samples - len(kept) + doubted) % len(state.recent), RecentSamples(state.recent)
+    recent.bridged[rows] = kept.output[doubted]
+    recent.doubt[rows[recent.output[rows] == recent.bridged[rows]]] = Doubt.NONE
+
+
+def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None, *, learn: bool) -> float:
+    """Run samples that were collected through the kernel; return the error of the last one.
+
+    No past estimate is kept meanwhile: settings or estimate were chosen with all of these samples, so that none of them
+    is unseen.
+    """
+    _, steps = step_kernels(state, regular=t.size == 0)
+    rested = state.rested
+    state.adapt, state.held_at = learn, BELIEVED  # leaps among the held samples have been judged
+    errors = np.full(u.size, math.nan)
+    steps(*state.arrays, u, y, t, NOTHING if r is None else r, errors, np.empty((u.size, 0)))
+    state.adapt, state.held_at = True, 0
+    if state.examines_output:
+        state.change_began = state.samples
+    if not learn:
+        state.rested = rested
+    state.past_kept, state.past_due = 0, state.samples
+    state.learned = state.samples
+    return float(errors[-1])
+
+
+def carry_over(old: State, new: State) -> None:
+    """Copy to a new state what outlasts its estimate: counters, clock, raw samples, past estimates, a user's freeze."""
+    new.take_over(
+        old,
+        *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.refused, State.rested),
+        *(State.time_leaps, State.too_coarse, State.input_leaps, State.no_output, State.no_reference),
+        *(State.outliers, State.stuck, State.gaps, State.gap_at, State.adapt, State.drawn, State.samples),
+        *(State.past_kept, State.past_due, State.recent_head, State.alarm, State.look_at),
+        *(State.change, State.undecided, State.change_price, State.changed_at, State.before_began),
+    )
+    new.learned = old.samples
+    new.change_began = old.change_began if old.alarm else old.samples
+    new.past[:], new.recent[:] = old.past, old.recent
+    # not from the warm-up: a regular record has no stamps, and steps between bridged outputs are not the sensor's
+    new.take_over(old, State.last_time, State.last_raw, State.sensor_step, State.cusum_limit)
+    new.prior[:] = old.prior
+    new.largest_power = max(old.largest_power, new.largest_power)

@@ -8,7 +8,7 @@ The samples since the alarm began are looked into at growing intervals: supposit
     the plant              the record begins anew with these
     a cable that floats    nothing is learned until the residual is as usual again, or another one is sure
 
-Nothing that is decided is final: see `reconsider`.
+Nothing that is decided is final: see `replant.online.revision`.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from dataclasses import replace
 import numpy as np
 
 from replant.arguments import FloatArray
+from replant.assessment.evidence import LEAST_POWER, RESTED
 from replant.engine.covariance import covariance
 from replant.engine.recent_samples import RecentSamples
 from replant.engine.record import Record
@@ -29,25 +30,15 @@ from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
 from replant.offline.known_before import Known
 from replant.offline.solve import solve
 from replant.offline.srivc_steps import SOONEST, least_since
-from replant.online.restart import (
-    AGAIN,
-    clear_doubt,
-    is_at_rest,
-    remembers_all,
-    remembers_since_change,
-    restart,
-    restart_at,
-    tells_of_changes,
-)
+from replant.online.begin_recursion import clear_doubt, restart, restart_at
 from replant.settings import STORED, Settings
 from replant.statistics.linear_algebra import inverse_of, quiet
 
-BEGINS = -0.25, 0.0, 0.25
-"""Samples from the alarm's begin to that of the change: the onset is looked for from the first on, the others are tried
-[part of the samples since].
-Origin: a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance.
-Sensitivity: not measured.
-"""
+# a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance; the onset is
+# looked for from the first on, the others are tried
+BEGINS = -0.25, 0.0, 0.25  # samples from the alarm's begin to that of the change [part of the samples since]
+# the last solution has then two thirds of the samples, and all solutions together cost three times the last
+AGAIN = 1.5  # growth of a record after which it is solved again: of all samples, or since an alarm or change [ratio]
 
 
 @quiet
@@ -56,10 +47,9 @@ def first_look(state: State, settings: Settings) -> int:
 
     0: never, as too few samples are kept; nothing is learned until the residual is as usual again.
     """
-    if not tells_of_changes(state, settings):
-        state.alarm = Alarm.RESTS
-        return 0
     state.alarm = Alarm.RESTS
+    if not tells_of_changes(state, settings):
+        return 0
     return max(_began(state) + least_since(settings.structure), state.samples + 1)
 
 
@@ -95,7 +85,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         claims = [claim for contest in contests.values() for claim in contest.claims()]
         if claims and remembers_since_change(old, settings):
             claims += _one_model(old, settings, contests[max(begin, 1)])
-        found = decided(claims) if claims else None
+        found = decided(claims)
     if found is None:
         return old, later
     if found.supposition is Supposition.NOTHING:
@@ -117,38 +107,10 @@ def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> t
     most = int(math.log2(max(since / least_since(settings.structure), 1.0)))
     for halvings in range(most, -1, -1):  # the fewest first: they are of one kind
         claims = Contest(settings.structure, record, record.u.size - (since >> halvings), present).claims()
-        found = decided(claims) if claims else None
+        found = decided(claims)
         if found is not None and found.supposition is not Supposition.CUT:
             return claims, found
     return [], None
-
-
-@quiet
-def reconsider(old: State, settings: Settings) -> State | None:
-    """Return the state that goes on where the samples since the last change lead to; None where that is open.
-
-    What has changed is asked again of more samples, and whether one model holds for those before as well.
-    """
-    if (
-        old.alarm
-        or old.gap_at > old.changed_at
-        or not (old.adapt and remembers_since_change(old, settings))
-        or is_at_rest(old)
-    ):
-        return None
-    contest = since_change(old, settings)
-    if contest is None:
-        return None
-    claims = contest.claims(again=True)
-    claims += _of_whole(old, settings, contest, _gap_before(old)) if claims else []
-    found = decided(claims) if claims else None
-    if found is None:
-        return None
-    undecided = not is_sure(claims, found)
-    if undecided and found.supposition is old.change is Supposition.LOAD:  # the same, and no better known
-        old.undecided = True
-        return None
-    return believed(old, settings, found, undecided=undecided)
 
 
 def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | None:
@@ -156,7 +118,7 @@ def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | N
 
     ``parted``: accepted samples before the part of another variance.
     """
-    kept, first = kept_since(old, _gap_before(old))
+    kept, first = kept_since(old, gap_before(old))
     begin = old.changed_at - first
     if begin <= 0:
         return None
@@ -172,19 +134,19 @@ def _one_model(old: State, settings: Settings, since_alarm: Contest) -> list[Cla
     if old.gap_at > max(old.record_began, old.changed_at):
         return []
     if not old.changed_at:
-        return _of_whole(old, settings, since_alarm, old.record_began)
+        return of_whole(old, settings, since_alarm, old.record_began)
     present = since_alarm.known
     contest = since_change(old, settings, old.samples - since_alarm.since.u.size)
     if contest is None:
         return []
-    claims = [*contest.claims(again=True), *_of_whole(old, settings, contest, _gap_before(old))]
+    claims = [*contest.claims(again=True), *of_whole(old, settings, contest, gap_before(old))]
     # they are told beside NOTHING since the change; the others beside the present model, and what it has cost
     goes_on = contest.stretch.of_usual(present.error[-contest.rows :], present.noise, present.variance, last=True)
     base, odds = goes_on - contest.usual - old.change_price, odds_of(old.change)
     return [replace(claim, likelihood=claim.likelihood - base, odds=claim.odds - odds) for claim in claims]
 
 
-def _of_whole(old: State, settings: Settings, contest: Contest, began: int) -> list[Claim]:
+def of_whole(old: State, settings: Settings, contest: Contest, began: int) -> list[Claim]:
     """Return the claim that one model holds for all samples since some; none where not all are kept."""
     if old.samples - contest.record.u.size > began:
         return []
@@ -247,7 +209,7 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
             return None
         of_plant, again = found.supposition is Supposition.PLANT, begin <= old.changed_at
         before = one_plant_before(old) if again else _one_plant_since(old)
-        gap = _gap_before(old) if again else old.gap_at
+        gap = gap_before(old) if again else old.gap_at
         new = restart(old, settings, refined, contest.since, begin if of_plant else before)
         new.change, new.changed_at = found.supposition, begin
         # no one model explains the samples on both sides of a load
@@ -280,7 +242,7 @@ def one_plant_before(state: State) -> int:
     return state.before_began if state.change is Supposition.PLANT else state.record_began
 
 
-def _gap_before(state: State) -> int:
+def gap_before(state: State) -> int:
     """Return the accepted samples before those, before the last change, that one model explains with one offset."""
     return max(state.before_began, state.gap_at) if state.change is Supposition.PLANT else state.before_began
 
@@ -303,3 +265,31 @@ def _believe_residual(state: State) -> None:
     state.usual_variance = max(state.usual_variance, state.late_variance)
     state.usual_innovation = max(state.usual_innovation, state.late_innovation)
     state.cusum_limit = min(2.0 * state.cusum_limit, outliers.LARGEST_LIMIT)
+
+
+def remembers_all(state: State, settings: Settings) -> bool:
+    """Return whether the estimate is made from every sample of its record, none forgotten, and solved again."""
+    return float(state.settings[0]) == 1.0 and is_solved_again(settings)
+
+
+def is_solved_again(settings: Settings) -> bool:
+    """Return whether the estimate is one that a solution of the raw samples can stand in for."""
+    return bool(settings.optimizer.keeps_colour and settings.filter.follows_estimate)
+
+
+def remembers_since_change(state: State, settings: Settings) -> bool:
+    """Return whether no sample since the last change, or of the record, weighs less than 1/e of the newest one."""
+    since = state.samples - (state.changed_at or state.record_began)
+    return is_solved_again(settings) and (1.0 - float(state.settings[0])) * since <= 1.0
+
+
+def tells_of_changes(state: State, settings: Settings) -> bool:
+    """Return whether as many raw samples are kept as a model of what came since a change takes."""
+    return len(state.recent) >= least_since(settings.structure)
+
+
+def is_at_rest(state: State) -> bool:
+    """Return whether the input has rested since half of the time between two reviews, or in a quarter of those kept."""
+    rested = min(RESTED, len(state.recent) // 4) if state.samples > len(state.recent) else RESTED
+    newest = RecentSamples.of(state, rested).input
+    return 0 < len(newest) == rested and float(np.var(newest)) < LEAST_POWER * state.largest_power

@@ -1,24 +1,66 @@
-"""Company: members of an ensemble that keep a covariance, stepped side by side as long as they are alike.
+"""Company: members of an ensemble go together: in blocks, those that follow the gradient, or in lanes, by threads.
 
-What is due is done member by member, as a single identifier does it: the start-up, a solution, a look at an alarm.
+Members that keep a covariance are stepped side by side as long as they are alike.  What is due is done member by
+member, as a single identifier does it: the start-up, a solution, a look at an alarm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import groupby
 
 from replant.arguments import FloatArray
 from replant.engine.state_lanes import fits, kind
-from replant.engine.vector_blocks import Room
+from replant.engine.vector_blocks import Block, Room, is_under_way, order
+from replant.engine.vector_blocks import kind as kind_of_block
 from replant.online.identifier import Identifier
 
-LEAST = 3  # members that lanes pay for: they take about the time of three [count]
-FEWEST = 32
-"""Rows of a chunk that lanes pay for: to go into them and to leave takes as long as some ten samples [samples]."""
-PIECE = 2048
-"""Rows after which it is looked at again who may go together: whose start-up has ended, say [samples]."""
+LEAST = 3  # members that a block or lanes pay for: they take about the time of three [count]
+# to go into lanes and to leave them takes as long as some ten samples
+FEWEST = 32  # rows of a chunk that lanes pay for [samples]
+PIECE = 2048  # rows after which it is looked at again who may go together: whose start-up has ended, say [samples]
+PORTION = 8192  # samples after which a thread may go on with other members: none waits long for the last one [samples]
 
+Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y, errors, parameters)
 Alone = Callable[..., None]  # takes a member's samples: (number, room, row, u, y, errors, parameters)
+
+
+def may_join(member: Identifier) -> bool:
+    """Return whether a member can be stepped in a block, now or, by its settings, after its start-up."""
+    if member.settings is None:
+        return not member._request.wants_instruments
+    from replant.kernels.step import fixed_filter
+
+    return member._steps is fixed_filter.steps and not member._mapped
+
+
+def is_ready(member: Identifier) -> bool:
+    """Return whether a member's start-up is over and its filters run."""
+    return member.settings is not None and is_under_way(member._state)
+
+
+def form_blocks(members: Sequence[Identifier], reached: dict[int, int]) -> list[tuple[Block, int]]:
+    """Return blocks of members that are ready and alike, each with the row of the chunk it begins at.
+
+    ``reached`` holds, by the member's number, how many samples of the chunk it has taken.
+    """
+    from replant.kernels.lanes import LANES
+
+    ready = [n for n in reached if may_join(members[n]) and is_ready(members[n])]
+    states = {n: members[n]._state for n in ready}
+    alike = {n: (reached[n], kind_of_block(states[n])) for n in ready}
+    ready.sort(key=lambda n: (alike[n], order(states[n])))
+    formed = []
+    for (start, _), group in groupby(ready, key=lambda n: alike[n]):
+        numbers = list(group)
+        for first in range(0, len(numbers), LANES):
+            some = numbers[first : first + LANES]
+            if len(some) >= LEAST:
+                formed.append((Block.of_states(some, [states[n] for n in some]), start))
+    return formed
 
 
 def may_go_together(member: Identifier) -> bool:
@@ -91,3 +133,56 @@ def _up_to(row: int, *chunk: FloatArray) -> tuple[FloatArray, ...]:
     """Return the chunk without the samples from a row on; results stay as they are."""
     u, y, *results = chunk
     return u[:row], y[:row], *results
+
+
+class Chunk:
+    """The samples of a call, and what stops the threads that take them."""
+
+    def __init__(self, u: FloatArray, y: FloatArray, helpers: int) -> None:
+        self.u, self.y = u, y
+        self.stopped = False
+        self.locks = [threading.Lock() for _ in range(helpers)]  # each is taken while a thread helps
+
+    def stop(self) -> None:
+        """Wait until no other thread takes samples any more; one that has not begun yet will not."""
+        self.stopped = True
+        for lock in self.locks:
+            with lock:
+                pass
+
+
+def carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], chunk: Chunk, *results: FloatArray) -> None:
+    """Run all tasks over a chunk, each from its start row on, in one thread for each workspace.
+
+    A thread that is free takes the next portion of the task that has waited longest.
+    """
+    u, y = chunk.u, chunk.y
+    waiting = deque(task for task in tasks if task[1] < len(u))
+
+    def work(room: Room) -> None:
+        while not chunk.stopped:
+            try:
+                take, start = waiting.popleft()
+            except IndexError:  # the other threads work on the last portions
+                return
+            end = start + PORTION
+            take(room, start, u[:end], y[:end], *results)
+            if end < len(u):
+                waiting.append((take, end))
+
+    def help_with(room: Room, lock: threading.Lock) -> None:
+        with lock:
+            work(room)
+
+    mine, *others = rooms[: max(len(waiting), 1)]
+    if not others:
+        work(mine)
+        return
+    with ThreadPoolExecutor(len(others)) as pool:
+        try:
+            helpers = [pool.submit(help_with, *each) for each in zip(others, chunk.locks, strict=False)]
+            work(mine)
+            for helper in helpers:
+                helper.result()
+        finally:
+            chunk.stopped = True

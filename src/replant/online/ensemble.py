@@ -3,12 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
-import threading
-from collections import deque
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterable, Sequence
 from functools import partial
-from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -18,26 +14,26 @@ from replant.engine.state_lanes import kind as kind_of_lane
 from replant.engine.vector_blocks import (
     Block,
     Room,
-    is_under_way,
-    kind,
-    order,
 )
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.limits import count
 from replant.model.transfer_function import TransferFunction
-from replant.online.company import Company, may_go_together
+from replant.online.company import (
+    Chunk,
+    Company,
+    Take,
+    carry_out,
+    form_blocks,
+    is_ready,
+    may_go_together,
+    may_join,
+)
 from replant.online.identifier import Identifier
 from replant.online.trace import Trace
 from replant.online.turns import Shared, Turn, changes, reads
 
-LEAST = 3  # members that a block pays for: it takes about the time of three [count]
-PORTION = 8192
-"""Samples after which a thread may go on with other members: none then waits long for the last one [samples]."""
-
 OBJECT = 2048  # what an identifier takes beside its arrays, about [numbers of eight bytes]
 MOST_JOBS = 2**31  # processors that may be left free [count]
-
-Take = Callable[..., None]  # takes the samples from a row on: (room, row, u, y, errors, parameters)
 
 
 class Ensemble(Shared):
@@ -101,7 +97,7 @@ class Ensemble(Shared):
         self._rooms = _rooms(n_jobs, len(self._members))
         self._before = [member.taken for member in self._members]  # samples that the members came with
         self._taken = 0  # samples that all members have taken since
-        self._chunk: _Chunk | None = None  # the samples of a call that was interrupted
+        self._chunk: Chunk | None = None  # the samples of a call that was interrupted
 
     def __len__(self) -> int:
         return len(self._members)
@@ -143,7 +139,7 @@ class Ensemble(Shared):
         self._chunk.stop()
         done = self._done()
         first, end = min(done), max(done)
-        rest = _Chunk(self._chunk.u[first:end].copy(), self._chunk.y[first:end].copy(), 0)
+        rest = Chunk(self._chunk.u[first:end].copy(), self._chunk.y[first:end].copy(), 0)
         vars(self).update(_taken=self._taken + first, _chunk=rest)
 
     def _done(self) -> list[int]:
@@ -311,7 +307,7 @@ class Ensemble(Shared):
         if u.shape[0] != y.shape[0]:
             raise InvalidArgumentError(f"u and y must have the same length, got {u.shape[0]} and {y.shape[0]} samples")
         results = np.empty((u.shape[0], len(self))), np.empty((len(self), u.shape[0], size))
-        self._chunk = _Chunk(u, y, min(len(rooms), len(self)) - 1)
+        self._chunk = Chunk(u, y, min(len(rooms), len(self)) - 1)
         try:
             self._take(self._chunk, rooms, *results)
         except BaseException:  # KeyboardInterrupt included; where this is interrupted, too, the next call does it
@@ -320,7 +316,7 @@ class Ensemble(Shared):
         vars(self).update(_taken=self._taken + len(u), _chunk=None)
         return results
 
-    def _take(self, samples: _Chunk, rooms: Sequence[Room], *results: FloatArray) -> None:
+    def _take(self, samples: Chunk, rooms: Sequence[Room], *results: FloatArray) -> None:
         """Let all members take the samples, in blocks, in company or by themselves."""
         from replant.kernels.lanes import LANES
 
@@ -335,7 +331,7 @@ class Ensemble(Shared):
         for first in range(0, len(together), LANES):
             tasks.append((Company(together[first : first + LANES], self._members, self._take_alone).take, 0))
         tasks += [(partial(self._take_alone, n), start) for n, start in reached.items() if n not in together]
-        _carry_out(tasks, rooms, samples, *results)
+        carry_out(tasks, rooms, samples, *results)
 
     def _alike(self, number: int) -> str:
         """Return the key by which members are sorted that go together."""
@@ -362,23 +358,8 @@ class Ensemble(Shared):
         parameters[number, start:end] = trace.parameters[:, : parameters.shape[2]]
 
     def _form_blocks(self, reached: dict[int, int]) -> list[tuple[Block, int]]:
-        """Form blocks of members that are ready and alike; return each with the row of the chunk it begins at.
-
-        ``reached`` holds, by the member's number, how many samples of the chunk it has taken.
-        """
-        from replant.kernels.lanes import LANES
-
-        ready = [n for n in reached if may_join(self._members[n]) and is_ready(self._members[n])]
-        states = {n: self._members[n]._state for n in ready}
-        alike = {n: (reached[n], kind(states[n])) for n in ready}
-        ready.sort(key=lambda n: (alike[n], order(states[n])))
-        formed = []
-        for (start, _), group in groupby(ready, key=lambda n: alike[n]):
-            numbers = list(group)
-            for first in range(0, len(numbers), LANES):
-                some = numbers[first : first + LANES]
-                if len(some) >= LEAST:
-                    formed.append((Block.of_states(some, [states[n] for n in some]), start))
+        """Form blocks of members, see `form_blocks`, which work on their arrays from now on."""
+        formed = form_blocks(self._members, reached)
         members = list(self._members)
         for block, _ in formed:
             for lane in range(block.members):
@@ -386,20 +367,6 @@ class Ensemble(Shared):
                 members[number] = members[number]._moved_to(block.state(lane))
         vars(self).update(_members=members, _blocks=[*self._blocks, *(block for block, _ in formed)])
         return formed
-
-
-def may_join(member: Identifier) -> bool:
-    """Return whether a member can be stepped in a block, now or, by its settings, after its start-up."""
-    if member.settings is None:
-        return not member._request.wants_instruments
-    from replant.kernels.step import fixed_filter
-
-    return member._steps is fixed_filter.steps and not member._mapped
-
-
-def is_ready(member: Identifier) -> bool:
-    """Return whether a member's start-up is over and its filters run."""
-    return member.settings is not None and is_under_way(member._state)
 
 
 def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None) -> list[Identifier]:
@@ -444,56 +411,3 @@ def _rooms(n_jobs: int | None, members: int) -> list[Room]:
         raise InvalidArgumentError("n_jobs must not be 0: 1 is one thread, -1 all processors")
     threads = jobs if jobs > 0 else max(multiprocessing.cpu_count() + 1 + jobs, 1)
     return [Room() for _ in range(min(threads, members))]
-
-
-class _Chunk:
-    """The samples of a call, and what stops the threads that take them."""
-
-    def __init__(self, u: FloatArray, y: FloatArray, helpers: int) -> None:
-        self.u, self.y = u, y
-        self.stopped = False
-        self.locks = [threading.Lock() for _ in range(helpers)]  # each is taken while a thread helps
-
-    def stop(self) -> None:
-        """Wait until no other thread takes samples any more; one that has not begun yet will not."""
-        self.stopped = True
-        for lock in self.locks:
-            with lock:
-                pass
-
-
-def _carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], chunk: _Chunk, *results: FloatArray) -> None:
-    """Run all tasks over a chunk, each from its start row on, in one thread for each workspace.
-
-    A thread that is free takes the next portion of the task that has waited longest.
-    """
-    u, y = chunk.u, chunk.y
-    waiting = deque(task for task in tasks if task[1] < len(u))
-
-    def work(room: Room) -> None:
-        while not chunk.stopped:
-            try:
-                take, start = waiting.popleft()
-            except IndexError:  # the other threads work on the last portions
-                return
-            end = start + PORTION
-            take(room, start, u[:end], y[:end], *results)
-            if end < len(u):
-                waiting.append((take, end))
-
-    def help_with(room: Room, lock: threading.Lock) -> None:
-        with lock:
-            work(room)
-
-    mine, *others = rooms[: max(len(waiting), 1)]
-    if not others:
-        work(mine)
-        return
-    with ThreadPoolExecutor(len(others)) as pool:
-        try:
-            helpers = [pool.submit(help_with, *each) for each in zip(others, chunk.locks, strict=False)]
-            work(mine)
-            for helper in helpers:
-                helper.result()
-        finally:
-            chunk.stopped = True

@@ -15,10 +15,12 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.refined import Refined
-from replant.online.provisional_model import Solved, provisional
-from replant.online.startup import collected
+from replant.online.startup import Solved, collected, provisional
 from replant.online.turns import Shared, reads
 from replant.settings import STORED, Request, Settings
+
+#: The reasons of samples that count as accepted, too.
+COUNTED = {"outlier", "stuck", "no output", "no reference"}
 
 
 class Estimate(Shared):
@@ -27,7 +29,8 @@ class Estimate(Shared):
     _request: Request
     _settings: Settings | None
     _reference: bool
-    _hold: int
+    _hold: int  # measured outputs that the start-up waits for
+    _dropped: int  # samples that the start-up has let go of
     _solved: Solved
     _state: State
 
@@ -132,6 +135,17 @@ class Estimate(Shared):
     def samples(self) -> int:
         """Accepted samples; during start-up those collected."""
         return self._state.samples
+
+    @property
+    @reads
+    def taken(self) -> int:
+        """Samples given so far, rejected ones included: where to go on after an interrupt.
+
+        Samples are in order from the first to this one: each was taken, with all that was due after it, and none behind
+        it was looked at, but one that confirms a sample held back.
+        """
+        counts = {reason: count for reason, count in self.rejected.items() if reason not in COUNTED}
+        return self.samples + sum(counts.values()) + self._dropped
 
     @property
     @reads

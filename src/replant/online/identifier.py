@@ -4,76 +4,48 @@ from __future__ import annotations
 
 import copy
 import math
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from replant.arguments import (
     FloatArray,
-    IntArray,
     number,
     record,
     vector,
 )
-from replant.assessment.assess import assess_running
-from replant.engine.dimensions import collects_at_most
-from replant.engine.dispatch import Step, bound_step, step_kernels
-from replant.engine.state import NOTHING, REGULAR, State
+from replant.engine.dispatch import bound_step
+from replant.engine.state import NOTHING, REGULAR
 from replant.errors import ArgumentTypeError, InvalidArgumentError
 from replant.identified.model import Model
 from replant.interop import in_our_words
-from replant.kernels.native import OPEN, SHUT, Kernel
-from replant.kernels.schema import BELIEVED, Alarm, Attention
+from replant.kernels.native import OPEN
+from replant.kernels.schema import Attention
 from replant.limits import stamps_of
 from replant.model.structure import Structure
-from replant.online.change_response import first_look, look, reconsider
-from replant.online.estimate import Estimate
 from replant.online.kept_model import model_of
-from replant.online.provisional_model import next_provisional
-from replant.online.renewal import next_renewal, renew
-from replant.online.restart import is_at_rest
-from replant.online.startup import (
-    begin,
-    collected,
-    drop_misread,
-    keep_newer_half,
-    measured,
-    modelled,
-    settled,
-    take_held,
-)
+from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
 from replant.online.trace import Trace
 from replant.online.turns import Turn, changes, reads
-from replant.online.whole_record import solve_whole
 from replant.optimizers import Optimizer
 from replant.optimizers.optimizer import Replay
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import Preprocess
 from replant.regressor.scaling import Scaling
-from replant.settings import AUTO, LONGEST_STARTUP, NO_USE_OF_REFERENCE, STORED, Request, Settings
+from replant.settings import AUTO, NO_USE_OF_REFERENCE, STORED, Request
 
 NAN, INFINITE = math.nan, math.inf  # naN and infinity, looked up at every sample [number]
 # attributes that others lead to
 DERIVED = {"_begun_with", "_gate", "_kernel", "_mapped", "_solved", "_step", "_steps", "_turn"}
-NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
-PIECE = 8192
-"""Updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates].
-Derivation: some 10 ms, beside which a call of the kernel, some 10 us, does not count.
-"""
-
-T = TypeVar("T")
-
-#: The reasons of samples that count as accepted, too.
-COUNTED = {"outlier", "stuck", "no output", "no reference"}
+# some 10 ms, beside which a call of the kernel, some 10 us, does not count
+PIECE = 8192  # updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates]
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from replant.checkpoint.encoding import Progress
     from replant.checkpoint.files import AnyPath
 
 
-class Identifier(Estimate):
+class Identifier(Lifecycle):
     r"""Identify G(s) online: samples go in one by one, the estimate is there after each.
 
     Settings left at "auto" are chosen from the first samples, up to the ``startup``-th with an output.  These are
@@ -187,23 +159,6 @@ class Identifier(Estimate):
         """Forget every sample and begin again; settings left at "auto" are chosen anew."""
         self._as_one(Identifier._begin_again)
 
-    def _begin_again(self) -> None:
-        self._settings: Settings | None = None
-        self._solved, self._begun_with = {}, NAN
-        self._dropped = 0  # samples that the start-up has let go of
-        self._resolve_at = 0  # accepted samples at which to solve the record again; 0: not planned
-        self._state: State
-        self._step: Step  # what takes the next sample
-        self._gate: IntArray
-        self._regular = True  # whether no time stamp has come
-        self._mapped: bool  # whether the input map is a function
-        self._kernel: Kernel
-        self._steps: Callable[..., int]
-        self._hold = self._request.first_hold  # measured outputs that the start-up waits for
-        self._collect(reference=False)
-        if self._hold == 0:
-            self._begin()
-
     def clone(self) -> Identifier:
         """Return an independent copy in the same state."""
         return copy.deepcopy(self)
@@ -282,37 +237,6 @@ class Identifier(Estimate):
         self._turn, self._solved, self._begun_with = Turn(), {}, NAN
         self._work_on(self._state, regular=self._regular)
 
-    def _draft(self) -> Identifier:
-        """Return a copy with its own arrays, and the same turn."""
-        draft = object.__new__(type(self))
-        draft.__dict__.update(vars(self) | {"_state": self._state.copy(), "_step": _in_turn, "_gate": NO_GATE})
-        return draft
-
-    def _moved_to(self, state: State) -> Identifier:
-        """Return this identifier, gone on with to arrays of the same content."""
-        moved = object.__new__(type(self))
-        moved.__dict__.update(vars(self))
-        moved._work_on(state, regular=True)
-        return moved
-
-    def _as_one(self, work: Callable[..., T], *given: Any) -> T:
-        """Do some work on a draft, and take it over in one bytecode: interrupted, it was not begun.
-
-        Whoever still has the arrays before finds them waiting for attention, or their gate shut, and takes no sample.
-        """
-        draft = self._draft()
-        result = work(draft, *given)
-        vars(self).update(vars(draft))
-        return result
-
-    def _enter(self) -> None:
-        self._gate[0] = SHUT
-        while self._state.attention:
-            self._as_one(Identifier._attend)
-
-    def _leave(self) -> None:
-        self._gate[0] = OPEN
-
     def update(self, u: float, y: float, t: float | None = None, r: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.
 
@@ -350,12 +274,12 @@ class Identifier(Estimate):
             r = NAN
         elif not (type(r) is float and self._reference and -INFINITE < r < INFINITE):
             r = self._referenced(r)
-            step = step if self._reference else _in_turn
+            step = step if self._reference else in_turn
         if t is None:
             t = NAN
         else:
             t = self._stamp(t)
-            step = _in_turn if self._regular else step
+            step = in_turn if self._regular else step
         try:
             return step(u, y, t, r)
         except Attention:
@@ -385,7 +309,7 @@ class Identifier(Estimate):
 
     def _bind(self) -> None:
         """Bind the kernel for single samples."""
-        if self._step is _in_turn:
+        if self._step is in_turn:
             step, gate = bound_step(self._state, self._kernel, self._request.preprocess)
             vars(self).update(_step=step, _gate=gate)
 
@@ -425,17 +349,6 @@ class Identifier(Estimate):
         return trace
 
     @property
-    @reads
-    def taken(self) -> int:
-        """Samples given so far, rejected ones included: where to go on after an interrupt.
-
-        Samples are in order from the first to this one: each was taken, with all that was due after it, and none behind
-        it was looked at, but one that confirms a sample held back.
-        """
-        counts = {reason: count for reason, count in self.rejected.items() if reason not in COUNTED}
-        return self.samples + sum(counts.values()) + self._dropped
-
-    @property
     def model(self) -> Model:
         """What is worth keeping: G(s) with working point, uncertainty, noise model, fit and verdict.
 
@@ -458,110 +371,6 @@ class Identifier(Estimate):
         now.__dict__.update(vars(self) | own)
         return now
 
-    def _take(
-        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
-    ) -> int:
-        """Take samples up to one that needs attention, attend to it, and return how many were taken.
-
-        ``parameters`` is (K, P), or (K, 0) where nobody asks.
-        """
-        chunk, starting = (u, y, t, r, errors, parameters), self._settings is None
-        other = (t.size and self._regular) or (r.size and not self._reference)
-        taken = self._as_one(Identifier._change_kernels, *chunk) if other else self._run(*chunk)
-        if not self._state.attention:
-            return taken
-        reached = self._attend_after(taken, parameters)
-        if reached == taken and starting and self._settings is not None and not math.isnan(y[taken - 1]):
-            errors[taken - 1] = self._begun_with
-        return reached
-
-    def _attend_after(self, taken: int, parameters: FloatArray) -> int:
-        """Attend to what the last sample asks for; return how many were taken, of which that may be no part."""
-        believed = self._state.held_at == BELIEVED
-        self._enter()
-        if believed:
-            return taken - 1  # the sample that confirms it is taken after it
-        if parameters.size:
-            parameters[taken - 1] = self.parameters
-        return taken
-
-    def _run(
-        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
-    ) -> int:
-        """Run the kernel up to a sample that needs attention; return how many samples it has taken."""
-        if self._settings is None:  # the kernel has no estimate to write
-            if parameters.size:
-                parameters[:] = self.parameters
-            parameters = np.empty((u.size, 0))
-        taken: int = self._steps(*self._state.arrays, u, y, t, r, errors, parameters)
-        return taken
-
-    def _change_kernels(self, *chunk: FloatArray) -> int:
-        """Run other kernels: the first time stamp of all has come, or the first reference."""
-        _, _, t, r, _, _ = chunk
-        if r.size and not self._reference:
-            self._collect(reference=True)
-        if t.size:
-            self._work_on(self._state, regular=False)
-        return self._run(*chunk)
-
-    def _attend(self) -> None:
-        """Do what is due: make room, take a sample held back, end the start-up, look into an alarm, solve again."""
-        self._state.make_room(self._most)
-        if self._state.held_at == BELIEVED:
-            take_held(self._state, self._steps)
-        elif self._settings is None:
-            self._end_startup()
-        else:
-            self._attend_to(self._state.samples)
-            self._plan()
-
-    def _attend_to(self, samples: int) -> None:
-        state, settings = self._state, self._settings
-        assert settings is not None
-        state.attention_at, state.attention = 0, False  # samples that are learned again must not stop for attention
-        if state.alarm == Alarm.RAISED:
-            state.look_at = first_look(state, settings)
-            state.trusted_at = 0
-        if samples == self._resolve_at:
-            found = reconsider(state, settings) if state.changed_at else None
-            state = self._go_on_with(found or renew(state, settings) or state)
-            self._resolve_at = next_renewal(state, settings, self._most)
-            self._note_verdict(state, settings)
-        if samples == state.look_at:
-            found, look_at = look(state, settings)
-            if found is not state:
-                self._resolve_at = next_renewal(self._go_on_with(found), settings, self._most)
-            found.look_at = look_at
-
-    def _note_verdict(self, state: State, settings: Settings) -> None:
-        """Note whether the model is trusted while the input rests, before the samples that show it are gone."""
-        trusted = is_at_rest(state) and assess_running(state, settings, self._most).status == "trusted"
-        state.trusted_at = state.samples if trusted else 0
-
-    def _go_on_with(self, state: State) -> State:
-        """Replace the present state, unless it is the same one; return it."""
-        if state is not self._state:
-            self._work_on(state, regular=self._regular)
-        return state
-
-    def _plan(self) -> None:
-        """Set the sample at which the kernels next ask for attention."""
-        state, now = self._state, self._state.samples
-        state.attention = False
-        if self._settings is None:
-            state.attention_at = self._next_look()
-            return
-        dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
-        self._resolve_at, state.look_at = dues
-        dues.append(state.room_until(self._most))
-        state.attention_at = min((due for due in dues if due), default=0)
-
-    @property
-    def _most(self) -> int:
-        """Raw samples kept at the most."""
-        return collects_at_most(self._request) if self._settings is None else self._request.history
-
     @changes
     def finish(self) -> None:
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
@@ -571,17 +380,6 @@ class Identifier(Estimate):
         default, and where the plant has changed meanwhile.  Samples may follow.
         """
         self._as_one(Identifier._finish)
-
-    def _finish(self) -> None:
-        if self._settings is None:
-            if self._state.samples:
-                self._end_startup(at_any_rate=True)
-            return
-        if self._state.alarm:
-            self._go_on_with(look(self._state, self._settings)[0])
-        if (found := solve_whole(self._state, self._settings)) is not None:
-            self._resolve_at = next_renewal(self._go_on_with(found), self._settings, self._most)
-            self._plan()
 
     @changes
     def freeze(self) -> None:
@@ -604,19 +402,6 @@ class Identifier(Estimate):
             During start-up, when there is no estimate yet.
         """
         self._as_one(Identifier._adapt, True)
-
-    def _adapt(self, adapt: bool) -> None:
-        if self._settings is None:
-            raise InvalidArgumentError(
-                "freezing needs a model, and the samples for the first one are still being collected: try again later"
-            )
-        self._state.adapt = adapt
-        self._state.change_began, self._state.cusum = self._state.samples, 0.0
-        if not adapt:
-            # a later solution would learn the samples that come while frozen
-            self._resolve_at = self._state.look_at = 0
-            self._state.alarm = Alarm.NONE
-            self._plan()
 
     def _stamp(self, t: Any) -> float:
         """Return a time stamp for the kernel: infinite, which the kernel rejects, where it is not finite."""
@@ -661,74 +446,3 @@ class Identifier(Estimate):
             raise InvalidArgumentError(NO_USE_OF_REFERENCE)
         if self.samples or any(self.rejected.values()):
             raise InvalidArgumentError("the samples before came without r: give it with every sample, or with none")
-
-    def _collect(self, *, reference: bool) -> None:
-        """Begin the start-up; whether the samples come with a reference is known with the first of them."""
-        self._reference = reference
-        self._work_on(State.collecting(self._request, reference=reference), regular=self._regular)
-        if self._hold:
-            self._plan()
-
-    def _next_look(self) -> int:
-        """Return the number of samples at which the start-up may end, or the provisional model may change."""
-        state = self._state
-        there, now = measured(state), state.samples
-        missing = min(self._hold, next_provisional(self._request, there)) - there
-        return min(now + max(missing, 1), max(state.recent_size, now + 1))
-
-    def _end_startup(self, *, at_any_rate: bool = False) -> None:
-        """Begin where enough outputs are collected; else plan when to look again."""
-        state, given = self._state, self.taken
-        is_full = state.samples >= self._most
-        if at_any_rate:
-            self._begin(at_any_rate=True)
-        elif measured(state) >= self._hold or is_full:
-            if drop_misread(state, self._request, stamped=not self._regular):
-                self._solved = {}
-            else:
-                self._begin(is_full=is_full)
-        self._dropped += given - self.taken
-        self._plan()
-
-    def _begin(self, *, at_any_rate: bool = False, is_full: bool = False) -> None:
-        """Choose the settings, lay out the state and learn the samples collected."""
-        old, request = self._state, self._request
-        kept, solution = collected(old), None
-        settings = settled(request, kept)
-        if settings.instruments:
-            solution = modelled(request, settings.preprocess, kept)
-            if solution is None and at_any_rate:  # the samples are kept: others may follow
-                return
-            last = at_any_rate or 2 * self._hold > LONGEST_STARTUP
-            if solution is None or not (solution.found.acceptable or last):
-                self._solved[measured(old)] = None if solution is None else solution.found
-                self._wait_longer(is_full=is_full)
-                return
-        state, self._begun_with = begin(old, settings, kept, solution, request.history)
-        if at_any_rate:
-            state.finished_at, state.gap_at = state.samples, 0
-        self._settings, self._solved = settings, {}
-        self._work_on(state, regular=self._regular)
-        if solution is not None:
-            self._resolve_at = next_renewal(state, settings, self._most)
-
-    def _work_on(self, state: State, *, regular: bool) -> None:
-        """Go on with a state: choose its step kernels; those for a regular clock serve until the first time stamp."""
-        kernel, steps = step_kernels(state, regular=regular)
-        vars(self).update(
-            _state=state, _regular=regular, _kernel=kernel, _steps=steps, _step=_in_turn, _gate=NO_GATE,
-            _mapped=callable(self._request.preprocess.input_map),
-        )  # fmt: skip
-
-    def _wait_longer(self, *, is_full: bool) -> None:
-        """Double the start-up; at its limit drop the older half of the samples, as a rig may idle before it moves."""
-        if 2 * self._hold <= LONGEST_STARTUP and not is_full:
-            self._hold *= 2
-        else:
-            keep_newer_half(self._state)
-            self._solved = {}
-
-
-def _in_turn(u: float, y: float, t: float, r: float) -> NoReturn:
-    """Take no sample: the kernel for single samples is not bound."""
-    raise Attention

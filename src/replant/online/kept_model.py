@@ -1,18 +1,24 @@
-"""Kept model: the `Model` of a running identification, with its noise, provenance and verdict."""
+"""Kept model: the `Model` of a running identification, and the newest samples, as models and views simulate them."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
+from replant.arguments import BoolArray, FloatArray
 from replant.assessment.verdict import Assessment, Verdict
 from replant.identified.fields import Provenance, has_rest
 from replant.identified.model import Model
 from replant.online.estimate import Estimate
-from replant.online.newest_samples import newest_samples
 from replant.simulation.fitted_run import Simulation, fit_percent
 from replant.simulation.model_run import model_output
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import quiet
+
+# stamps of some 1e9 s have a resolution of 1e-7 s
+IRREGULAR = 1e-6  # deviation of an interval from the sampling time that is more than rounding [part of the latter]
+LONGEST_IRREGULAR = 3000  # newest samples simulated where each interval needs a matrix exponential [samples]
 
 
 def model_of(
@@ -77,3 +83,30 @@ def _method(estimate: Estimate) -> str:
     if settings.instruments:
         return "recursive srivc" if settings.filter.follows_estimate else f"{name} with instruments"
     return name
+
+
+@dataclass(frozen=True)
+class NewestSamples:
+    """Signals of the newest samples, (K,), in the units of the log, the input behind its map."""
+
+    input: FloatArray
+    output: FloatArray
+    intervals: FloatArray  # seconds since the sample before
+    reference: FloatArray  # empty where there is none
+    judged: BoolArray  # which samples the verdict uses
+    regular: bool  # whether all of them are one sampling time apart
+
+    @property
+    def known_output(self) -> FloatArray:
+        """The output (K,), NaN where the verdict does not use it."""
+        return np.where(self.judged, self.output, np.nan)
+
+
+def newest_samples(estimate: Estimate) -> NewestSamples:
+    """Return the newest samples: all of `recent`, or the last 3,000 where the clock is irregular."""
+    u, y, intervals = estimate.recent.T
+    kept = estimate.recent_reference
+    r, judged = np.zeros(0) if kept is None else kept, estimate.judged
+    regular = bool((np.abs(intervals[1:] - estimate.dt) <= IRREGULAR * estimate.dt).all())
+    last = slice(None) if regular else slice(-LONGEST_IRREGULAR, None)
+    return NewestSamples(u[last], y[last], intervals[last], r[last], judged[last], regular)

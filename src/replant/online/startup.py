@@ -1,13 +1,18 @@
-"""Start-up: the first samples are collected; a model, its covariance and settled filters are made from them.
+"""Start-up: the first samples are collected; settings (docs/defaults.md) and a first model are made from them.
 
 A compiled step collects them (`replant.kernels.step.collecting`), by the rules that later samples meet, in the place
 where a state keeps its raw samples.
+
+Until they suffice for a model to go on from there is a provisional one.  It is solved for with the first outputs
+measured: at half, a quarter, an eighth ... of the start-up, and each time that a start-up which does not suffice has
+doubled, from the usual starts; from half of the start-up on at three sizes in between, from the model before.  Nothing
+that comes later depends on it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,15 +23,24 @@ from replant.assessment.assess import assess_record
 from replant.engine.dimensions import room_for
 from replant.engine.dispatch import step_kernels
 from replant.engine.recent_samples import RecentSamples
+from replant.engine.record_regressors import regressors
 from replant.engine.state import NOTHING, REGULAR, State
-from replant.kernels.schema import BELIEVED, Doubt
+from replant.kernels.schema import BELIEVED
+from replant.offline.least_squares import choose_filter
+from replant.offline.refined import Refined
 from replant.offline.solve import Solution, solve
-from replant.online.begin_recursion import initialize
-from replant.online.defaults import settle
+from replant.online.begin_recursion import initialize, note_doubts, warm_up
+from replant.optimizers.optimizer import Replay
+from replant.regressor.filters import RefinedFilter
 from replant.regressor.preprocess import Preprocess, centre
-from replant.settings import Request, Settings
+from replant.regressor.scaling import Scaling
+from replant.settings import AUTO, Request, Settings
 from replant.statistics.linear_algebra import quiet
 from replant.statistics.robust import without_spikes
+
+UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where nobody knows better [samples]
+
+Solved = dict[int, Refined | None]  # estimates by the number of measured outputs that they are made from
 
 
 def collected(state: State) -> RecentSamples:
@@ -184,54 +198,85 @@ def _is_refuted(settings: Settings, solution: Solution) -> bool:
     return verdict.status == "inconsistent"
 
 
-def note_doubts(state: State, solution: Solution, output: FloatArray | None = None) -> None:
-    """Note with the newest raw samples which of them a solution has left out, and their ``output`` (K,) if given."""
-    if not (state.examines_output and len(state.recent)):
-        return
-    count = solution.doubt.size
-    rows, recent = (state.samples - count + np.arange(count)) % len(state.recent), RecentSamples(state.recent)
-    recent.bridged[rows], recent.doubt[rows] = solution.bridged, solution.doubt
-    measured = recent.output[rows] if output is None else output
-    recent.output[rows] = np.where(solution.doubt == Doubt.MISSING, solution.bridged, measured)
-
-
-def warm_up(
-    state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None = None, *, learn: bool
-) -> float:
-    """Run samples that were collected through the kernel; return the error of the last one.
-
-    No past estimate is kept meanwhile: settings or estimate were chosen with all of these samples, so that none of them
-    is unseen.
-    """
-    _, steps = step_kernels(state, regular=t.size == 0)
-    rested = state.rested
-    state.adapt, state.held_at = learn, BELIEVED  # leaps among the held samples have been judged
-    errors = np.full(u.size, math.nan)
-    steps(*state.arrays, u, y, t, NOTHING if r is None else r, errors, np.empty((u.size, 0)))
-    state.adapt, state.held_at = True, 0
-    if state.examines_output:
-        state.change_began = state.samples
-    if not learn:
-        state.rested = rested
-    state.past_kept, state.past_due = 0, state.samples
-    state.learned = state.samples
-    return float(errors[-1])
-
-
-def carry_over(old: State, new: State) -> None:
-    """Copy to a new state what outlasts its estimate: counters, clock, raw samples, past estimates, a user's freeze."""
-    new.take_over(
-        old,
-        *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.refused, State.rested),
-        *(State.time_leaps, State.too_coarse, State.input_leaps, State.no_output, State.no_reference),
-        *(State.outliers, State.stuck, State.gaps, State.gap_at, State.adapt, State.drawn, State.samples),
-        *(State.past_kept, State.past_due, State.recent_head, State.alarm, State.look_at),
-        *(State.change, State.undecided, State.change_price, State.changed_at, State.before_began),
+@quiet
+def settle(
+    request: Request,
+    u: FloatArray,
+    y: FloatArray,
+    length: int | None = None,
+    *,
+    reference: bool = False,
+    t: FloatArray | None = None,
+) -> Settings:
+    """Return definite settings: what is "auto" is chosen from a record."""
+    structure, dt, instruments = request.structure, request.dt, request.wants_instruments
+    preprocess = request.preprocess.resolve(u, y)
+    replay = request.replay
+    if isinstance(replay, str):  # an optimizer that keeps a covariance remembers every sample
+        replay = None if request.keeps_covariance else Replay()
+    optimizer = request.optimizer_kind
+    if isinstance(optimizer, type):
+        optimizer = optimizer.suggested(dt, (length or UNKNOWN_LENGTH) * (replay.batch_size if replay else 1))
+    chosen = request.filter
+    if isinstance(chosen, str):
+        follows = instruments and optimizer.keeps_covariance
+        chosen = RefinedFilter() if follows else choose_filter(structure, dt, preprocess, u, y, t)
+    if chosen.follows_estimate and not structure.bias:
+        preprocess = centre(preprocess, u, y)
+    scaling = request.scaling
+    if scaling is None or (scaling == AUTO and optimizer.keeps_colour):  # its estimate does not depend on the scaling
+        scaling = Scaling.none(structure)
+    elif not isinstance(scaling, Scaling):
+        assumed = chosen.fixed or choose_filter(structure, dt, preprocess, u, y, t)
+        phi, _ = regressors(structure, dt, assumed, preprocess, u, y, t)
+        scaling = Scaling.from_record(y - float(preprocess.output_offset), phi)
+    return Settings(
+        structure, dt, chosen, scaling, optimizer, replay, instruments, request.normalize, preprocess, u.size, reference
     )
-    new.learned = old.samples
-    new.change_began = old.change_began if old.alarm else old.samples
-    new.past[:], new.recent[:] = old.past, old.recent
-    # not from the warm-up: a regular record has no stamps, and steps between bridged outputs are not the sensor's
-    new.take_over(old, State.last_time, State.last_raw, State.sensor_step, State.cusum_limit)
-    new.prior[:] = old.prior
-    new.largest_power = max(old.largest_power, new.largest_power)
+
+
+def next_provisional(request: Request, held: int) -> int:
+    """Return at how many measured outputs, more than ``held``, a provisional model is solved for next."""
+    later = request.first_hold
+    while later <= held:
+        later *= 2
+    return min((size for size, _ in _sizes(request, later) if size > held), default=later)
+
+
+def provisional(request: Request, kept: RecentSamples, solved: Solved) -> tuple[int, Refined] | None:
+    """Return the newest provisional model, and how many outputs it is made from; None where there is none."""
+    if not request.wants_instruments:
+        return None
+    there = np.flatnonzero(kept.is_measured)
+    for size, begun in _sizes(request, there.size):
+        for number in (begun, size):
+            if number not in solved:
+                given = solved[begun] if number > begun else None
+                solved[number] = _solved(request, kept[: there[number - 1] + 1], given)
+        refined = solved[size]
+        if refined is not None and refined.settled:
+            return size, refined
+    return None
+
+
+def _solved(request: Request, kept: RecentSamples, given: Refined | None) -> Refined | None:
+    """Return the estimate of some samples, from a given one or from the usual starts."""
+    mapped, clean = cleaned(request, kept)
+    preprocess = mapped.preprocess.resolve(clean.input.copy(), clean.output.copy())
+    solution = modelled(request, preprocess, kept, [] if given is None else [given.theta])
+    return None if solution is None else solution.found
+
+
+def _sizes(request: Request, held: int) -> Iterator[tuple[int, int]]:
+    """Yield at how many measured outputs, up to ``held``, a provisional model is solved for, the most first.
+
+    Beside each comes the number whose model it starts from; the same number where it starts from none.
+    """
+    size = request.first_hold
+    while 2 * size <= held:
+        size *= 2
+    while size >= request.least_startup:
+        for quarters in (7, 6, 5, 4) if 2 * size >= request.startup else (4,):
+            if size * quarters // 4 <= held:
+                yield size * quarters // 4, size
+        size //= 2

@@ -36,7 +36,7 @@ from replant.online.identifier import Identifier
 from replant.online.trace import Trace
 from replant.optimizers import Adam, AMSGrad, Gradient, IntegralCost, Optimizer
 from replant.optimizers.optimizer import Replay
-from replant.paper.drawing import Curve, transients
+from replant.paper.tables import Curve, transients
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.scaling import Scaling
 from replant.rigs import Rig, deap_rig, deap_voltage

@@ -93,7 +93,7 @@ def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple
 
     The caller uses a figure before it asks for the next one: the fonts are set only as long as the iteration runs.
     """
-    from replant.plotting.diagrams import font
+    from replant.plotting.style import font
 
     with font():
         for name, canvas in drawings(outcome, names):

@@ -6,7 +6,7 @@ buffer is run with the first of the table's seeds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,9 +14,9 @@ import numpy as np
 
 from replant.offline.fit_result import FitResult
 from replant.paper.actuator import GAINS, Actuator, Record
-from replant.paper.drawing import Curve, curve, draw_panel, legend_above, limit, transients
-from replant.paper.tables import TABLES, Table, trace
-from replant.plotting.diagrams import BLUE, GREY, NAVY, ORANGE, SKY, VERMILION, blank_figure, open_frame, symbol
+from replant.paper.tables import TABLES, Curve, Table, curve, trace, transients
+from replant.plotting.numbers import symbol
+from replant.plotting.style import BLUE, GREY, NAVY, ORANGE, SKY, TRUE, VERMILION, blank_figure, tidy
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ def draw_record(record: Record, offline: Mapping[str, FitResult]) -> Any:
     for axis, letter, window in zip(axes, "abcd", ((0.0, 1.0), (0.0, 1.0), *WINDOWS.values()), strict=True):
         axis.set_title(f"({letter})", loc="left")
         axis.set_xlim(window[0] * duration, window[1] * duration)
-        open_frame(axis)
+        tidy(axis)
     axes[-1].set_xlabel("time [s]")
     canvas.align_ylabels()
     legend_above(canvas, "Figure 6: the actuator's record and its model by least squares, offline", 3)
@@ -225,3 +225,39 @@ def _draw(axis: Any, signal: Any, record: Record, window: tuple[float, float], *
     begin, end = (round(part * signal.size) for part in window)
     shown = curve(np.asarray(signal[begin:end]), record.rig.dt)
     axis.plot(begin * record.rig.dt + shown.t, shown.values, **style)
+
+
+def draw_panel(axis: Any, curves: Iterable[tuple[str, Curve, Mapping[str, Any]]], true: float) -> None:
+    """Draw labelled curves and the true value."""
+    for label, drawn, style in curves:
+        axis.plot(drawn.t, drawn.values, label=label, **style)
+    axis.axhline(true, label="true value", **TRUE)
+    tidy(axis)
+
+
+def limit(axis: Any, curves: Sequence[Curve], true: float, begin: float) -> None:
+    """Set the limits of an axis to the range of the curves from a time on, with a margin."""
+    shown = np.concatenate([curve.values[curve.t >= begin] for curve in curves] + [[true]])
+    low, high = float(shown.min()), float(shown.max())
+    margin = 0.5 * (high - low) or 0.1 * abs(true)
+    axis.set_ylim(low - margin, high + margin)
+
+
+def legend_above(canvas: Any, title: str, columns: int) -> None:
+    """Write a title above all panels, and below it one legend of all curves.
+
+    The legend is filled column by column; blank entries at its end keep matplotlib from distributing them evenly.
+    """
+    from matplotlib.lines import Line2D
+
+    entries: dict[str, Any] = {}
+    for axis in canvas.axes:
+        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    handles, labels = list(entries.values()), list(entries)
+    blanks = -len(handles) % columns
+    handles += [Line2D([], [], ls="none")] * blanks
+    labels += [""] * blanks
+    canvas.legend(
+        handles, labels, title=title, loc="outside upper left", ncols=columns, frameon=False, alignment="left"
+    )

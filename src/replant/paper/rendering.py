@@ -14,9 +14,10 @@ from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator
 from replant.paper.catalogue import ACTUATOR_FIGURES, Outcome
 from replant.paper.figures import FIGURES
 from replant.paper.reproduction import SOURCE, Cell, TableResult, notes, summary
-from replant.report.html.page import Html, code, facts, icon, section, write_page
-from replant.report.html.tables import svg, table, versions
-from replant.report.number_format import number, uncertain
+from replant.plotting.numbers import number, uncertain
+from replant.report.material import versions
+from replant.report.page import Html, code, facts, icon, section, table, write_page
+from replant.report.page_figures import svg
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

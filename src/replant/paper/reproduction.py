@@ -22,8 +22,7 @@ if TYPE_CHECKING:
 
 SEEDS = 20  # runs of a row with a replay buffer: seeds 0 to 19 [count]
 
-LIMIT = 3.0
-"""Distance of a published figure of one run from the mean of ours up to which they agree [standard deviations]."""
+LIMIT = 3.0  # distance from the mean of our runs up to which a published figure agrees [standard deviations]
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Tables 1-4 of the article as data, and the experiment behind a row.
+"""Tables 1-4 of the article as data, the experiment behind a row, and its estimates as curves.
 
 Where the article does not print a setting, or its text contradicts its figures, the setting is one that reproduces the
 figures; the notes of each table name it.
@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from replant.arguments import FloatArray
 from replant.model import state_space
@@ -117,6 +118,46 @@ def run_seeds(
 def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> dict[str, float]:
     """Run an experiment; return its performance indices (21) by name: "J_a0", ..., "J_sum"."""
     return experiment.indices(trace(experiment, seed, record))
+
+
+POINTS = 2000  # points of a curve: more than a panel has pixels, few enough for a small SVG [count]
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Points of a signal."""
+
+    t: FloatArray  # t, values: (N,): time in s, and the signal there
+    values: FloatArray
+
+
+def thin(values: FloatArray, points: int = POINTS) -> npt.NDArray[np.intp]:
+    """Return the indices, in order, at which a signal (K,) is drawn: of each stretch the lowest and the highest.
+
+    First and last are always among them; at most ``points`` + 2 are returned, all of them if there are no more.
+    """
+    if values.size <= points:
+        return np.arange(values.size)
+    stretch = -(-values.size // (points // 2))
+    whole = values.size // stretch * stretch
+    blocks = values[:whole].reshape(-1, stretch)
+    starts = np.arange(0, whole, stretch)
+    chosen = [starts + blocks.argmin(axis=1), starts + blocks.argmax(axis=1), [0, values.size - 1]]
+    if whole < values.size:
+        chosen.append([whole + int(values[whole:].argmin()), whole + int(values[whole:].argmax())])
+    return np.unique(np.concatenate(chosen))
+
+
+def curve(values: FloatArray, dt: float, points: int = POINTS) -> Curve:
+    """Return a signal as a curve."""
+    kept = thin(values, points)
+    return Curve(np.asarray(kept * dt, np.float64), values[kept])
+
+
+def transients(trace: Trace, dt: float, points: int = POINTS) -> dict[str, Curve]:
+    """Return each parameter's estimate over time, by name; at t_k that of (21), before the update of sample k."""
+    before = trace.before()
+    return {name: curve(before[:, i], dt, points) for i, name in enumerate(trace.names)}
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,1 @@
-"""Plots of a `Model` and of a validation, for notebooks and scripts; those of a result lie in `report`."""
+"""What a figure is drawn with and a number is written with: diagrams, numbers as text."""

@@ -1,15 +1,9 @@
-"""The diagrams of models, drawn with matplotlib when they are asked for, and their colours.
-
-The colours are those of Okabe and Ito, which readers with a colour vision deficiency can distinguish.  Where two of
-them are equally light, line styles must differ as well, so that a figure is readable in grey.
-"""
+"""The diagrams of models and residuals, of one or of several in common axes: arrays in, axes out."""
 
 from __future__ import annotations
 
-import base64
-import html
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,114 +11,36 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.arguments import FloatArray
-from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
-from replant.statistics.residuals import BAND_95
+from replant.plotting.over_time import Curve, Panel, draw_panel
+from replant.plotting.style import (
+    BLUE,
+    GRID,
+    INK,
+    LINES,
+    MEASURED,
+    MODEL,
+    MUTED,
+    RESIDUAL,
+    SIGMAS,
+    TRUE,
+    VERMILION,
+    axes_for,
+    blank_figure,
+    given_axes,
+    is_drawable,
+    legend,
+    near,
+    output_limits,
+    say,
+    tidy,
+    title,
+)
+from replant.plotting.thinning import thin
+from replant.statistics.residuals import BAND_95, BAND_99, Correlations
 
+ComplexArray = npt.NDArray[np.complex128]
+Regions = Sequence[tuple[complex, FloatArray]]  # roots, each with the covariance (2, 2) of real and imaginary part
 
-def over(values: Any, unit: str, digits: int = 4) -> str:
-    """Return the first and last of some values, with their unit.
-
-    Examples
-    --------
-    >>> over(np.linspace(0.0, 2.0, 5), "s"), over([], "s")
-    ('0 to 2 s', 'none')
-    """
-    return f"{values[0]:.{digits}g} to {values[-1]:.{digits}g} {unit}" if len(values) else "none"
-
-
-def with_std(value: float, std: float | None) -> str:
-    """Return a value with its standard deviation, where that is known.
-
-    Examples
-    --------
-    >>> with_std(2.2346, 0.069), with_std(2.2346, None)
-    ('2.235 +- 0.069', '2.235')
-    """
-    return f"{value:.4g}" + ("" if std is None else f" +- {std:.2g}" if np.isfinite(std) else " +- unknown")
-
-
-def picture(axes: Any) -> str:
-    """Return the figure of axes, or of several, as an image of HTML."""
-    drawn = np.ravel(np.asarray(axes, dtype=object))[0].figure._repr_png_()
-    return f'<img src="data:image/png;base64,{base64.b64encode(drawn).decode()}">'
-
-
-class Shown:
-    """A result with `__repr__` and `plot`, which a notebook shows with its picture; without matplotlib in words."""
-
-    def plot(self) -> Any:
-        """Draw the result; return its axes."""
-        raise NotImplementedError
-
-    def _repr_html_(self) -> str:
-        words = f"<p>{html.escape(repr(self))}</p>"
-        try:
-            return words + picture(self.plot())
-        except MissingDependencyError:
-            return words
-
-
-BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"
-BLUE, VERMILION, PURPLE, GREY = "#0072b2", "#d55e00", "#cc79a7", "#7f8c95"
-NAVY = "#00436b"  # blue, darkened: beside vermilion, which is as light as blue in grey
-
-#: How a true value is drawn, in every figure.
-TRUE = {"color": BLACK, "ls": (0, (5, 3)), "lw": 0.9, "zorder": 2.5}
-
-FONT: Any = {"font.size": 9.0, "axes.titlesize": 9.0, "legend.fontsize": 8.5, "svg.hashsalt": "replant"}
-
-
-def blank_figure(width: float, height: float) -> Any:
-    """Return an empty `matplotlib.figure.Figure` of a width and height in inches, with constrained layout.
-
-    The figure is independent of pyplot: it has no window and need not be closed.  A notebook shows it.
-
-    >>> blank_figure(7.0, 4.0).get_size_inches().tolist()
-    [7.0, 4.0]
-    """
-    try:
-        from replant.plotting.figure import ShownFigure
-    except ImportError as cause:
-        raise MissingDependencyError("plots need matplotlib: pip install 'replant[report]'") from cause
-    return ShownFigure(figsize=(width, height), layout="constrained")
-
-
-def given_axes(name: str, axes: Any, count: int) -> list[Any]:
-    """Return axes, one or any nesting of several, as a list of ``count``; ``name`` is the argument's in messages."""
-    found = list(np.asarray(axes, dtype=object).ravel())
-    if not all(hasattr(axis, "set_xlim") for axis in found):
-        raise ArgumentTypeError(f"{name} must be axes of matplotlib, got {shown(axes)}")
-    if len(found) != count:
-        raise InvalidArgumentError(f"{name} must be {count} axes, got {len(found)}")
-    return found
-
-
-def font() -> Any:
-    """Return a context in which figures are made and saved with the project's font sizes."""
-    import matplotlib as mpl
-
-    return mpl.rc_context(FONT)
-
-
-def symbol(name: str) -> str:
-    """Return a parameter's name as mathematical text of matplotlib.
-
-    Examples
-    --------
-    >>> symbol("a0"), symbol("bias")
-    ('$a_{0}$', 'bias')
-    """
-    return f"${name[0]}_{{{name[1:]}}}$" if name[1:].isdigit() else name
-
-
-def open_frame(axis: Any) -> None:
-    """Remove the top and right spine of an axis, and draw a faint grid."""
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.grid(color="#dddddd", lw=0.5)
-    axis.set_axisbelow(True)
-
-
-UNSTABLE = 1e12  # how far the right half-plane is shaded: as far as anybody may look [rad/s]
 RADIUS_95 = 2.448
 """Radius of the 95 % ellipse of two normal variables [standard deviations].
 Level: 95 %: the square root of the quantile of chi squared with two degrees of freedom.
@@ -133,42 +49,198 @@ REACH_95 = 1.96
 """Half-width of the 95 % interval of a normal variable [standard deviations].
 Level: 95 %.
 """
+UNSTABLE = 1e12  # how far the right half-plane is shaded: as far as anybody may look [rad/s]
+WIDE = 0.2  # correlation that can be seen on an axis that reaches to 1 [number]
+ABOVE_LEGEND = 20.0  # distance of a title from a narrow axis, the legend between: side by side they touch [points]
+FEW = 60  # lags that can be told apart as stems [count]
 
-ComplexArray = npt.NDArray[np.complex128]
+
+def looks_of(names: Sequence[str]) -> list[dict[str, Any]]:
+    """Return how each of several models is drawn; one alone is wider."""
+    if len(names) == 1:
+        return [{"color": MODEL, "ls": "solid", "lw": 1.8, "label": names[0]}]
+    return [
+        {"color": colour, "ls": dashes, "lw": 1.4, "label": name}
+        for name, (colour, dashes) in zip(names, LINES, strict=False)
+    ]
+
+
+def draw_response(
+    time: FloatArray,
+    output: FloatArray,
+    std: FloatArray | None,
+    what: str,
+    ax: Any = None,
+    truth: FloatArray | None = None,
+) -> Any:
+    """Draw an output over time in s with a band of +-2 standard deviations, beside the true one; return the axes."""
+    (axis,) = axes_for("ax", ax, 1, (6.2, 3.4))
+    curves = [Curve(time, output, "model", std=std, band="± 2σ", width=1.8)]
+    if truth is not None:
+        curves.append(Curve(time, truth, "true", TRUE["color"], width=TRUE["lw"], dashes=TRUE["ls"]))
+    reach = np.zeros(1) if std is None else SIGMAS * std
+    limits = output_limits(np.append(output, 0.0), output - reach, output + reach)
+    words = "" if is_drawable(output) else "the response of G(s) is not finite"
+    draw_panel(axis, Panel(what, curves, (float(time[0]), float(time[-1])), limits, words=words, has_zero=True))
+    axis.set(xlabel="time [s]", ylabel=what)
+    legend(axis)
+    return axis
+
+
+def draw_bode(
+    responses: Mapping[str, Any],
+    axes: Any = None,
+    *,
+    reference: str = "",
+    truth: Any = None,
+    unit: str = "",
+    size: tuple[float, float] = (6.2, 4.8),
+    argument: str = "axes",
+) -> Any:
+    """Draw magnitude in dB and phase in degrees over frequency in rad/s, with bands of +-2 standard deviations.
+
+    ``responses``, by the name of the model, have frequency, magnitude and phase, relative_std and phase_std as
+    `replant.identified.responses.Bode`.  That of the ``reference`` sets the limits.
+    """
+    top, bottom = axes_for(argument, axes, 2, size, sharex=True, height_ratios=(3, 2))
+    for axis, draw in ((top, draw_magnitude), (bottom, draw_phase)):
+        draw(axis, responses, reference=reference, truth=truth)
+    top.set_ylabel(f"magnitude [dB re {unit}]" if unit else "magnitude [dB]")
+    if top.get_shared_x_axes().joined(top, bottom):
+        top.set_xlabel("")
+    if len(responses) == 1:
+        legend(top)
+    return np.array([top, bottom], dtype=object)
+
+
+def draw_magnitude(axis: Any, responses: Mapping[str, Any], *, reference: str = "", truth: Any = None) -> None:
+    """Draw magnitudes in dB over frequency in rad/s."""
+    with np.errstate(all="ignore"):
+        drawn = _over_frequency(axis, responses, reference, truth, _MAGNITUDE)
+    if drawn is not None:
+        room = max(0.1 * (drawn[1] - drawn[0]), 3.0)
+        axis.set_ylim(drawn[0] - room, drawn[1] + room)
+
+
+def draw_phase(axis: Any, responses: Mapping[str, Any], *, reference: str = "", truth: Any = None) -> None:
+    """Draw phases in degrees over frequency in rad/s."""
+    from matplotlib.ticker import MaxNLocator, MultipleLocator
+
+    drawn = _over_frequency(axis, responses, reference, truth, _PHASE)
+    if drawn is not None:
+        span = drawn[1] - drawn[0]
+        axis.yaxis.set_major_locator(MultipleLocator(45 if span < 200 else 90) if span < 700 else MaxNLocator(5))
+        axis.set_ylim(min(drawn[0], 0.0) - 25.0, max(drawn[1], 0.0) + 25.0)
 
 
 @dataclass(frozen=True)
-class RootColours:
-    """Colours of a plot of poles and zeros: its markers, the axes, and the unstable half-plane."""
+class _Quantity:
+    """What is drawn of a frequency response."""
 
-    pole: str = BLUE
-    zero: str = VERMILION
-    line: str = GREY
-    half: str = "#dddddd"
+    label: str
+    values: Callable[[Any], FloatArray]
+    std: str  # the name of its standard deviation, in nepers or radians
+    unit: float  # of a neper, or of a radian
+    widest: float  # half-width at which a band is cut: beyond it nothing is known anyway
+    around: float  # how far the axes reach beyond the reference at the most
 
 
-PLAIN = RootColours()
+_DECIBELS = 20.0 / math.log(10.0)
+_MAGNITUDE = _Quantity(
+    "magnitude [dB]", lambda found: _DECIBELS * np.log(found.magnitude), "relative_std", _DECIBELS, 60.0, 20.0
+)
+_PHASE = _Quantity("phase [°]", lambda found: np.degrees(found.phase), "phase_std", 180.0 / math.pi, 180.0, 90.0)
 
 
-def draw_roots(
-    axis: Any,
-    poles: ComplexArray,
-    zeros: ComplexArray,
-    regions: Sequence[tuple[complex, FloatArray]],
-    colours: RootColours = PLAIN,
-) -> None:
-    """Draw poles (crosses) and zeros (circles) in rad/s, with 95 % regions; the right half-plane is shaded."""
-    axis.axvspan(0.0, UNSTABLE, color=colours.half, alpha=0.45, lw=0)
-    axis.axhline(0.0, color=colours.line, lw=0.8)
-    axis.axvline(0.0, color=colours.line, lw=0.8)
-    _limits(axis, np.concatenate([poles, zeros]))
-    drawn = False
-    for root, covariance in regions:
-        drawn |= _region(axis, root, covariance, colours.pole, label="" if drawn else "95 % region")
-    marks = {"mfc": "none", "clip_on": False}
-    axis.plot(poles.real, poles.imag, "x", color=colours.pole, ms=9, mew=2.0, label="poles", **marks)
-    if zeros.size:
-        axis.plot(zeros.real, zeros.imag, "o", color=colours.zero, ms=8, mew=1.8, label="zeros", **marks)
+def _over_frequency(
+    axis: Any, responses: Mapping[str, Any], reference: str, truth: Any, what: _Quantity
+) -> tuple[float, float] | None:
+    """Draw curves over frequency with their bands, and return the range to be shown; None where none is finite."""
+    axis.set_xscale("log")
+    tidy(axis)
+    axis.set(xlabel="frequency [rad/s]", ylabel=what.label)
+    curves: dict[str, FloatArray] = {}
+    for (name, found), look in zip(responses.items(), looks_of(list(responses)), strict=False):
+        values = what.values(found)
+        shown = (found.frequency > 0.0) & np.isfinite(values)  # no other has a place on a logarithmic axis
+        omega, values = found.frequency[shown], values[shown]
+        if not omega.size:
+            continue
+        if (spread := getattr(found, what.std)) is not None and np.isfinite(spread[shown]).all():
+            half = np.minimum(SIGMAS * what.unit * spread[shown], what.widest)
+            band: Any = {"alpha": 0.22, "label": "± 2σ"} if len(responses) == 1 else {"alpha": 0.13}
+            axis.fill_between(omega, values - half, values + half, color=look["color"], lw=0, **band)
+        axis.plot(omega, values, **look)
+        curves[name] = values
+    if truth is not None:
+        axis.plot(truth.frequency, what.values(truth), label="true", **TRUE)
+    first = reference if reference in curves else next(iter(curves), "")
+    if not first:
+        say(axis, "the response of G(s) is not finite")
+        return None
+    omega = responses[first].frequency
+    omega = omega[omega > 0.0]
+    if omega[0] != omega[-1]:
+        axis.set_xlim(float(omega[0]), float(omega[-1]))
+    return near(list(curves.values()), curves[first], what.around)
+
+
+def draw_nyquist(
+    response: ComplexArray, relative_std: FloatArray | None, phase_std: FloatArray | None, ax: Any = None
+) -> Any:
+    """Draw a frequency response in the complex plane, with regions of 2 standard deviations; return the axes."""
+    (axis,) = axes_for("ax", ax, 1, (5.0, 4.6))
+    tidy(axis)
+    if relative_std is not None and phase_std is not None:
+        angle = np.linspace(0.0, math.tau, 61)
+        every = max(1, response.size // 60)
+        chosen = zip(response[::every], relative_std[::every], phase_std[::every], strict=True)
+        for number, (middle, relative, turn) in enumerate(chosen):
+            # along the radius and across it; that the two errors are correlated is left out
+            ellipse = middle * (1.0 + SIGMAS * (relative * np.cos(angle) + 1j * turn * np.sin(angle)))
+            axis.fill(ellipse.real, ellipse.imag, color=MODEL, alpha=0.16, lw=0, label=None if number else "2σ")
+    axis.plot(response.real, response.imag, color=MODEL, lw=1.8, label="model")
+    axis.plot([-1.0], [0.0], "+", color=INK, ms=9, mew=1.6, label="-1")
+    axis.set(xlabel="real part", ylabel="imaginary part")
+    legend(axis)
+    return axis
+
+
+def draw_poles(
+    models: Mapping[str, tuple[ComplexArray, ComplexArray, Regions]], ax: Any = None, *, truth: Any = None
+) -> Any:
+    """Draw poles (crosses) and zeros (circles) in rad/s, with 95 % regions; the right half-plane is shaded.
+
+    ``models``, by name, are poles, zeros and the roots whose covariance is known.
+    """
+    (axis,) = axes_for("ax", ax, 1, (5.2, 4.6))
+    tidy(axis)
+    axis.set(xlabel="real part [rad/s]", ylabel="imaginary part [rad/s]")
+    roots = np.concatenate([part for poles, zeros, _ in models.values() for part in (poles, zeros)])
+    if not is_drawable(roots):
+        say(axis, "not finite, or too large to draw")
+        return axis
+    axis.axvspan(0.0, UNSTABLE, color=GRID, alpha=0.45, lw=0)
+    axis.axhline(0.0, color=MUTED, lw=0.8)
+    axis.axvline(0.0, color=MUTED, lw=0.8)
+    _show_roots(axis, roots)
+    alone = len(models) == 1
+    marks: Any = {"ls": "none", "mfc": "none", "clip_on": False}
+    for (name, (poles, zeros, regions)), look in zip(models.items(), looks_of(list(models)), strict=False):
+        drawn = [_region(axis, root, covariance, look["color"]) for root, covariance in regions]
+        if alone and (first := next(filter(None, drawn), None)):
+            first.set_label("95 % region")
+        label = "poles" if alone else name
+        axis.plot(poles.real, poles.imag, marker="x", color=look["color"], ms=9, mew=2.0, label=label, **marks)
+        if zeros.size:
+            colour, label = (RESIDUAL, "zeros") if alone else (look["color"], "")
+            axis.plot(zeros.real, zeros.imag, marker="o", color=colour, ms=8, mew=1.8, label=label or None, **marks)
+    if truth is not None:
+        diamond: Any = {"ls": "none", "marker": "D", "ms": 11, "mfc": "none", "mew": 0.9, "color": TRUE["color"]}
+        axis.plot(truth.poles.real, truth.poles.imag, label="true poles", **diamond)
+    if alone:
+        legend(axis)
+    return axis
 
 
 def mirrored(covariance: FloatArray) -> FloatArray:
@@ -183,9 +255,13 @@ def mirrored(covariance: FloatArray) -> FloatArray:
     return np.asarray(covariance * np.array([[1.0, -1.0], [-1.0, 1.0]]))
 
 
-def _limits(axis: Any, roots: ComplexArray) -> None:
+def with_conjugates(regions: Regions) -> Regions:
+    """Return regions with those of the conjugate roots."""
+    return [*regions, *((root.conjugate(), mirrored(covariance)) for root, covariance in regions if root.imag)]
+
+
+def _show_roots(axis: Any, roots: ComplexArray) -> None:
     """Show every root and the imaginary axis, with room around them."""
-    roots = roots[np.isfinite(roots)]
     low, high = float(np.min(roots.real, initial=0.0)), float(np.max(roots.real, initial=0.0))
     width, height = high - low, 2.0 * float(np.max(np.abs(roots.imag), initial=0.0))
     width = max(width, 0.1 * height) or 1.0
@@ -194,155 +270,116 @@ def _limits(axis: Any, roots: ComplexArray) -> None:
     axis.set_ylim(-0.65 * height, 0.65 * height)
 
 
-def _region(axis: Any, root: complex, covariance: FloatArray, colour: str, label: str) -> bool:
-    """Draw the 95 % ellipse, or the interval of a real root; return whether there is something to draw."""
+def _region(axis: Any, root: complex, covariance: FloatArray, colour: str) -> Any:
+    """Draw the 95 % ellipse, or the interval of a real root, and return it; None where there is nothing to draw."""
     if not np.isfinite(covariance).all() or not (np.diag(covariance) > 0.0).any():
-        return False
+        return None
     if root.imag == 0.0:
         reach = REACH_95 * math.sqrt(max(float(covariance[0, 0]), 0.0))
         ends = [root.real - reach, root.real + reach]
-        axis.plot(ends, [0.0, 0.0], color=colour, alpha=0.35, lw=7, solid_capstyle="butt", label=label or None)
-        return True
+        return axis.plot(ends, [0.0, 0.0], color=colour, alpha=0.35, lw=7, solid_capstyle="butt")[0]
     values, vectors = np.linalg.eigh(covariance)
     angle = np.linspace(0.0, math.tau, 181)
     unit = np.stack([np.cos(angle), np.sin(angle)]) * RADIUS_95 * np.sqrt(np.maximum(values, 0.0))[:, None]
     outline = vectors @ unit
-    axis.fill(root.real + outline[0], root.imag + outline[1], facecolor=colour, alpha=0.3, lw=0, label=label or None)
-    return True
+    return axis.fill(root.real + outline[0], root.imag + outline[1], facecolor=colour, alpha=0.3, lw=0)[0]
 
 
-SIGMAS = 2.0  # half-width of every band [standard deviations]
-WIDEST_DB, WIDEST_DEGREES = 60.0, 180.0
-"""Half-width at which a band is cut: beyond it nothing is known anyway [dB, degrees]."""
+def draw_correlations(found: Correlations | None, dt: float, axes: Any = None) -> Any:
+    """Draw the residual's correlation with itself and with the input over the lag, with 95 and 99 % limits."""
+    left, right = axes_for("axes", axes, 2, (9.6, 3.4), nrows=1, ncols=2)
+    title(left, "residual with itself")
+    title(right, "input with later residual")
+    for axis in (left, right):
+        tidy(axis)
+        axis.set(xlabel="lag [s]", ylabel="correlation")
+        if found is None:
+            say(axis, "too few samples, or a constant signal")
+    if found is not None:
+        _correlation(left, found.auto, 0, found.auto_std, dt)
+        if (reach := reach_of(found.auto, found.auto_std)) is not None:
+            left.set_ylim(-reach, reach)
+        _correlation(right, found.cross, 1 - found.auto.size, found.cross_std, dt)
+    return np.array([left, right], dtype=object)
 
 
-def draw_over_time(time: FloatArray, output: FloatArray, std: FloatArray | None, what: str, ax: Any = None) -> Any:
-    """Draw an output over time in s with a band of +-2 standard deviations; return the axes."""
-    axis = blank_figure(6.2, 3.4).subplots() if ax is None else given_axes("ax", ax, 1)[0]
-    if std is not None:
-        low, high = output - SIGMAS * std, output + SIGMAS * std
-        axis.fill_between(time, low, high, color=BLUE, alpha=0.22, lw=0, label="± 2σ")
-    axis.plot(time, output, color=BLUE, lw=1.6, label="model")
-    axis.set_xlim(float(time[0]), float(time[-1]))
-    axis.set_xlabel("time [s]")
-    axis.set_ylabel(what)
-    axis.legend(frameon=False)
-    open_frame(axis)
+def reach_of(auto: FloatArray, std: float) -> float | None:
+    """Return half the height of an autocorrelation's axis, if its limits would be too small beside the 1 at lag 0.
+
+    Examples
+    --------
+    >>> reach_of(np.array([1.0, 0.5]), 0.01), reach_of(np.array([1.0, -0.02]), 0.01)
+    (None, 0.0412...)
+    """
+    near = max(float(np.abs(auto[1:]).max(initial=0.0)), BAND_99 * std)
+    return 1.6 * near if near < WIDE else None
+
+
+def _correlation(axis: Any, values: FloatArray, first: int, std: float, dt: float) -> None:
+    axis.axhspan(-BAND_99 * std, BAND_99 * std, color=MEASURED, alpha=0.22, lw=0, label="99 %")
+    axis.axhspan(-BAND_95 * std, BAND_95 * std, color=MEASURED, alpha=0.35, lw=0, label="95 %")
+    axis.axhline(0.0, color=MUTED, lw=0.8)
+    lags = np.asarray(dt * (first + np.arange(values.size)), np.float64)
+    if values.size <= FEW:
+        axis.vlines(lags, 0.0, values, color=RESIDUAL, lw=1.6)
+        axis.plot(lags, values, "o", color=RESIDUAL, ms=3.5)
+    else:
+        drawn = thin(values, 1200)
+        axis.plot(drawn.among(lags), drawn.values, color=RESIDUAL, lw=1.2)
+        for limit in (-BAND_95 * std, BAND_95 * std):  # drawn again, because the curve may cover the bands
+            axis.axhline(limit, color=INK, lw=0.8, ls=(0, (4, 3)))
+    axis.set_xlim(dt * (first - 0.5), dt * (first + values.size - 0.5))
+    legend(axis)
+
+
+def draw_spectrum(curves: Mapping[str, tuple[FloatArray, FloatArray]], ax: Any = None) -> Any:
+    """Draw power spectral densities per Hz over angular frequency: that of the residual, then that of its model."""
+    (axis,) = axes_for("ax", ax, 1, (4.8, 3.4))
+    title(axis, "spectrum of the noise", ABOVE_LEGEND)
+    axis.set(xlabel="angular frequency [rad/s]", ylabel="power per Hz")
+    tidy(axis)
+    if not curves:
+        say(axis, "too few samples, or no residual")
+        return axis
+    axis.set(xscale="log", yscale="log")  # after the ticks: less than a decade needs labels between
+    for (label, (omega, density)), colour in zip(curves.items(), (MEASURED, MODEL), strict=False):
+        axis.plot(omega, density, color=colour, lw=1.6 if colour == MEASURED else 1.4, label=label)
+    legend(axis)
     return axis
 
 
-def draw_bode(
-    frequency: FloatArray,
-    magnitude: FloatArray,
-    phase: FloatArray,
-    relative_std: FloatArray | None,
-    phase_std: FloatArray | None,
-    ax: Any = None,
-) -> Any:
-    """Draw magnitude in dB and phase in degrees over frequency in rad/s, with bands of +-2 standard deviations."""
-    axes = blank_figure(6.2, 4.8).subplots(2, 1, sharex=True) if ax is None else given_axes("ax", ax, 2)
-    top, bottom = np.asarray(axes, dtype=object).ravel()
-    drawn = frequency > 0.0  # no other has a place on a logarithmic axis
-    frequency, magnitude, phase = frequency[drawn], magnitude[drawn], phase[drawn]
-    relative_std, phase_std = (None if std is None else std[drawn] for std in (relative_std, phase_std))
-    with np.errstate(divide="ignore"):
-        decibels, degrees = 20.0 * np.log10(magnitude), np.degrees(phase)
-    for axis, values, std, widest, unit in (
-        (top, decibels, relative_std, WIDEST_DB, 20.0 / math.log(10.0)),
-        (bottom, degrees, phase_std, WIDEST_DEGREES, 180.0 / math.pi),
-    ):
-        if std is not None:
-            band = np.minimum(SIGMAS * unit * std, widest)
-            axis.fill_between(frequency, values - band, values + band, color=BLUE, alpha=0.22, lw=0, label="± 2σ")
-        axis.semilogx(frequency, values, color=BLUE, lw=1.6, label="model")
-        open_frame(axis)
-    top.set_ylabel("magnitude [dB]")
-    top.legend(frameon=False)
-    bottom.set_ylabel("phase [°]")
-    bottom.set_xlabel("frequency [rad/s]")
-    if frequency.size and frequency[0] != frequency[-1]:
-        bottom.set_xlim(float(frequency[0]), float(frequency[-1]))
-    return np.array([top, bottom], dtype=object)
+def draw_error(found: Any, axis: Any) -> None:
+    """Draw the error of a model by frequency, with the limit that chance explains."""
+    tidy(axis)
+    title(axis, "error by frequency")
+    axis.set_xlabel("frequency [rad/s]")
+    if found is None:
+        say(axis, "not known")
+        return
+    axis.plot(found.frequency, 100.0 * found.error, color=BLUE, lw=1.2, label="error")
+    axis.plot(found.frequency, 100.0 * found.limit, color=MUTED, lw=1.2, ls="--", label="95 % limit")
+    axis.set_ylabel("part of |G| [%]")
+    legend(axis)
 
 
-def draw_nyquist(
-    response: ComplexArray, relative_std: FloatArray | None, phase_std: FloatArray | None, ax: Any = None
-) -> Any:
-    """Draw a frequency response in the complex plane, with regions of 2 standard deviations; return the axes."""
-    axis = blank_figure(5.0, 4.6).subplots() if ax is None else given_axes("ax", ax, 1)[0]
-    if relative_std is not None and phase_std is not None:
-        angle = np.linspace(0.0, math.tau, 61)
-        every = max(1, response.size // 60)
-        chosen = zip(response[::every], relative_std[::every], phase_std[::every], strict=True)
-        for number, (middle, relative, turn) in enumerate(chosen):
-            # along the radius and across it; that the two errors are correlated is left out
-            ellipse = middle * (1.0 + SIGMAS * (relative * np.cos(angle) + 1j * turn * np.sin(angle)))
-            label = "" if number else "2σ"
-            axis.fill(ellipse.real, ellipse.imag, color=BLUE, alpha=0.16, lw=0, label=label or None)
-    axis.plot(response.real, response.imag, color=BLUE, lw=1.6, label="model")
-    axis.plot([-1.0], [0.0], "+", color=VERMILION, ms=9, mew=1.6, label="-1")
-    axis.set_xlabel("real part")
-    axis.set_ylabel("imaginary part")
-    axis.legend(frameon=False)
-    open_frame(axis)
-    return axis
-
-
-def draw_poles(
-    poles: ComplexArray, zeros: ComplexArray, regions: list[tuple[complex, FloatArray]], ax: Any = None
-) -> Any:
-    """Draw poles (crosses) and zeros (circles) in rad/s, with 95 % regions of the poles; return the axes."""
-    axis = blank_figure(5.2, 4.6).subplots() if ax is None else given_axes("ax", ax, 1)[0]
-    both = [(pole.conjugate(), mirrored(covariance)) for pole, covariance in regions if pole.imag]
-    draw_roots(axis, poles, zeros, [*regions, *both])
-    axis.set_xlabel("real part [rad/s]")
-    axis.set_ylabel("imaginary part [rad/s]")
-    axis.legend(frameon=False)
-    open_frame(axis)
-    return axis
-
-
-def draw_validation(validation: Any, axes: Any = None) -> Any:
-    """Draw a validation; return four axes of matplotlib."""
+def draw_validation(found: Any, axes: Any = None, size: tuple[float, float] = (9.0, 6.4)) -> Any:
+    """Draw a `replant.identified.validation.Validation`: outputs, residual, error by frequency; return four axes."""
     if axes is None:
-        figure = blank_figure(9.0, 6.4)
+        figure = blank_figure(*size)
         grid = figure.add_gridspec(2, 3)
         axes = [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, column]) for column in range(3))]
     outputs, auto, cross, frequency = given_axes("axes", axes, 4)
-    time = validation.time
-    outputs.plot(time, validation.output + validation.residual, color=GREY, lw=2.4, alpha=0.7, label="measured")
-    outputs.plot(time, validation.output, color=VERMILION, lw=1.2, label=f"model, fit {validation.fit:.1f} %")
+    time, measured = found.time, found.output + found.residual
+    curves = [
+        Curve(time, measured, "measured", MEASURED, width=2.4),
+        Curve(time, found.output, f"model, fit {found.fit:.1f} %", VERMILION, width=1.2),
+    ]
+    ends = (float(time[0]), float(time[-1]))
+    draw_panel(outputs, Panel("", curves, ends, output_limits(measured, found.output)))
     outputs.set_xlabel("time [s]")
-    outputs.set_xlim(float(time[0]), float(time[-1]))
-    outputs.legend(frameon=False)
-    found = validation.correlations
-    lags = 0 if found is None else found.auto.size - 1
-    _stems(auto, np.arange(1, lags + 1), None if found is None else (found.auto[1:], found.auto_std))
-    _stems(cross, np.arange(-lags, lags + 1), None if found is None else (found.cross, found.cross_std))
-    auto.set_title("residual with itself", fontsize="medium")
-    cross.set_title("input with later residual", fontsize="medium")
-    frequency.set_title("error by frequency", fontsize="medium")
-    frequency.set_xlabel("frequency [rad/s]")
-    by_frequency = validation.by_frequency
-    if by_frequency is None:
-        frequency.text(0.5, 0.5, "not known", transform=frequency.transAxes, ha="center", va="center", color=GREY)
-    else:
-        frequency.plot(by_frequency.frequency, 100.0 * by_frequency.error, color=BLUE, lw=1.2, label="error")
-        limit = 100.0 * by_frequency.limit
-        frequency.plot(by_frequency.frequency, limit, color=GREY, lw=1.2, ls="--", label="95 % limit")
-        frequency.set_ylabel("part of |G| [%]")
-        frequency.legend(frameon=False)
-    for axis in (outputs, auto, cross, frequency):
-        open_frame(axis)
+    legend(outputs)
+    draw_correlations(found.correlations, float(np.median(np.diff(time))) if time.size > 1 else 1.0, (auto, cross))
+    draw_error(found.by_frequency, frequency)
+    for axis in (auto, cross, frequency):
+        title(axis, axis.get_title("left"), ABOVE_LEGEND)
     return np.array([outputs, auto, cross, frequency], dtype=object)
-
-
-def _stems(axis: Any, lags: Any, found: tuple[FloatArray, float] | None) -> None:
-    axis.set_xlabel("lag [samples]")
-    if found is None:
-        axis.text(0.5, 0.5, "too few samples", transform=axis.transAxes, ha="center", va="center", color=GREY)
-        return
-    values, std = found
-    axis.axhspan(-BAND_95 * std, BAND_95 * std, color=GREY, alpha=0.3, lw=0, label="95 %")
-    axis.plot(lags, values, color=BLUE, lw=1.2)
-    axis.legend(frameon=False)

@@ -9,9 +9,9 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.engine.record_regressors import regressors
+from replant.plotting.numbers import complex_number, number
 from replant.regressor.filters import StateVariableFilter
 from replant.regressor.preprocess import Preprocess, screen
-from replant.report.number_format import complex_number, number
 from replant.runs.result import Result
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
@@ -38,14 +38,6 @@ def excitation(phi: FloatArray) -> Excitation | None:
     r"""Return the excitation along regressors phi (K, P), each entry scaled by its root mean square over the record.
 
     The information matrix of a window is :math:`\frac{1}{N} \sum_k \varphi_k \varphi_k^T`, over its N finite rows.
-
-    Examples
-    --------
-    >>> phi = np.random.default_rng(0).standard_normal((8000, 2))
-    >>> phi[4000:, 1] = phi[4000:, 0]                  # two equal columns
-    >>> found = excitation(phi)
-    >>> found.smallest[[0, -1]].round(1)
-    array([0.8, 0. ])
     """
     count, size = phi.shape
     finite = np.asarray(np.isfinite(phi).all(axis=1))
@@ -131,24 +123,12 @@ VERDICTS = {
 
 
 def words_of(status: str) -> VerdictWords:
-    """Return the words of a verdict; of a status that is not known, itself as a warning.
-
-    Examples
-    --------
-    >>> words_of("trusted").headline, words_of("biased")
-    ('Trusted', VerdictWords(gravity='warn', headline='Biased', meaning='', shape='?', usable=True))
-    """
+    """Return the words of a verdict; of a status that is not known, itself as a warning."""
     return VERDICTS.get(status, VerdictWords(WARN, status.capitalize(), ""))
 
 
 def colour_of(status: str) -> str:
-    """Return the colour of a verdict at a terminal.
-
-    Examples
-    --------
-    >>> colour_of("trusted"), colour_of("not excited")
-    ('green', 'red')
-    """
+    """Return the colour of a verdict at a terminal."""
     return COLOURS[words_of(status).gravity]
 
 
@@ -168,13 +148,7 @@ class Finding:
 
 
 def without_reasons(status: str, *, excited: bool) -> str:
-    """Return a verdict for a place that does not show its reasons: a trusted model says there that the input rests.
-
-    Examples
-    --------
-    >>> without_reasons("trusted", excited=False), without_reasons("trusted", excited=True)
-    ('trusted, not excited', 'trusted')
-    """
+    """Return a verdict for a place that does not show its reasons: a trusted model says there that the input rests."""
     return f"{status}, not excited" if status == "trusted" and not excited else status
 
 
@@ -221,12 +195,6 @@ def _of_model(result: Result) -> list[Finding]:
 
 
 def _sentence(reason: str) -> str:
-    """Return a verdict's reason as a sentence, with long numbers as the report writes them.
-
-    Examples
-    --------
-    >>> _sentence("a coefficient has moved over the last 2.45e+03 s")
-    'A coefficient has moved over the last 2450 s.'
-    """
+    """Return a verdict's reason as a sentence, with long numbers as the report writes them."""
     reason = re.sub(r"-?\d{7,}(\.\d+)?|-?\d(\.\d+)?e[+-]\d+|-?\binf\b", lambda found: number(float(found[0])), reason)
     return reason[:1].upper() + reason[1:].rstrip(".") + "."

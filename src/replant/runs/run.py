@@ -10,9 +10,9 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray, IntArray
 from replant.assessment import Simulation
-from replant.online.defaults import settle
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
+from replant.online.startup import settle
 from replant.online.trace import Trace
 from replant.regressor.filters import Filter
 from replant.regressor.preprocess import screen

@@ -19,10 +19,10 @@ from replant.interop import in_our_words
 from replant.limits import increasing
 from replant.log import Log
 from replant.model.structure import Structure
-from replant.offline.fewer_poles import is_asked_for, with_fewer_poles
-from replant.offline.fit import RawRecord, fit
+from replant.offline.fit import fit
 from replant.offline.fit_result import FitResult
-from replant.offline.samples import Samples
+from replant.offline.samples import RawRecord, Samples
+from replant.offline.structure_evidence import is_asked_for, with_fewer_poles
 from replant.optimizers import OPTIMIZERS, Optimizer
 from replant.regressor.preprocess import Preprocess
 from replant.runs.result import Result, result_of_fit

@@ -97,14 +97,29 @@ class Autoregression:
         return cls(coefficients, power, models, np.full(size, power), np.zeros((size, size)), 1.0)
 
     @classmethod
+    def of_residual(cls, error: FloatArray, known: IntArray, samples: int) -> Autoregression:
+        """Return the model of a residual (K,) of so many samples; white where too few have ``known`` predecessors."""
+        sums, count = sums_of(error, known)
+        if count >= LEAST and np.isfinite(sums).all():
+            return cls.of_sums(sums, count)
+        return cls.white(float(error @ error), samples)
+
+    @classmethod
     def white(cls, power: float, count: float) -> Autoregression:
         """Return the model of order 0."""
         models = np.zeros((LAGS + 1, LAGS + 1))
         models[:, 0] = 1.0
         return cls(np.ones(1), power, models, np.full(LAGS + 1, power), np.zeros_like(models), float(count))
 
+    def ahead(self, signals: FloatArray) -> FloatArray:
+        """Return D(q) x of ``signals`` (K, ...) along the first axis, zeros before the first sample."""
+        result = signals.copy()
+        for lag in range(1, self.order + 1):
+            result[lag:] += self.coefficients[lag] * signals[:-lag]
+        return result
+
     def whiten(self, signals: FloatArray) -> FloatArray:
-        """Return D(q) x of ``signals`` (K, ...) along the first axis, from the first sample with p predecessors on."""
+        """Return the same from the first sample with p predecessors on, in the layout of ``signals``."""
         model = self.coefficients
         lags = model.size - 1
         result = model[0] * signals[lags:]
@@ -120,9 +135,7 @@ class Autoregression:
         """
         if self.order == 0:
             return signals
-        result = signals.copy()
-        for lag in range(1, self.order + 1):
-            result[lag:] += self.coefficients[lag] * signals[:-lag]
+        result = self.ahead(signals)
         for lags in range(self.order):
             rows = np.flatnonzero(known == lags)
             broken = signals[rows]

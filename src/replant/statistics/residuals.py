@@ -218,3 +218,27 @@ class ErrorSums:
 
     def _covariances(self, mean: float) -> FloatArray:
         return self._all[0, :-1] - mean * self._sums + mean**2 * self._pairs
+
+
+SEGMENTS = 8
+"""Stretches of the record, half overlapping, over whose periodograms the measured spectrum is the mean [count]."""
+SHORTEST = 64  # samples that a stretch needs [samples]
+
+
+def periodogram(residual: FloatArray, dt: float) -> tuple[FloatArray, FloatArray] | None:
+    """Return angular frequencies in rad/s and the two-sided power spectral density of a residual (K,), per Hz.
+
+    By Welch's method with a Hann window.  None where fewer than `SHORTEST` samples are finite; a sample that is not
+    counts as zero.
+    """
+    known = np.isfinite(residual)
+    if known.sum() < SHORTEST:
+        return None
+    filled = np.where(known, residual - residual[known].mean(), 0.0)
+    length = max(2 * filled.size // (SEGMENTS + 1), SHORTEST)
+    window = np.hanning(length)
+    begins = range(0, filled.size - length + 1, max(length // 2, 1))
+    powers = [np.abs(np.fft.rfft(window * filled[begin : begin + length])) ** 2 for begin in begins]
+    density = np.mean(powers, axis=0) * dt / np.sum(window**2)
+    omega = np.asarray(2.0 * math.pi * np.fft.rfftfreq(length, dt), np.float64)
+    return omega[1:-1], np.asarray(density[1:-1])

@@ -166,11 +166,7 @@ class Upload:
 
 
 def _safe(name: str) -> str:
-    """Return the name of a dropped file without a folder; raises where it is none.
-
-    >>> _safe("../../motor.csv")
-    'motor.csv'
-    """
+    """Return the name of a dropped file without a folder; raises where it is none."""
     name = name.replace("\\", "/").rpartition("/")[2]
     if not name or name.startswith(".") or not name.isprintable() or len(name) > LONGEST_NAME:
         raise InvalidArgumentError(f"{shown(name)} is no name for a log: rename the file, with a suffix such as .csv")

@@ -33,15 +33,7 @@ class Place:
 
 
 def place_of(reason: str) -> Place:
-    """Return where a reason can be seen.
-
-    >>> place_of("the residual began to grow 12.5 s ago: the plant has changed")
-    Place(plot='residual', since=12.5, at=None)
-    >>> place_of("a zero may cancel the pole near -3.2 rad/s, so that the coefficients are not known")
-    Place(plot='poles', since=None, at=3.2)
-    >>> place_of("the input could explain another 12 % of the output's power over the last 40 s").plot
-    'cross'
-    """
+    """Return where a reason can be seen."""
     since = _first(_AGO, reason) or _first(_LAST, reason)
     found = _POLE.search(reason)
     if found:
@@ -104,11 +96,7 @@ class Card:
 
 
 def title_of(wish: Wish) -> str:
-    """Return the name that a card gets.
-
-    >>> title_of(Wish(poles="2", zeros="1", delay="0.01")), title_of(Wish("search", "1:4"))
-    ('2 poles, 1 zero, 0.01 s', 'best of 1:4 poles')
-    """
+    """Return the name that a card gets."""
     if wish.kind == SEARCH:
         return f"best of {wish.poles} poles"
     parts = [f"{wish.poles} pole{'' if wish.poles == '1' else 's'}"]
@@ -169,11 +157,7 @@ def sort_key(card: Card, order: str) -> Any:
 
 
 def in_order(cards: Sequence[Card], order: str) -> list[Card]:
-    """Return cards in one of `ORDERS`.
-
-    >>> in_order([], "fit")
-    []
-    """
+    """Return cards in one of `ORDERS`."""
     return list(cards) if order == "made" else sorted(cards, key=lambda card: sort_key(card, order))
 
 

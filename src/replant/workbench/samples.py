@@ -7,9 +7,7 @@ least and the greatest value of each `BUCKET` samples, and of `FACTOR` of these,
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -40,13 +38,7 @@ class Doubt:
 
 
 def doubts(t: FloatArray, u: FloatArray | None, y: FloatArray | None) -> list[Doubt]:
-    """Return what may be wrong, in the order of time; ``t`` (K,) in s from the first sample.
-
-    >>> t = np.arange(400.0)
-    >>> y = np.where((t >= 100) & (t < 160), 5.0, np.sin(t))
-    >>> doubts(t, np.cos(t), y)
-    [Doubt(begin=100.0, end=160.0, what='the output stays at 5 while the input moves')]
-    """
+    """Return what may be wrong, in the order of time; ``t`` (K,) in s from the first sample."""
     found = _gaps(t)
     if y is not None:
         found += _missing(t, y)
@@ -162,21 +154,16 @@ class Samples:
         if not wanted:
             return
         table = side_by_side(read_columns(self.path))
-        rows = 0
-        with ExitStack() as opened:
-            stream = opened.enter_context(closing(table.stream(wanted)))
-            files = [opened.enter_context(tempfile.TemporaryFile()) for _ in wanted]
-            for block in stream:
-                for file, column in zip(files, block, strict=True):
-                    file.write(np.ascontiguousarray(column, np.float64).data)
-                rows += max(column.size for column in block)
-                if not progress(rows, max(table.approximate_rows, rows)):
-                    raise CancelledError
-            if not rows:
-                raise LogError(f"{self.path}: there are no rows; record the log again")
-            for number, file in zip(wanted, files, strict=True):
-                values: Any = np.memmap(file, np.float64, "r") if file.tell() else np.empty(0)
-                self.columns[number] = Column(values, levels_of(values))
+
+        def told(rows: int, about: int) -> None:
+            if not progress(rows, about):
+                raise CancelledError
+
+        arrays = table.arrays(wanted, 0, told)
+        if not any(values.size for values in arrays):
+            raise LogError(f"{self.path}: there are no rows; record the log again")
+        for number, values in zip(wanted, arrays, strict=True):
+            self.columns[number] = Column(values, levels_of(values))
         self.rows = max(column.values.size for column in self.columns.values())
 
     def drawn(self, shown: Sequence[int], clock: Clock, between: tuple[float, float], points: int) -> dict[str, Any]:

@@ -33,11 +33,7 @@ class Stretch:
 
     @property
     def written(self) -> str:
-        """As the options of the command line are: 12.5:40, or 40: to the end.
-
-        >>> Stretch(12.5, 40.0).written, Stretch(1e-7).written
-        ('12.5:40', '0.0000001:')
-        """
+        """As the options of the command line are: 12.5:40, or 40: to the end."""
         return f"{plain(self.begin)}:{'' if self.end is None else plain(self.end)}"
 
     @classmethod
@@ -51,11 +47,7 @@ class Stretch:
 
 
 def plain(value: float) -> str:
-    """Return a number of s with twelve digits and without a power of ten.
-
-    >>> plain(40.0), plain(0.05), plain(1234567.5)
-    ('40', '0.05', '1234567.5')
-    """
+    """Return a number of s with twelve digits and without a power of ten."""
     digits = f"{float(f'{value:.12g}'):.12f}"
     return digits.rstrip("0").rstrip(".") or "0"
 
@@ -105,11 +97,7 @@ class Wish:
 
     @property
     def alone(self) -> tuple[Wish, ...]:
-        """One wish for each model: `fit` and `run` make one of each number of a range, `search` chooses one.
-
-        >>> [each.poles for each in Wish(poles="1:3").alone], len(Wish(SEARCH, poles="1:3").alone)
-        (['1', '2', '3'], 1)
-        """
+        """One wish for each model: `fit` and `run` make one of each number of a range, `search` chooses one."""
         if self.kind == SEARCH:
             return (self,)
         found = [
@@ -127,11 +115,7 @@ class Wish:
 
 
 def numbers(text: str) -> list[str]:
-    """Return the numbers of a range first:last or first:last:step, as they are written; one number by itself.
-
-    >>> numbers("1:3"), numbers("0:0.1:0.05"), numbers("0.02")
-    (['1', '2', '3'], ['0', '0.05', '0.1'], ['0.02'])
-    """
+    """Return the numbers of a range first:last or first:last:step, as they are written; one number by itself."""
     parts = [float(part) for part in text.split(":")]
     if len(parts) == 1:
         return [text]
@@ -207,20 +191,12 @@ def _number(name: str, given: Any) -> float:
 
 
 def words_of(path: Path, setup: Setup, wish: Wish) -> tuple[str, ...]:
-    """Return the words of the command line behind ``replant``: a job runs these very words.
-
-    >>> words_of(Path("/logs/motor.csv"), Setup("u", "y", leave_out=(Stretch(10.0, 12.0),)), Wish(poles="2"))[1:]
-    ('/logs/motor.csv', '-i', 'u', '-o', 'y', '-p', '2', '--leave-out', '10:12')
-    """
+    """Return the words of the command line behind ``replant``: a job runs these very words."""
     return (RUN if wish.kind == RUN else "fit", str(path), *_read(setup), *_wished_of_command(wish), *_changed(setup))
 
 
 def command_line(words: tuple[str, ...], saved: str = "model.json") -> str:
-    """Return the command line that writes the model into a file.
-
-    >>> command_line(("fit", "my log.csv", "-p", "1"))
-    "replant fit 'my log.csv' -p 1 --save model.json"
-    """
+    """Return the command line that writes the model into a file."""
     return shlex.join(["replant", *words, "--save", saved])
 
 

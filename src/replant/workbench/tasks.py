@@ -22,7 +22,7 @@ from replant.data.logs import open_recording
 from replant.identified.model import Model
 from replant.identified.validation import Validation
 from replant.log import Log
-from replant.report.terminal.look import as_json, findings_of
+from replant.report.terminal_look import as_json, findings_of
 from replant.statistics.residuals import BAND_95
 from replant.workbench.samples import doubts, joined_extremes, rounded
 from replant.workbench.setup import Setup, Stretch

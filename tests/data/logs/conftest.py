@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+
+@pytest.fixture
+def read_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Read files in this process, as where there is no interpreter to start: that costs more than most of them."""
+    monkeypatch.setattr(sys, "frozen", True, raising=False)
 
 
 @pytest.fixture

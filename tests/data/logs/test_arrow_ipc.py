@@ -16,6 +16,8 @@ from support.cases import every
 
 pa = pytest.importorskip("pyarrow")
 feather = pytest.importorskip("pyarrow.feather")
+
+pytestmark = pytest.mark.usefixtures("read_here")
 U = np.arange(30.0) % 4
 
 

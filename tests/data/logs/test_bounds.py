@@ -109,7 +109,7 @@ TEXTS: dict[str, Callable[[], bytes]] = {
 }
 
 
-@every("name", TEXTS, quick=4)
+@every("name", TEXTS, quick=2)
 def test_a_bomb_of_text(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     path.write_bytes(TEXTS[name]())
@@ -197,7 +197,7 @@ WORKBOOKS: dict[str, dict[str, Any]] = {
 }
 
 
-@every("name", WORKBOOKS, quick=3)
+@every("name", WORKBOOKS, quick=2)
 def test_a_bomb_of_a_workbook(tmp_path: Path, name: str) -> None:
     pytest.importorskip("openpyxl")
     said = check(workbook(tmp_path / "log.xlsx", **WORKBOOKS[name]), samples=10_000)
@@ -279,7 +279,7 @@ def one_chunk_of_many(file: Any, name: str) -> None:
 HDF5["partly written"] = lambda file: both(file, partial(one_chunk_of_many, file))
 
 
-@every("name", HDF5, quick=2)
+@every("name", HDF5, quick=1)
 def test_a_bomb_of_hdf5(tmp_path: Path, name: str) -> None:
     assert check(hdf5(tmp_path / "log.h5", HDF5[name]))
 
@@ -344,7 +344,7 @@ NPZ: dict[str, dict[str, Any]] = {
 }
 
 
-@every("name", NPZ, quick=2)
+@every("name", NPZ, quick=1)
 def test_a_bomb_of_numpy(tmp_path: Path, name: str) -> None:
     assert check(npz(tmp_path / "log.npz", **NPZ[name]))
 

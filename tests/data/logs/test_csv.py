@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,8 +12,7 @@ import pytest
 from replant.data.logs import csv as csv_module
 from replant.data.logs import read_columns, read_log
 from replant.data.logs import text_layout as layout_module
-from replant.data.logs.csv import parse_block
-from replant.data.logs.text_layout import Layout, sniff
+from replant.data.logs.text_layout import sniff
 from replant.errors import LogError
 from support.cases import every
 
@@ -119,7 +117,7 @@ block_sizes = every("size", [1, 7, 64, 1009])
 def test_blocks_join_without_a_seam(
     write: Write, monkeypatch: pytest.MonkeyPatch, size: int, end: str, encoding: str
 ) -> None:
-    """Whatever stands at the seam; clean blocks are pyarrow's, and it reads every number as Python does."""
+    """Whatever stands at the seam; clean blocks are NumPy's, and it reads every number as Python does."""
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
     values = np.random.default_rng(0).standard_normal(200) * 10.0 ** np.arange(-100, 100)
     lines = [f"{index},{value!r}" for index, value in enumerate(values.tolist())]
@@ -143,7 +141,7 @@ def test_every_form_reads_alike_in_small_blocks(write: Write, monkeypatch: pytes
 
 @every("cell", ["+1.5", " 1.5 ", "1e400", "1e-400", "-nan", "INF", "NA", "null", "", "1.", ".5", "4.9e-324", "1" * 40])
 def test_a_cell_is_the_same_number_in_a_long_file(write: Write, monkeypatch: pytest.MonkeyPatch, cell: str) -> None:
-    """To pyarrow as to Python."""
+    """To NumPy as to Python."""
     path = write("u;y\n" + f"{cell};1\n" * 30)
     expected = read_columns(path).column("u")
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", 20)
@@ -164,20 +162,29 @@ def test_a_commented_line_with_every_cell_is_no_row(write: Write, monkeypatch: p
     np.testing.assert_array_equal(read_columns(path).column("u"), np.full(60, 2.0))
 
 
-def test_without_pyarrow_a_long_file_is_read_alike(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = write("t,u\n" + "".join(f"{k},{k / 7!r}\n" for k in range(100)))
-    monkeypatch.setattr(csv_module, "BLOCK_BYTES", 100)
-    expected = read_columns(path).column("u")
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    np.testing.assert_array_equal(read_columns(path).column("u"), expected)
-    np.testing.assert_array_equal(expected, np.arange(100) / 7)
+@every("delimiter", [",", ";", "\t", "|"])
+@every("word", ["", "  ", "NA", " n/a ", "Null"])
+def test_missing_cells_anywhere_are_missing(write: Write, delimiter: str, word: str) -> None:
+    rows = [("1", word, "3"), (word, word, "3"), ("1", "2", word), (word, "2", word), ("4", "5", "6")]
+    path = write("\n".join(delimiter.join(row) for row in [("a", "b", "c"), *rows, *rows]) + "\n")
+    expected = np.array([[float(cell) if cell.isdigit() else np.nan for cell in row] for row in [*rows, *rows]])
+    np.testing.assert_array_equal(np.column_stack(read_columns(path).columns(["a", "b", "c"])), expected)
+    np.testing.assert_array_equal(read_columns(path).column("b"), expected[:, 1])
 
 
-def test_a_block_is_parsed_on_its_own() -> None:
-    layout = Layout(("t", "u"), ",", 1, 2, "utf-8")
-    assert [c.tolist() for c in parse_block(Path("x.csv"), layout, ["\n", "#\n"], 2, [0, 1])] == [[], []]
-    (u,) = parse_block(Path("x.csv"), layout, ["0,1\n", "1,\n"], 2, [1])
-    np.testing.assert_array_equal(u, [1.0, np.nan])
+@every("row", ["1,2", "1,2,3,4", "1,2,3\n1,2,3,4\n1,2"])
+def test_a_row_of_another_length_is_found_where_some_columns_are_read(write: Write, row: str) -> None:
+    path = write("a,b,c\n" + 5 * "1,2,3\n" + row + "\n" + 5 * "1,2,3\n")
+    for columns in (["a"], ["a", "b", "c"]):
+        with pytest.raises(LogError, match=r"line [78] has [24] cells where line 1 has 3"):
+            read_columns(path).columns(columns)
+
+
+def test_text_beside_the_columns_that_are_read_is_no_matter(write: Write) -> None:
+    path = write("t,state,u\n" + "".join(f"{k},run ü,{k / 7!r}\n" for k in range(100)))
+    np.testing.assert_array_equal(read_columns(path).column("u"), np.arange(100) / 7)
+    with pytest.raises(LogError, match="line 2, column 'state': 'run ü' is not a number"):
+        read_columns(path).column("state")
 
 
 def test_sniffed_lines(write: Write) -> None:

@@ -14,7 +14,7 @@ TRIES = 2  # ten times as many in `make slow`, and as many as one likes in `make
 
 
 @pytest.mark.parametrize("tries", [TRIES, pytest.param(10 * TRIES, marks=pytest.mark.slow)])
-@every("name", FORMATS)
+@every("name", FORMATS, quick=6)
 def test_mutants_of_a_format(name: str, tries: int, capsys: pytest.CaptureFixture[str]) -> None:
     for package in FORMATS[name][2]:
         if importlib.util.find_spec(package.partition(".")[0]) is None:

@@ -14,6 +14,8 @@ import scipy.io
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 h5py = pytest.importorskip("h5py")
 K = 50
 T = np.arange(K) * 0.1

@@ -14,6 +14,8 @@ import scipy.io
 from replant.data.logs import read_columns, read_log
 from replant.errors import LogError
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 HDF5 = b"\x89HDF\r\n\x1a\n"
 K = 50
 T = np.arange(K) * 0.1
@@ -112,11 +114,12 @@ def test_every_kind_of_array_comes_back_to_the_bit(tmp_path: Path, monkeypatch: 
     kinds = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "?"]
     arrays = {f"x{k}": (100 * rng.standard_normal((7, 3))).astype(kind) for k, kind in enumerate(kinds)}
     path = save(tmp_path, **arrays, empty=np.zeros((0, 3)), scalar=1.5)
+    monkeypatch.setattr(sys, "frozen", False)
     table = read_columns(path)
     assert table.names == tuple(f"{name}[:,{column}]" for name in arrays for column in range(3))
     expected = np.hstack([array.astype(np.float64) for array in arrays.values()]).T
     np.testing.assert_array_equal(table.columns(list(table.names)), expected)
-    monkeypatch.setattr(sys, "frozen", True, raising=False)  # where there is no interpreter to start
+    monkeypatch.setattr(sys, "frozen", True)  # where there is no interpreter to start
     np.testing.assert_array_equal(read_columns(path).columns(list(table.names)), expected)
 
 

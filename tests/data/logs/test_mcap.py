@@ -19,6 +19,8 @@ pytest.importorskip("mcap_ros2")
 from mcap.writer import Writer
 from mcap_ros2.writer import Writer as RosWriter
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 K = 40
 START = 1_714_557_600_000_000_123  # nanoseconds since 1970, which a float64 rounds to 256
 U, Y = np.random.default_rng(0).standard_normal((2, K))

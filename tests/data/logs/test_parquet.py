@@ -17,6 +17,8 @@ from replant.errors import LogError, MissingDependencyError
 from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
 from replant.runs.full_trace import FullTrace
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 @pytest.fixture
 def save(tmp_path: Path) -> Callable[[Any], Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +16,8 @@ from replant.data.logs import csv as csv_logs
 from replant.data.logs import sampling_time as clock
 from replant.errors import LogError
 from support.cases import every
+
+pytestmark = pytest.mark.usefixtures("read_here")
 
 ROWS = 500
 Write = Callable[..., Path]
@@ -178,3 +181,15 @@ def test_dates_of_parts_count_from_the_first_of_all(tmp_path: Path) -> None:
         save(tmp_path / f"{number}.parquet", columns)
     log = read_log(tmp_path, input="u", output="y", time="when")
     np.testing.assert_allclose(log.time, 0.02 * np.arange(20), atol=1e-12)
+
+
+def test_where_there_is_no_room_for_a_long_log_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = save(tmp_path / "log.csv", signals())
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "none"))
+    with pytest.raises(LogError, match=r"kept in .*none while it is used, .*\(No such file or directory\); free some"):
+        open_recording(path, input="u", output="y", most_held=0)
+    if Path("/dev/full").exists():
+        with Path("/dev/full").open("rb+", buffering=0) as full:
+            monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_: full)
+            with pytest.raises(LogError, match=r"log\.csv: a long log is kept in .*\(No space left on device\)"):
+                open_recording(path, input="u", output="y", most_held=0)

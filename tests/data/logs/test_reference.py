@@ -15,6 +15,8 @@ from replant.data.logs import open_recording
 from replant.errors import LogError
 from support.cases import every
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 T, U, Y = np.array([[0.0, 0.1, 0.2, 0.3], [1.0, 2.0, 3.0, 4.0], [5.0, 6.0, 7.0, 8.0]])
 R = np.array([9.0, 10.0, np.nan, 12.0])
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from replant.data.logs import open_recording, read_log
-from replant.data.logs.sampling_time import Clock, SamplingTime, check_dt, time_candidates, unit_in_seconds
+from replant.data.logs.sampling_time import Clock, check_dt, clock_of, time_candidates, unit_in_seconds
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.time_stamps import StampResolution, is_regular
 from support.cases import every
@@ -23,11 +23,9 @@ Write = Callable[..., Path]
 
 def judged(stamps: NDArray[np.float64]) -> tuple[Clock, str]:
     """What is found of stamps, and in words."""
-    sampling_time = SamplingTime(Path("log.csv"), "t", "row {}".format)
-    sampling_time.add(stamps)
-    clock = sampling_time.clock(lambda: [stamps])
-    assert is_regular(stamps) == (clock.irregular_row is None)
-    return clock, sampling_time.irregularity(clock)
+    clock = clock_of(Path("log.csv"), "t", stamps, "row {}".format)
+    assert is_regular(stamps) == (not clock.irregularity)
+    return clock, clock.irregularity
 
 
 def step_of(stamps: NDArray[np.float64]) -> float:

@@ -13,6 +13,8 @@ from replant.data.logs import read_columns, read_log
 from replant.errors import LogError, MissingDependencyError
 
 pyulog = pytest.importorskip("pyulog")
+
+pytestmark = pytest.mark.usefixtures("read_here")
 START = 10**12 + 7  # microseconds since the start of the system: float32 or differences of float64 would round
 K = 40
 U, Y = np.random.default_rng(0).standard_normal((2, K))

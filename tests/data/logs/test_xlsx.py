@@ -17,6 +17,8 @@ from replant.errors import LogError, MissingDependencyError
 from support.cases import every
 
 openpyxl = pytest.importorskip("openpyxl")
+
+pytestmark = pytest.mark.usefixtures("read_here")
 ROWS = [[k / 10, k % 3, k * 1.5] for k in range(20)]
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.data.streams.reader import LARGEST_BATCH, Inbox
+from replant.data.streams.reader import BACKOFF, LARGEST_BATCH, Inbox, Wire
 from replant.data.streams.source import Batch
 from support.cases import examples
 from support.waiting import PATIENCE
@@ -105,3 +105,40 @@ def test_a_failure_is_raised_once_what_came_before_it_has_been_taken() -> None:
     assert len(inbox.get(PATIENCE)) == 2
     with pytest.raises(ZeroDivisionError, match="here"):
         inbox.get(PATIENCE)
+
+
+class Unplugged(Wire):
+    """A wire whose pauses are kept instead of waited for."""
+
+    def __init__(self) -> None:
+        super().__init__("unplugged://", None, waits=False)
+        self.pauses: list[float] = []
+        self._stop.wait = lambda pause: self.pauses.append(pause) or False  # type: ignore[method-assign,func-returns-value]
+
+    def _session(self) -> None:
+        """Nothing comes."""
+
+
+def test_pauses_between_attempts_double_up_to_the_longest_and_begin_anew_with_a_connection() -> None:
+    reader = Unplugged()
+    for _ in range(8):
+        reader._pause("refused")
+        assert (reader.state, reader.trouble) == ("connecting", "refused")
+    assert reader.pauses == pytest.approx([min(BACKOFF[0] * 2.0**k, BACKOFF[1]) for k in range(8)])
+    reader._connected()
+    assert (reader.state, reader.trouble, reader.counters) == ("connected", "", {})
+    reader._pause("gone")
+    assert (reader.state, reader.pauses[-1]) == ("waiting", BACKOFF[0])
+    reader._connected()
+    reader._connected()
+    assert reader.counters == {"reconnects": 2}
+
+
+def test_a_reader_holds_the_newest_where_the_sender_does_not_wait() -> None:
+    reader = Unplugged()
+    reader.seek(5)
+    reader._deliver(batch_of(4, 4))  # 4 and 5 are known
+    reader._deliver(None)
+    reader.count_refused("not a number", 3)
+    assert reader._inbox.get(0.0).u.tolist() == [6.0, 7.0]
+    assert reader.counters == {"duplicate": 2, "not a number": 3}

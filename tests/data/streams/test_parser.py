@@ -14,8 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from replant.data.logs import read_columns
-from replant.data.streams.parser import FEW, LONGEST, MAGIC, LineSplitter, Parser, Payloads
-from replant.data.streams.rows import json_values
+from replant.data.streams.parser import FEW, LONGEST, MAGIC, LineSplitter, Parser, Payloads, json_values
 from replant.data.streams.source import Batch
 from support.cases import every, examples
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.data.streams.source import MISORDER, Batch, Numbering
+from replant.data.streams.source import LEAP, MISORDER, Batch, Numbering
 from support.cases import every, examples
 
 
@@ -100,6 +100,37 @@ def test_a_device_that_counts_in_steps_is_followed(replays: bool) -> None:
     assert screen(numbering, *([number] for number in range(0, 10_000, 100))) == list(range(0, 9_900, 100))
 
 
+@every("beyond", [0, 1])
+def test_a_leap_ahead_is_confirmed_within_twice_its_length(beyond: int) -> None:
+    """From 11 to 1011 it is 1000: 3011 confirms it, and is itself held back as the next leap; 3012 does not."""
+    counters: Counter[str] = Counter()
+    kept = screen(Numbering(counters, replays=True), [10, 11], [1011], [3011 + beyond])
+    assert kept == ([10, 11] if beyond else [10, 11, 1011])
+    assert +counters == ({"number leap": 2} if beyond else {"number leap": 1, "lost": 999})
+
+
+@every("beyond", [0, 1])
+def test_a_reset_is_confirmed_within_fifty_numbers(beyond: int) -> None:
+    numbering = Numbering(Counter(), replays=False)
+    numbering.last = 10_000
+    assert screen(numbering, [0], [LEAP + beyond]) == ([] if beyond else [LEAP])
+
+
+@every("beyond", [0, 1])
+def test_a_number_at_most_fifty_ahead_is_no_leap(beyond: int) -> None:
+    counters: Counter[str] = Counter()
+    kept = screen(Numbering(counters, replays=True), [10, 11], [11 + LEAP + beyond])
+    assert kept == ([10, 11] if beyond else [10, 11, 11 + LEAP])
+    assert +counters == ({"number leap": 1} if beyond else {"lost": LEAP - 1})
+
+
+@every("beyond", [0, 1])
+def test_a_thousand_numbers_back_is_late_and_more_is_a_reset(beyond: int) -> None:
+    numbering = Numbering(Counter(), replays=False)
+    numbering.last = 2 * MISORDER + beyond
+    assert screen(numbering, [MISORDER], [MISORDER + 1]) == ([MISORDER + 1] if beyond else [])
+
+
 @every("replays", [True, False])
 @every("misread", [[2**32, 2**32], [2**40, 2**32], [2**32, 2**32 + 1, 2**32 + 2], [2**32, 2**33 - 20]])
 def test_several_misread_numbers_in_a_row_cost_one_more_sample(replays: bool, misread: list[int]) -> None:
@@ -146,7 +177,7 @@ def test_what_a_new_connection_sends_again_is_no_counter_that_wrapped(last: int)
     numbering.connect()
     assert screen(numbering, [last - 1, last]) == [last - 1, last]
     numbering.connect()
-    assert screen(numbering, *([k, k + 1] for k in range(0, last + 3, 2)))[0] == last + 1
+    assert screen(numbering, *(list(range(k, k + 16)) for k in range(0, last + 17, 16)))[0] == last + 1
 
 
 def test_a_few_late_packets_in_order_are_no_restart() -> None:

@@ -95,6 +95,7 @@ def test_the_auxiliary_model_is_the_plant(order: int, hold: str, delay: float) -
     np.testing.assert_allclose((target - phi @ theta)[known], (y - output)[known], atol=1e-11 * np.abs(y).max())
     assert not phi[~known].any()
     assert not zeta[~known].any()
+    assert not target[~known].any()
     # instruments: the regressor of the model's output, joined by straight lines, all else being the same
     close(zeta[:, :order], -filtered_at(output, t, plant.den, 0.0, "foh"))
     np.testing.assert_array_equal(zeta[:, order:], phi[:, order:])

@@ -26,9 +26,9 @@ from replant.live.observer import process as process_module
 from replant.live.observer.client import Observer
 from replant.live.observer.process import (
     DashboardAddress,
-    Failed,
     Handover,
     ObserverOptions,
+    Told,
 )
 from replant.live.observer.view import SessionInfo, View
 from support.live_command import wait_for
@@ -111,7 +111,7 @@ def test_the_report_is_made_of_the_newest_estimate(observer: Observer) -> None:
 def pid(observer: Observer) -> int | None:
     """The number of the process that is at work; None while there is none."""
     observer.poll()
-    return observer._process.pid if observer._alive and observer._process is not None else None
+    return observer._process.pid if observer._alive else None
 
 
 def test_killed_ten_times_it_is_started_again_each_time_and_keeps_its_history(
@@ -136,7 +136,6 @@ def test_killed_ten_times_it_is_started_again_each_time_and_keeps_its_history(
 
 def test_pauses_between_two_starts_grow_up_to_a_limit_and_begin_anew_after_a_long_life(mortal: Observer) -> None:
     assert [mortal._next_pause() for _ in range(8)] == [0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 30.0, 30.0]
-    assert mortal._process is not None
     mortal._process.start -= 2.0 * observing.LONG_LIFE
     os.kill(wait_for(lambda: pid(mortal)), signal.SIGKILL)
     wait_for(lambda: pid(mortal) is None)
@@ -181,7 +180,6 @@ def test_a_start_that_fails_is_tried_again(
 def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, capfd: pytest.CaptureFixture) -> None:
     """In the process itself: a state that cannot be read, twice, between two that can."""
     seen(mortal, identifier(1000))
-    assert mortal._process is not None
     process, before = mortal._process.pid, mortal.last
     for _ in range(2):
         mortal._process.outbox.put(Handover(SessionInfo(at=7.0), (), b"no state at all"))
@@ -208,12 +206,12 @@ def test_whatever_a_look_raises_the_pulse_alone_makes_nothing_trusted_again(
         work._hub = SimpleNamespace(publish=lambda view: view)
         monkeypatch.setattr(View, "to_json", lambda view: 1 / 0)
         work._show(work._view, ())
-        assert "could not be shown" in ours.recv().line
+        assert "could not be shown" in ours.recv().text
         return
     with monkeypatch.context() as patched:
         patched.setattr(process_module, "make_view", lambda *_, **__: np.linalg.inv(np.zeros((2, 2))))
         assert work._judge(Handover(info, (), state)).verdict == "unknown"
-    assert "LinAlgError" in ours.recv().line
+    assert "LinAlgError" in ours.recv().text
     assert work._judge(Handover(info)).verdict == "unknown"
     assert work._judge(Handover(info, (), state)).verdict == "trusted"
 
@@ -231,7 +229,7 @@ def test_a_dashboard_that_cannot_be_served_later_on_ends_nothing(
     mortal: Observer, capfd: pytest.CaptureFixture
 ) -> None:
     """As when the process was killed and something else has taken its port meanwhile."""
-    mortal._receive(Failed("the dashboard cannot listen on 127.0.0.1:8710"), first=False)
+    mortal._receive(Told("failed", "the dashboard cannot listen on 127.0.0.1:8710"), first=False)
     assert "cannot listen on 127.0.0.1:8710; trying again" in capfd.readouterr().err
     seen(mortal, identifier(300))
 

@@ -14,7 +14,7 @@ import replant as rp
 from replant.live.observer.make_view import EstimateHistory, make_view
 from replant.live.observer.terminal import report_of
 from replant.live.observer.view import SessionInfo, View
-from replant.report.html import report
+from replant.report import result_page as report
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

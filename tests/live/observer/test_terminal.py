@@ -11,6 +11,7 @@ import pytest
 from rich.console import Console
 
 import replant as rp
+from replant.live.observer import terminal
 from replant.live.observer.terminal import TerminalStatus, render, status_line
 from support.cases import every
 from support.live_fakes import PLANT
@@ -79,4 +80,60 @@ def test_a_terminal_that_has_gone_ends_nothing(monkeypatch: pytest.MonkeyPatch) 
     status = TerminalStatus()
     for _ in range(2):
         status.show(viewed(300), ["replant: a line"])
+    status.close()
+
+
+SCREEN = """\
+tcp://rig  waiting
+123.4 s   3,000 samples   20/s   12.5 ms behind   2 outlier, 1 lost
+
+          2
+G(s) = -------
+       s + 0.5
+
+coefficient  estimate   std  true   off by
+         a0      0.51  0.01   0.5  +2.00 %
+         b0         2  0.04     2     +0 %
+
+DC gain  4.000 +- 0.050    Fit  98.8 % from the input alone, newest samples
+Verdict  ● trusted
+         one reason, which goes on which goes on which goes on which goes on
+         which goes on which goes on
+         another
+Ctrl-C ends
+"""
+
+
+@every("running", [True, False])
+@every("truth", [PLANT, None])
+def test_the_screen_shows_a_view_line_by_line(truth: rp.TransferFunction | None, running: bool) -> None:
+    view = dataclasses.replace(
+        viewed(3000), at=123.4, rate=20.0, lag=0.0125, source="tcp://rig", source_state="waiting",
+        rejected={"outlier": 2, "stuck": 0}, counters={"lost": 1}, verdict="trusted", delay=0.0,
+        reasons=("one reason," + 6 * " which goes on", "another"), num=np.array([2.0]), den=np.array([1.0, 0.5]),
+        names=("a0", "b0"), parameters=np.array([0.51, 2.0]), std=np.array([0.01, 0.04]), dc_gain=4.0, dc_gain_std=0.05,
+        simulated=98.76,
+    )  # fmt: skip
+    console = Console(width=80, record=True, file=io.StringIO())
+    console.print(render(view, truth, running=running))
+    expected = SCREEN
+    if not running:  # at the end there is no rate, and nothing to end
+        expected = expected.replace("   20/s   12.5 ms behind", "").replace("Ctrl-C ends\n", "")
+    if truth is None:
+        expected = expected.replace("  true   off by", "").replace("   0.5  +2.00 %", "").replace("     2     +0 %", "")
+    assert [line.rstrip() for line in console.export_text().splitlines()] == expected.splitlines()
+
+
+def test_where_nobody_watches_a_line_comes_now_and_then(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    now, view = [100.0], viewed(300)
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    status = TerminalStatus()
+    for at, said in ((100.0, 1), (100.0 + terminal.LINES_APART - 0.1, 0), (100.0 + terminal.LINES_APART, 1)):
+        now[0] = at
+        status.show(view, ["replant: a line"])
+        assert capsys.readouterr().err.splitlines() == ["replant: a line"] + said * [status_line(view)]
+    status.show(None, ["replant: another"])
+    assert capsys.readouterr().err == "replant: another\n"
     status.close()

@@ -4,7 +4,7 @@ import pytest
 
 from replant.paper.actuator import FILTERS, GAINS
 from replant.paper.figures import COLUMNS, TOLD_APART, UNITS, WINDOWS, draw_record, draw_transients
-from replant.plotting.diagrams import symbol
+from replant.plotting.numbers import symbol
 from support.axes import assert_drawn, lines, points
 from support.cases import every
 from support.trace_by_hand import DT, TRUE, trace_by_hand

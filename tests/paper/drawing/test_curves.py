@@ -3,7 +3,7 @@
 import numpy as np
 
 from replant import Trace
-from replant.paper.drawing import curve, thin, transients
+from replant.paper.tables import curve, thin, transients
 from support.cases import every
 
 

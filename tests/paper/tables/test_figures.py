@@ -5,7 +5,7 @@ import pytest
 
 from replant.paper import TABLES
 from replant.paper.figures import FIGURES, compute, draw
-from replant.plotting.diagrams import symbol
+from replant.plotting.numbers import symbol
 from support.axes import assert_drawn, lines, points
 
 

@@ -10,7 +10,7 @@ from itertools import islice
 import numpy as np
 
 from replant.arguments import FloatArray
-from replant.data.logs.sampling_time import SamplingTime, StampUnit, time_candidates, unit_of_stamps
+from replant.data.logs.sampling_time import StampUnit, clock_of, time_candidates, unit_of_stamps
 from replant.data.logs.table import Table, listed
 from replant.errors import LogError
 
@@ -129,20 +129,8 @@ def read_contents(table: Table) -> Contents:
 
 def _head(table: Table, numbers: list[int], most: int) -> tuple[dict[int, FloatArray], bool]:
     """Return the first rows of some columns, and whether these are all."""
-    blocks: list[list[FloatArray]] = []
-    rows, stream = 0, table.stream(numbers)
-    try:
-        for block in stream:
-            blocks.append(block)
-            rows += max(column.size for column in block)
-            if rows > most:
-                break
-    finally:
-        stream.close()
-    read = {
-        number: np.concatenate([block[at] for block in blocks] or [np.empty(0)]) for at, number in enumerate(numbers)
-    }
-    return {number: values[:most] for number, values in read.items()}, rows <= most
+    read = table.head(numbers, most + 1)
+    return {n: values[:most] for n, values in zip(numbers, read, strict=True)}, max(map(len, read), default=0) <= most
 
 
 def _one_by_one(table: Table, most: int) -> tuple[dict[int, FloatArray], bool, dict[int, str]]:
@@ -249,10 +237,8 @@ def _refusal(table: Table, name: str, stamps: FloatArray) -> str:
     """Return why these stamps give no sampling time; empty if they give one."""
     if stamps.size < 2:
         return "fewer than two stamps"
-    judged = SamplingTime(table.path, name, table.describe_row)
     try:
-        judged.add(stamps)
-        judged.clock(lambda: iter([stamps]))
+        clock_of(table.path, name, stamps, table.describe_row)
     except LogError as problem:
         return str(problem).removeprefix(f"{table.path}: ")
     return ""

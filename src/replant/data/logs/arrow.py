@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs.isolated import allow
-from replant.data.logs.table import Table, damage_as_log_error, nth_row
-from replant.errors import LogError, MissingDependencyError, shown
+from replant.data.logs.table import Table, damage_as_log_error, needed, nth_row
+from replant.errors import LogError, shown
 
 SUFFIXES = (".parquet", ".pq")
 CHECKED: dict[str, Any] = {"write_page_checksum": True}  # what pyarrow's writers are called with
@@ -117,12 +117,7 @@ def _place_of(parts: Sequence[RowGroups], lengths: Sequence[int], row: int) -> s
 @contextmanager
 def open_parquet(path: Path) -> Iterator[Any]:
     """Open a file as `pyarrow.parquet.ParquetFile`."""
-    try:
-        from pyarrow import parquet
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"{path}: reading Parquet needs pyarrow: pip install 'replant[parquet]'"
-        ) from error
+    parquet = needed(path, "pyarrow.parquet", "reading Parquet needs pyarrow", "'replant[parquet]'")
     # pre_buffer would keep every block in memory
     options = {"pre_buffer": False, "buffer_size": BUFFER_BYTES, "page_checksum_verification": True}
     with (
@@ -186,13 +181,9 @@ _OLD_MAGIC = b"FEA1"
 @contextmanager
 def _opened_ipc(path: Path) -> Iterator[Any]:
     """Open a file as a reader of record batches."""
-    try:
-        import pyarrow
-        from pyarrow import ipc
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"{path}: reading Feather and Arrow files needs pyarrow: pip install 'replant[parquet]'"
-        ) from error
+    ipc = needed(path, "pyarrow.ipc", "reading Feather and Arrow files needs pyarrow", "'replant[parquet]'")
+    import pyarrow
+
     with damage_as_log_error(path, "Feather or Arrow file", "write it again"), pyarrow.OSFile(str(path)) as file:
         allow(held=_UNPACKED * path.stat().st_size)
         magic = file.read(len(_FILE_MAGIC))

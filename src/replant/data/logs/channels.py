@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from replant.data.logs.isolated import allow
 from replant.data.logs.rasters import Channel, Signal, channel_table
-from replant.data.logs.table import DEFLATE_RATIO, Table, at_most, damage_as_log_error
+from replant.data.logs.table import DEFLATE_RATIO, Table, at_most, damage_as_log_error, needed
 from replant.data.logs.text_cells import with_units
-from replant.errors import LogError, MissingDependencyError, shown
+from replant.errors import LogError, shown
 
 TIME = 1  # kind of a group's master channel that is time; others are angle, distance and index [code]
 
@@ -56,14 +56,11 @@ def read_mdf(path: Path) -> Table:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
-    try:
-        from asammdf import MDF
-    except ImportError as error:
-        raise MissingDependencyError(f"{path}: reading MDF needs asammdf: pip install asammdf") from error
+    asammdf = needed(path, "asammdf", "reading MDF needs asammdf", "asammdf")
     with path.open("rb") as file:
         if not file.read(len(_MAGIC[0])).startswith(_MAGIC):
             raise LogError(f"{path}: not a measurement data file; {_REMEDY}")
-    with damage_as_log_error(path, "measurement data file", _REMEDY), MDF(str(path)) as log:
+    with damage_as_log_error(path, "measurement data file", _REMEDY), asammdf.MDF(str(path)) as log:
         yield log
 
 
@@ -133,12 +130,8 @@ def read_tdms(path: Path) -> Table:
 
 @contextmanager
 def _opened_of_tdms(path: Path) -> Iterator[Any]:
-    try:
-        from nptdms import TdmsFile
-    except ImportError as error:
-        raise MissingDependencyError(f"{path}: reading TDMS needs npTDMS: pip install npTDMS") from error
-    remedy = "copy it again, or export it as CSV"
-    with damage_as_log_error(path, "TDMS file", remedy), path.open("rb") as opened, TdmsFile.open(opened) as file:
+    tdms = needed(path, "nptdms", "reading TDMS needs npTDMS", "npTDMS").TdmsFile
+    with damage_as_log_error(path, "TDMS file", _REMEDY), path.open("rb") as opened, tdms.open(opened) as file:
         yield file
 
 
@@ -186,13 +179,10 @@ _PER_SECOND = 1_000_000  # unit of the stamps [1/s]
 
 def read_ulog(path: Path) -> Table:
     """Open a ULog file.  Of several instances of a topic the columns are ``topic[0].field``, ``topic[1].field``."""
-    try:
-        from pyulog import ULog
-    except ImportError as error:
-        raise MissingDependencyError(f"{path}: reading ULog needs pyulog: pip install 'replant[ulog]'") from error
+    pyulog = needed(path, "pyulog", "reading ULog needs pyulog", "'replant[ulog]'")
     with damage_as_log_error(path, "ULog file", "copy it again"), path.open("rb") as file:
         allow(held=_ULOG_COPIES * path.stat().st_size)  # pyulog holds all that is in it
-        log = ULog(file)
+        log = pyulog.ULog(file)
         topics = [topic for topic in log.data_list if len(topic.data.get(_STAMP, ()))]
         instances = Counter(topic.name for topic in topics)
         channels = [
@@ -279,14 +269,10 @@ class _UnknownEncodingError(ValueError):
 
 @contextmanager
 def _opened_of_mcap(path: Path) -> Iterator[Any]:
-    try:
-        import mcap_ros2.decoder  # noqa: F401 - said here rather than at the first message
-        from mcap.reader import make_reader
-    except ImportError as error:
-        raise MissingDependencyError(f"{path}: reading MCAP needs mcap: pip install 'replant[mcap]'") from error
-    remedy = "repair it with: mcap recover"
-    with damage_as_log_error(path, "MCAP file", remedy), path.open("rb") as file:
-        yield make_reader(file, validate_crcs=True)
+    for module in ("mcap_ros2.decoder", "mcap.reader"):
+        mcap = needed(path, module, "reading MCAP needs mcap", "'replant[mcap]'")
+    with damage_as_log_error(path, "MCAP file", "repair it with: mcap recover"), path.open("rb") as file:
+        yield mcap.make_reader(file, validate_crcs=True)
 
 
 def _first_messages(reader: Any) -> Iterator[tuple[str, int]]:

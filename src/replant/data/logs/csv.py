@@ -1,17 +1,15 @@
-"""Text logs (.csv, .txt, .tsv, .dat): read in blocks of lines; clean blocks are parsed in C.
+"""Text logs (.csv, .txt, .tsv, .dat): read in blocks of lines, which NumPy parses in C.
 
-A clean block of a long file is parsed by pyarrow, where that is installed, else by NumPy.  A block with quotes,
-comments or an error is parsed in Python, which also finds the place of an error.
+A block with quotes, comments, dates or an error is parsed in Python, which also finds the place of an error.
 """
 
 from __future__ import annotations
 
 import codecs
-import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -19,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.table import Table, prefetch
+from replant.data.logs.table import Table
 from replant.data.logs.text_cells import (
+    MISSING,
     CellError,
     DecimalMark,
     NumberError,
@@ -43,7 +42,7 @@ from replant.data.logs.text_layout import (
     sniff,
     too_long_error,
 )
-from replant.data.logs.text_times import READ, LocalClock, StampError
+from replant.data.logs.text_times import READ, checked_clocks
 from replant.errors import LogError, shown
 
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
@@ -72,12 +71,12 @@ def parse_column(
         if mark is None and layout.delimiter != ",":
             mark = common_mark(mark_of(cell, line) for (line, _), cell in zip(rows, cells, strict=True))
         return parse_numbers(cells, mark)
-    except (NumberError, StampError) as error:
-        line, name = rows[error.index][0], layout.names[column]
+    except CellError as error:
+        line, name = rows[error.at][0], layout.names[column]
         if isinstance(error, TwoMarksError):
             assert mark is not None
             raise LogError(_two_marks(path, name, str(error), line, mark)) from None
-        remedy = _DATE_REMEDY if _DATE.match(cells[error.index]) else _CELL_REMEDY
+        remedy = _DATE_REMEDY if _DATE.match(cells[error.at]) else _CELL_REMEDY
         end = f"; {remedy}" if isinstance(error, NumberError) else ""
         raise LogError(f"{path}: line {line}, column {shown(name)}: {error}{end}") from None
 
@@ -147,13 +146,11 @@ def _last_lines(path: Path, encoding: str) -> tuple[str, str]:
 
 
 BLOCK_BYTES = 1 << 21  # text of a log held at a time [bytes]
-WORKERS = 2  # blocks parsed at once [count]
 
 _HEAD_BYTES = 1 << 16  # beginning of a file that its layout is told from [bytes]
 _WIDE = "utf-16"  # comes as utf-8 from where the file is read
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
-_ODD = tuple(mark.encode() for mark in ('"', *COMMENT_MARKS))  # a block with one of them is not for pyarrow
-_NULLS = ["", "NA", "na", "N/A", "n/a", "null", "NULL", "Null"]  # the usual ways to write those of cells.MISSING
+_ODD = ('"', *COMMENT_MARKS)  # a block with one of them is not for NumPy
 
 
 def read(path: Path) -> Table:
@@ -188,48 +185,46 @@ def check_head(path: Path) -> None:
     sniff(path)
 
 
-def parse_block(
-    path: Path, layout: Layout, lines: Sequence[str], first: int, columns: Sequence[int]
-) -> list[NDArray[np.float64]]:
-    """Turn consecutive lines of a text log into one float64 array per chosen column."""
-    table = _parse_clean(layout, lines)
-    if table is not None:
-        return [table[:, column].copy() for column in columns]
-    rows = [(number, _split(path, layout, number, line)) for number, line in enumerate(lines, first) if is_data(line)]
+def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    blocks = (_parse(path, layout, text, first, columns) for first, text in _texts(path, layout))
+    describe_row = partial(_line_of_row, path, layout)
+    return checked_clocks(path, layout.names, layout.content.stamps, columns, describe_row, blocks)
+
+
+def _parse(path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> list[NDArray[np.float64]]:
+    """Turn the lines of a text into one array per chosen column; ``first`` is the number of its first line.
+
+    Blank lines and comments are skipped; a missing cell is NaN.
+    """
+    decoded = _decoded(layout, text)
+    if first < layout.data_line:
+        above, first = layout.data_line - first, layout.data_line
+        decoded = "\n".join(decoded.split("\n")[above:])
+    values = _parse_in_c(layout, decoded, columns)
+    if values is not None:
+        return values
+    rows = [
+        (number, _split(path, layout, number, line))
+        for number, line in enumerate(decoded.split("\n"), first)
+        if is_data(line)
+    ]
     for number, row in rows:
         if len(row) != len(layout.names):
             _check_width(path, layout, number, row)
     return [parse_column(path, layout, rows, column) for column in columns]
 
 
-def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
-    is_long = path.stat().st_size > BLOCK_BYTES  # importing pyarrow takes longer than parsing a short file with NumPy
-    jobs = (
-        partial(_parse, path, layout, text, first, columns, is_long=is_long) for first, text in _texts(path, layout)
-    )
-    return _with_clocks_checked(path, layout, columns, prefetch(jobs, WORKERS))
-
-
-def _with_clocks_checked(
-    path: Path, layout: Layout, columns: Sequence[int], blocks: Iterator[list[NDArray[np.float64]]]
-) -> Iterator[list[NDArray[np.float64]]]:
-    clocks = {}
-    for index, column in enumerate(columns):
-        form = layout.content.stamps.get(column)
-        if form is not None and form.is_local:
-            describe_row = partial(_line_of_row, path, layout)
-            clocks[index] = LocalClock(path, layout.names[column], describe_row, has_date="d" in form.parts)
-    for block in blocks:
-        for index, clock in clocks.items():
-            clock.check(block[index])
-        yield block
+def _decoded(layout: Layout, text: bytes) -> str:
+    """Return a text with the line ends that Python has."""
+    decoded = text.decode("utf-8" if layout.encoding == _WIDE else layout.encoding, errors="replace")
+    return decoded.replace("\r\n", "\n").replace("\r", "\n") if "\r" in decoded else decoded
 
 
 def _rows_with_commas(path: Path, layout: Layout) -> Iterator[tuple[int, list[str]]]:
     """Yield the rows of the blocks that have a comma: in the others every number is read in one way."""
     for first, text in _texts(path, layout):
         if b"," in text:
-            for number, line in enumerate(_lines(layout, text), first):
+            for number, line in enumerate(_decoded(layout, text).split("\n"), first):
                 if number >= layout.data_line and is_data(line) and '"' not in line:
                     yield number, line.split(layout.delimiter)
 
@@ -265,61 +260,6 @@ def _lone_returns(text: bytes) -> int:
     return returns - text.count(b"\r\n") if returns else 0
 
 
-def _parse(
-    path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int], *, is_long: bool
-) -> list[NDArray[np.float64]]:
-    """Turn the lines of a text into one array per chosen column; ``first`` is the number of its first line."""
-    if first >= layout.data_line and is_long:
-        values = _parse_in_arrow(layout, text, columns)
-        if values is not None:
-            return values
-    lines = _lines(layout, text)
-    before = max(0, layout.data_line - first)
-    return parse_block(path, layout, lines[before:], first + before, columns)
-
-
-def _lines(layout: Layout, text: bytes) -> list[str]:
-    encoding = "utf-8" if layout.encoding == _WIDE else layout.encoding
-    return list(io.StringIO(text.decode(encoding, errors="replace"), newline=None))
-
-
-def _parse_in_arrow(layout: Layout, text: bytes, columns: Sequence[int]) -> list[NDArray[np.float64]] | None:
-    """Parse a block with pyarrow; return None without pyarrow, or where it may read the block otherwise than Python."""
-    width = len(layout.names)
-    if layout.delimiter is None or width == 1 or _lone_returns(text) or any(mark in text for mark in _ODD):
-        return None
-    try:
-        import pyarrow
-        from pyarrow import csv
-    except ImportError:
-        return None
-    marks = {mark.mark for column in columns if (mark := decimal_mark(layout, column))} or {"."}
-    stamps = [column for column in columns if column in layout.content.stamps]
-    if stamps or len(marks) > 1:
-        return None
-    names = [str(number) for number in range(width)]
-    chosen = [names[column] for column in columns]
-    try:
-        table = csv.read_csv(
-            pyarrow.BufferReader(text),
-            csv.ReadOptions(column_names=names, use_threads=False, block_size=len(text) + 1),
-            csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
-            csv.ConvertOptions(
-                column_types=dict.fromkeys(chosen, pyarrow.float64()),
-                include_columns=chosen,
-                null_values=_NULLS,
-                decimal_point=marks.pop(),
-                check_utf8=False,
-            ),
-        )
-    except pyarrow.ArrowInvalid:
-        return None
-    values = [np.array(table.column(name).to_numpy(), np.float64) for name in chosen]
-    if b"(" in text and any(np.isnan(column).any() for column in values):
-        return None  # nan(...) is a number to pyarrow
-    return values
-
-
 def _approximate_rows(path: Path) -> int:
     """Return the number of rows under the assumption that all lines are as long as the first ones."""
     with path.open("rb") as file:
@@ -333,25 +273,50 @@ def _line_of_row(path: Path, layout: Layout, row: int) -> str:
     return f"line {next(islice(numbers, row, None))}"
 
 
-def _parse_clean(layout: Layout, lines: Sequence[str]) -> NDArray[np.float64] | None:
-    """Parse a block in C, or return None if it holds anything but a full grid of numbers."""
-    if layout.content.stamps:
+def _parse_in_c(layout: Layout, text: str, columns: Sequence[int]) -> list[NDArray[np.float64]] | None:
+    """Parse a block with NumPy; return None where it holds anything but full rows of numbers and missing cells."""
+    width, delimiter = len(layout.names), layout.delimiter
+    if any(column in layout.content.stamps for column in columns) or any(mark in text for mark in _ODD):
         return None
-    if layout.delimiter != ",":
-        text = "".join(lines)
-        if "," in text:
-            if "." in text or (layout.content.mark and layout.content.mark.mark == "."):
-                return None
-            lines = text.replace(",", ".").split("\n")
-        elif "." in text and layout.content.mark and layout.content.mark.mark == ",":
+    if delimiter != ",":
+        mark = layout.content.mark.mark if layout.content.mark else ""
+        if ("," in text and ("." in text or mark == ".")) or ("." in text and mark == ","):
             return None
-    if not any(map(str.strip, lines)):
-        return None  # loadtxt warns about a block without data
+        text = text.replace(",", ".")
+    if text.isspace() or not text:
+        return None  # NumPy warns about a block without data
+    chosen = None
+    if len(set(columns)) < width and delimiter is not None and _are_full(text, delimiter, width):
+        chosen = list(columns)
+    table = _numbers(text, delimiter, chosen)
+    if table is None and delimiter is not None:
+        table = _numbers(_missing(delimiter).sub("nan", text), delimiter, chosen)
+    if table is None or table.shape[1] != (width if chosen is None else len(chosen)):
+        return None
+    return [table[:, at] for at in (columns if chosen is None else range(len(chosen)))]
+
+
+def _numbers(text: str, delimiter: str | None, chosen: Sequence[int] | None) -> NDArray[np.float64] | None:
     try:
-        table = np.loadtxt(lines, delimiter=layout.delimiter, comments=None, ndmin=2)
+        return np.loadtxt(text.split("\n"), delimiter=delimiter, comments=None, ndmin=2, usecols=chosen)
     except ValueError:
         return None
-    return table if table.shape[1] == len(layout.names) else None
+
+
+def _are_full(text: str, delimiter: str, width: int) -> bool:
+    """Return whether every line has ``width`` cells, which NumPy does not check where it reads some of them."""
+    characters = np.frombuffer((text if text.endswith("\n") else f"{text}\n").encode(), np.uint8)
+    is_end = characters[(characters == ord(delimiter)) | (characters == ord("\n"))] == ord("\n")
+    each = np.resize(np.arange(width) == width - 1, is_end.size)
+    return is_end.size % width == 0 and np.array_equal(is_end, each)
+
+
+@lru_cache(maxsize=8)
+def _missing(delimiter: str) -> re.Pattern[str]:
+    """Return the pattern of a missing cell beside another one, at which a line is told from a blank one."""
+    mark, words = re.escape(delimiter), "|".join(filter(None, MISSING))
+    word = rf" *(?:{words})? *" if delimiter == "\t" else rf"[ \t]*(?:{words})?[ \t]*"
+    return re.compile(rf"(?<={mark}){word}(?={mark}|$)|^{word}(?={mark})", re.IGNORECASE | re.MULTILINE)
 
 
 def _split(path: Path, layout: Layout, number: int, line: str) -> list[str]:
@@ -360,7 +325,7 @@ def _split(path: Path, layout: Layout, number: int, line: str) -> list[str]:
     try:
         return split_line(line, layout.delimiter)
     except CellError as error:
-        name = layout.names[error.column] if error.column < len(layout.names) else str(error.column)
+        name = layout.names[error.at] if error.at < len(layout.names) else str(error.at)
         raise LogError(f"{path}: line {number}, column {shown(name)}: {error}; {QUOTES_REMEDY}") from None
 
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs import arrow, channels, isolated
-from replant.data.logs.table import Table, damage_as_log_error, listed, open_zip, unreadable_error
+from replant.data.logs.table import Table, damage_as_log_error, listed, needed, open_zip, unreadable_error
 from replant.errors import LogError, MissingDependencyError
 
 STANDARD_INPUT = Path("-")  # what stands for standard input
@@ -141,12 +141,7 @@ def _parts_of(file: Any) -> Iterator[bytes]:
 
 
 def _zstd_parts(path: Path, packed: BinaryIO) -> Iterator[bytes]:
-    try:
-        import zstandard
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"{path}: reading a .zst file needs zstandard: pip install 'replant[zstd]'"
-        ) from error
+    zstandard = needed(path, "zstandard", "reading a .zst file needs zstandard", "'replant[zstd]'")
     frame = None
     for part in iter(lambda: packed.read(_ZSTD_BYTES), b""):
         rest = part
@@ -160,17 +155,14 @@ def _zstd_parts(path: Path, packed: BinaryIO) -> Iterator[bytes]:
 
 
 def _only_member(path: Path, found: zipfile.ZipFile) -> zipfile.ZipInfo:
-    members = [member for member in found.infolist() if not member.is_dir() and not _is_of_macos(member.filename)]
+    members = [member for member in found.infolist() if not member.is_dir()]
+    members = [m for m in members if not m.filename.startswith("__MACOSX/") and ".DS_Store" not in m.filename]
     if not members:
         raise LogError(f"{path}: the archive has no file in it; pack the log again")
     if len(members) > 1:
         names = listed([member.filename for member in members])
         raise LogError(f"{path}: the archive has {len(members)} files; unpack it, and give one of: {names}")
     return members[0]
-
-
-def _is_of_macos(name: str) -> bool:
-    return name.startswith("__MACOSX/") or PurePosixPath(name).name == ".DS_Store"
 
 
 # For each suffix the function of a module here, read(path) -> Table; it is imported when such a file is opened

@@ -25,8 +25,7 @@ from numpy.typing import NDArray
 
 from replant.data.logs.isolated import allow
 from replant.data.logs.npz import array_table, is_sampling_time, no_signal_error, places_of, stated_dt
-from replant.data.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, too_many_error
-from replant.errors import MissingDependencyError
+from replant.data.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, needed, too_many_error
 
 _MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"
 BLOCK_ROWS = 1 << 16  # rows read at a time, or one chunk where that has more [rows]
@@ -52,11 +51,6 @@ class _Signal:
 def read_hdf5(path: Path) -> Table:
     """Open an HDF5 file.  Its columns are vectors, the columns of matrices, and the fields of tables."""
     return _table(path, matlab=False)
-
-
-def read_matlab_73(path: Path) -> Table:
-    """Open a MATLAB file of version 7.3."""
-    return _table(path, matlab=True)
 
 
 def reasons(objects: Mapping[str, str]) -> dict[str, str]:
@@ -109,12 +103,8 @@ def _table(path: Path, *, matlab: bool) -> Table:
 
 @contextmanager
 def _opened(path: Path, *, matlab: bool) -> Iterator[Any]:
-    try:
-        import h5py
-    except ImportError as error:
-        if matlab:
-            raise MissingDependencyError(f"{path}: {_MATLAB}, or install h5py: pip install 'replant[hdf5]'") from error
-        raise MissingDependencyError(f"{path}: reading HDF5 needs h5py: pip install 'replant[hdf5]'") from error
+    why = f"{_MATLAB}, or install h5py" if matlab else "reading HDF5 needs h5py"
+    h5py = needed(path, "h5py", why, "'replant[hdf5]'")
     kind, remedy = ("MATLAB v7.3 file", _MATLAB) if matlab else ("HDF5 file", "write it again, or copy it again")
     with damage_as_log_error(path, kind, remedy), h5py.File(path, "r") as file:
         yield file
@@ -222,7 +212,7 @@ def read_matlab(path: Path) -> Table:
     with path.open("rb") as file:
         head = file.read(_HEADER_BYTES)
     if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")) or head.endswith(_HDF5_MAGIC):
-        return read_matlab_73(path)
+        return _table(path, matlab=True)
     with damage_as_log_error(path, "MATLAB file", _SAVE_AGAIN):
         contents = _load(path, head)
         return array_table(path, list(_signals(contents)), reasons(_objects(contents)))

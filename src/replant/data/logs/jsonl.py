@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from replant.data.logs.csv import unended_line
 from replant.data.logs.table import MOST_COLUMNS, Table, too_many_error
-from replant.data.logs.text_cells import quote
+from replant.data.logs.text_cells import CellError, quote
 from replant.data.logs.text_layout import MOST_LINES_ABOVE, lines_of
-from replant.data.logs.text_times import LocalClock, StampError, StampFormat, find_format
+from replant.data.logs.text_times import StampFormat, checked_clocks, find_format
 from replant.errors import LogError, shown
 
 BLOCK_ROWS = 1 << 14  # rows read at a time [rows]
@@ -132,20 +132,12 @@ def _value(row: Mapping[str, Any], keys: Sequence[str]) -> Any:
 
 
 def _blocks(path: Path, columns: _Columns, numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
-    describe_row = partial(_line_of_row, path, columns.is_cut)
-    clocks = {
-        number: LocalClock(path, columns.names[number], describe_row, has_date="d" in columns.stamps[number].parts)
-        for number in numbers
-        if number in columns.stamps and columns.stamps[number].is_local
-    }
     rows = _rows(path, is_cut=columns.is_cut)
     most = max(1, min(BLOCK_ROWS, BLOCK_VALUES // len(columns.keys)))
-    while block := list(islice(rows, most)):
-        arrays = [_column(path, columns, number, block) for number in numbers]
-        for number, array in zip(numbers, arrays, strict=True):
-            if number in clocks:
-                clocks[number].check(array)
-        yield arrays
+    blocks = iter(lambda: list(islice(rows, most)), [])
+    arrays = ([_column(path, columns, number, block) for number in numbers] for block in blocks)
+    describe_row = partial(_line_of_row, path, columns.is_cut)
+    return checked_clocks(path, columns.names, columns.stamps, numbers, describe_row, arrays)
 
 
 def _column(path: Path, columns: _Columns, number: int, block: Sequence[_Row]) -> NDArray[np.float64]:
@@ -157,8 +149,8 @@ def _column(path: Path, columns: _Columns, number: int, block: Sequence[_Row]) -
         )
     try:
         return form.seconds(["" if value is None else str(value) for value in values])
-    except StampError as error:
-        line = block[error.index][0]
+    except CellError as error:
+        line = block[error.at][0]
         raise LogError(f"{path}: line {line}, column {shown(columns.names[number])}: {error}") from None
 
 

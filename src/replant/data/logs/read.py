@@ -6,7 +6,7 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,19 +18,21 @@ from replant.data.logs.formats import read_columns
 from replant.data.logs.rasters import on_one_clock
 from replant.data.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
 from replant.data.logs.sampling_time import (
-    SamplingTime,
+    Clock,
     StampUnit,
     check_dt,
     check_unit,
+    clock_of,
     time_candidates,
     unit_in_seconds,
     unit_of_stamps,
 )
-from replant.data.logs.table import Table, listed
+from replant.data.logs.table import Table, in_parts, listed
 from replant.errors import InvalidArgumentError, LogError, shown
 from replant.limits import file_path
 from replant.log import Log
 
+FIRST = 1 << 16  # stamps of a log that its unit of time is told from [samples]
 _ROLES = ("an input", "the output", "the reference")
 _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
 
@@ -170,36 +172,23 @@ def open_recording(
             roles["time"] = _find_time(table, roles)
     if begin is not None or end is not None:
         table = _part(table, roles.get("time"), step, check_range(begin, end))
-    sampling_time = (
-        SamplingTime(table.path, table.names[roles["time"]], table.describe_row) if "time" in roles else None
-    )
-    kept, rows, complete = _checked(table, roles, sampling_time, most_held, progress)
-    stamps, unit, irregularity = None, 1.0, ""
-    if sampling_time is not None:
-        number = roles["time"]
-        again: Callable[[], Iterator[NDArray[np.float64]]]
-        again = (lambda: iter([kept[-1]])) if kept else (lambda: (block for (block,) in table.stream([number])))
+    arrays = table.arrays(list(roles.values()), most_held, progress)
+    rows = _rows_of(table, roles, arrays)
+    clock, unit = Clock(math.nan), 1.0
+    if stamped := "time" in roles:
+        number, stamps = roles["time"], arrays[-1]
+        clock = clock_of(table.path, table.names[number], stamps, table.describe_row)
         if number not in table.in_seconds:
-            check_unit(table.path, table.names[number], next(again()))
-        unit = 1.0 if number in table.in_seconds else unit_in_seconds(table.names[number])
-        clock = sampling_time.clock(again)
-        step, irregularity = float(f"{clock.interval * unit:.12g}"), sampling_time.irregularity(clock)
-        stamps = kept[-1] * unit if kept else None
+            check_unit(table.path, table.names[number], stamps[:FIRST])
+            unit = unit_in_seconds(table.names[number])
+        step = float(f"{clock.interval * unit:.12g}")
     assert step is not None
     columns = tuple(roles[role] for role in signals)
-    held = None
-    if kept:
-        u, y, *r = kept[: len(columns)]
-        of_input, of_output, *of_reference = (table.names[column] for column in columns)
-        held = Log(
-            u, y, step, stamps, of_input, of_output, table.path, begin=begin, end=end, irregular=bool(irregularity)
-        )
-        if r:
-            held = replace(held, reference=r[0], reference_name=of_reference[0])
-    if irregularity:
-        columns = *columns, roles["time"]
-    stamped = sampling_time is not None
-    return Recording(table, columns, step, stamped, rows, complete, held, begin, end, irregularity, unit)
+    complete = all(np.isfinite(part).all() for parts in in_parts(arrays[: len(columns)]) for part in parts)
+    recording = Recording(
+        table, columns, arrays, step, stamped, rows, complete, None, begin, end, clock.irregularity, unit
+    )
+    return replace(recording, held=recording.newest(*arrays[:2])) if rows <= most_held else recording
 
 
 def _part(table: Table, time: int | None, dt: float | None, between: tuple[float, float]) -> Table:
@@ -219,13 +208,10 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
         return None
     (number,) = candidates
     name = table.names[number]
-    blocks = table.stream([number])
     try:
-        (stamps,) = next(blocks, [np.empty(0)])
+        (stamps,) = table.head([number], 1)
     except LogError:
         return None
-    finally:
-        blocks.close()
     unit = 1.0 if number in table.in_seconds else unit_of_stamps(name, stamps).seconds
     with np.errstate(invalid="ignore", over="ignore"):
         interval = float(np.median(np.diff(stamps))) * unit if stamps.size > 1 else math.nan
@@ -238,48 +224,28 @@ def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) 
     found = time_candidates(table.names) if time is None else [table.find(time)]
     if not found or found[0] in table.in_seconds:
         return None
-    name, blocks = table.names[found[0]], table.stream([found[0]])
+    name = table.names[found[0]]
     try:
-        (stamps,) = next(blocks)
-    except (LogError, StopIteration):
+        (stamps,) = table.head([found[0]], 1)
+    except LogError:
         return None
-    finally:
-        blocks.close()
     unit = unit_of_stamps(name, stamps)
     return (name, unit) if unit.doubt else None
 
 
-def _checked(
-    table: Table,
-    roles: dict[str, int],
-    sampling_time: SamplingTime | None,
-    most_held: int,
-    progress: Callable[[int, int], None],
-) -> tuple[list[NDArray[np.float64]], int, bool]:
-    """Read the columns once.
-
-    Returns the columns if they have at most ``most_held`` rows (else an empty list), the number of rows, and whether
-    every sample is finite.  The time is the last column, where there is one.
-    """
-    blocks: list[list[NDArray[np.float64]]] = []
-    rows, complete, stamped = 0, True, sampling_time is not None
-    for block in table.stream(list(roles.values())):
-        _check_lengths(table, roles, block)
-        rows += len(block[0])
-        complete = complete and all(np.isfinite(column).all() for column in block[: len(block) - stamped])
-        if rows <= most_held:
-            blocks.append(block)
-        else:
-            blocks.clear()
-        if sampling_time is not None:
-            sampling_time.add(block[-1])
-        progress(rows, max(table.approximate_rows, rows))
+def _rows_of(table: Table, roles: dict[str, int], arrays: Sequence[NDArray[np.float64]]) -> int:
+    """Return how many rows columns have, which must be equal, and two at least."""
+    first, rows = table.names[next(iter(roles.values()))], arrays[0].size
+    for number, column in zip(roles.values(), arrays, strict=True):
+        if column.size != rows:
+            raise LogError(
+                f"{table.path}: column {shown(first)} has {rows} samples but {shown(table.names[number])} has "
+                f"{column.size}; choose columns of one length"
+            )
     if rows < 2:
         counted = "1 row" if rows == 1 else f"{rows} rows"
         raise LogError(f"{table.path}: {counted} of data where at least 2 are needed; record more samples")
-    if rows > most_held:
-        return [], rows, complete
-    return [np.concatenate([block[index] for block in blocks]) for index in range(len(roles))], rows, complete
+    return rows
 
 
 def _check_distinct(table: Table, roles: dict[str, int]) -> None:
@@ -301,7 +267,7 @@ def _check_distinct(table: Table, roles: dict[str, int]) -> None:
 def _find_time(table: Table, roles: dict[str, int]) -> int:
     candidates = [number for number in time_columns(table) if number not in roles.values()]
     if len(candidates) > 1:  # a file may hold several structs, each with its own time
-        samples, *stamps = next(table.stream([roles["input"], *candidates]))
+        samples, *stamps = table.head([roles["input"], *candidates], 1)
         candidates = [number for number, column in zip(candidates, stamps, strict=True) if len(column) == len(samples)]
     if len(candidates) == 1:
         return candidates[0]
@@ -317,14 +283,3 @@ def time_columns(table: Table) -> list[int]:
     by_path = [name.replace("/", ".") for name in table.names]  # of HDF5, where t/s may also be t in s
     named = {*time_candidates(table.names), *time_candidates(by_path)}
     return sorted(named or table.in_seconds)
-
-
-def _check_lengths(table: Table, roles: dict[str, int], block: Sequence[NDArray[np.float64]]) -> None:
-    named = [(table.names[number], len(column)) for number, column in zip(roles.values(), block, strict=True)]
-    first, length = named[0]
-    for name, other in named[1:]:
-        if other != length:
-            raise LogError(
-                f"{table.path}: column {shown(first)} has {length} samples but {shown(name)} has {other}; "
-                "choose columns of one length"
-            )

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.arguments import number
-from replant.data.logs.table import Table, nth_row
+from replant.data.logs.table import Table, in_parts, nth_row
 from replant.errors import InvalidArgumentError, LogError, shown
 from replant.log import Log
 
@@ -26,6 +26,7 @@ class Recording:
 
     table: Table
     columns: tuple[int, ...]
+    arrays: Sequence[NDArray[np.float64]]  # the columns, and the time stamps if there are any
     dt: float
     stamped: bool
     samples: int
@@ -40,7 +41,9 @@ class Recording:
         """Return a recording whose samples are those of a log, which is held in memory."""
         irregularity = self.irregularity if log.stamps is not None else ""
         complete = bool(np.isfinite(log.input).all() and np.isfinite(log.output).all())
-        return replace(self, dt=log.dt, samples=len(log), complete=complete, held=log, irregularity=irregularity)
+        return replace(
+            self, arrays=(), dt=log.dt, samples=len(log), complete=complete, held=log, irregularity=irregularity
+        )
 
     @property
     def irregular(self) -> bool:
@@ -59,23 +62,24 @@ class Recording:
             every = log.input, log.output, log.reference, log.stamps
             yield tuple(signal for signal in every if signal is not None)
             return
-        for *signals, last in self.table.stream(self.columns):
+        for *signals, last in in_parts(self.arrays[: len(self.columns) + self.irregular]):
             yield *signals, last * self.unit if self.irregular else last
 
     def newest(
         self, u: NDArray[np.float64], y: NDArray[np.float64], since_begin: NDArray[np.float64] | None = None
     ) -> Log:
-        """Return the whole log if it is held in memory, else a log of its newest samples, without its reference."""
+        """Return the log if it is held in memory, else one of its newest samples; of all of them with its reference."""
         if self.held is not None:
             return self.held
-        earlier = self.samples - u.size
-        time = np.asarray(self.dt * np.arange(earlier, self.samples), np.float64) if self.stamped else None
-        if self.irregular:
-            time = since_begin
-        of_input, of_output, *others = (self.table.names[column] for column in self.columns)
-        reference = "".join(others[: len(others) - self.irregular])
+        earlier, time = self.samples - u.size, since_begin if self.irregular else None
+        if self.stamped and not earlier:
+            time = self.arrays[-1] if self.unit == 1.0 else self.arrays[-1] * self.unit
+        elif self.stamped and not self.irregular:
+            time = np.asarray(self.dt * np.arange(earlier, self.samples), np.float64)
+        of_input, of_output, *of_reference = (self.table.names[column] for column in self.columns)
+        reference = self.arrays[2] if of_reference and not earlier else None
         return Log(
-            u, y, self.dt, time, of_input, of_output, self.path, earlier, None, reference,
+            u, y, self.dt, time, of_input, of_output, self.path, earlier, reference, "".join(of_reference),
             self.begin, self.end, irregular=self.irregular,
         )  # fmt: skip
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from numbers import Real
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.arguments import FloatArray, number
+from replant.data.logs.table import forget
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
 from replant.interop import unit_of
 from replant.limits import duration
@@ -47,11 +48,6 @@ def unit_in_seconds(name: str) -> float:
     return _UNITS[(match[1] or match[2] or match[3]).lower()] if match else 1.0
 
 
-def has_unit(name: str) -> bool:
-    """Return whether a time column's name states a unit of time."""
-    return _UNIT_AT_END.fullmatch(name.strip()) is not None
-
-
 def check_dt(dt: object) -> float:
     """Return a sampling time as float."""
     if isinstance(dt, bool) or not isinstance(dt, Real):
@@ -67,70 +63,43 @@ class Clock:
     """What the time stamps of a record say about its clock, in the stamps' unit."""
 
     interval: float  # the sampling time: the mean interval of a regular clock, the median of an irregular one
-    irregular_row: int | None = None  # 0-based row of the first stamp that is irregular; None for a regular clock
-    irregular_interval: float = math.nan  # time since the stamp before it; NaN for a regular clock
+    irregularity: str = ""  # where it is first irregular, in words; empty for a regular clock
 
 
-class SamplingTime:
-    """Determines the sampling time from time stamps that are given block by block, in the stamps' unit.
+def clock_of(path: Path, name: str, stamps: NDArray[np.float64], describe_row: Callable[[int], str]) -> Clock:
+    """Return what time stamps (K,) say, two of them at least; they must increase.
 
-    The stamps are regular if each interval is within 1 % of the median (of about the first 2^18), or if rounding to
-    their printed digits explains the larger deviations.  The sampling time of a regular clock is the mean interval, in
-    which rounding of the stamps cancels; that of an irregular clock is the median, which gaps do not move.
+    They are regular if each interval is within 1 % of the median (of the first 2^18), or if rounding to their printed
+    digits explains the larger deviations.  The sampling time of a regular clock is the mean interval, in which rounding
+    of the stamps cancels; that of an irregular clock is the median, which gaps do not move.
     """
+    resolution, median, least, most = StampResolution(), math.nan, math.inf, -math.inf
+    for first, part in _parts(stamps):
+        _check_increasing(path, name, part, first, describe_row)
+        resolution.add(part)
+        steps = np.diff(part)
+        median = float(np.median(steps)) if math.isnan(median) else median
+        least, most = min(least, float(steps.min())), max(most, float(steps.max()))
+    digits = resolution.step
+    if is_regular_interval(least, most, median, digits):
+        return Clock(_rounded(float(stamps[-1] - stamps[0]) / (stamps.size - 1)))
+    deviation = max(most - median, median - least)
+    allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
+    allowed *= 1.001  # the sum of both is often met exactly
+    row, step = _first_beyond(stamps, median, allowed if deviation > allowed else TOLERANCE * median)
+    interval = _without_noise(median, max(abs(float(stamps[0])), abs(float(stamps[-1]))))
+    return Clock(
+        interval,
+        f"{path}: {describe_row(row)}, column {shown(name)}: irregular time stamps, {step:.6g} after the one before "
+        f"where {interval:.6g} is usual",
+    )
 
-    def __init__(self, path: Path, name: str, describe_row: Callable[[int], str]) -> None:
-        self._path, self._name, self._describe_row = path, name, describe_row
-        self._waiting: list[NDArray[np.float64]] = []
-        self._rows = self._seen = 0
-        self._first = self._last = self._median = math.nan
-        self._least, self._most = math.inf, -math.inf
-        self._resolution = StampResolution()
 
-    def add(self, stamps: NDArray[np.float64]) -> None:
-        """Add the stamps of the next block."""
-        self._waiting.append(stamps)
-        self._rows += stamps.size
-        if self._seen or self._rows >= CHECKED:
-            self._check()
-
-    def clock(self, again: Callable[[], Iterable[NDArray[np.float64]]]) -> Clock:
-        """Return what the stamps say; ``again`` returns all of them once more, to find the first irregular one."""
-        if self._rows > self._seen:
-            self._check()
-        median, digits = self._median, self._resolution.step
-        if is_regular_interval(self._least, self._most, median, digits):
-            return Clock(_rounded((self._last - self._first) / (self._rows - 1)))
-        deviation = max(self._most - median, median - self._least)
-        allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
-        allowed *= 1.001  # the sum of both is often met exactly
-        row, interval = _first_beyond(again(), median, allowed if deviation > allowed else TOLERANCE * median)
-        return Clock(_without_noise(median, max(abs(self._first), abs(self._last))), row, interval)
-
-    def irregularity(self, clock: Clock) -> str:
-        """Return in words where an irregular clock is first irregular; nothing for a regular one."""
-        if clock.irregular_row is None:
-            return ""
-        return (
-            f"{self._path}: {self._describe_row(clock.irregular_row)}, column {shown(self._name)}: irregular time "
-            f"stamps, {clock.irregular_interval:.6g} after the one before where {clock.interval:.6g} is usual"
-        )
-
-    def _check(self) -> None:
-        known = [np.array([self._last])] if self._seen else []
-        stamps = np.concatenate([*known, *self._waiting])
-        first = self._seen - len(known)
-        _check_increasing(self._path, self._name, stamps, lambda row: self._describe_row(first + row))
-        if not self._seen:
-            self._first = float(stamps[0])
-        self._last, self._seen, self._waiting = float(stamps[-1]), self._rows, []
-        self._resolution.add(stamps)
-        intervals = np.diff(stamps)
-        if intervals.size:
-            if math.isnan(self._median):
-                self._median = float(np.median(intervals))
-            self._least = min(self._least, float(intervals.min()))
-            self._most = max(self._most, float(intervals.max()))
+def _parts(stamps: NDArray[np.float64]) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Yield parts of time stamps with their first rows; each begins with the last stamp of the one before."""
+    for first in range(0, stamps.size - 1, CHECKED):
+        yield first, stamps[first : first + CHECKED + 1]
+        forget(stamps)
 
 
 def _rounded(interval: float) -> float:
@@ -146,33 +115,32 @@ def _without_noise(interval: float, largest: float) -> float:
     return _rounded(round(interval, math.floor(-math.log10(noise))))
 
 
-def _first_beyond(blocks: Iterable[NDArray[np.float64]], median: float, allowed: float) -> tuple[int, float]:
+def _first_beyond(stamps: NDArray[np.float64], median: float, allowed: float) -> tuple[int, float]:
     """Return the first row whose interval differs from the median by more than ``allowed``, and that interval."""
-    row, last = 0, np.empty(0)
-    for block in blocks:
-        stamps = np.concatenate([last, block])
-        intervals = np.diff(stamps)
-        over = np.abs(intervals - median) > allowed
+    for first, part in _parts(stamps):
+        steps = np.diff(part)
+        over = np.abs(steps - median) > allowed
         if over.any():
-            found = int(np.argmax(over))
-            return row - last.size + found + 1, float(intervals[found])
-        row, last = row + block.size, stamps[-1:]
-    raise AssertionError("the stamps changed between two passes")
+            at = int(np.argmax(over))
+            return first + at + 1, float(steps[at])
+    raise AssertionError("one interval is the largest deviation")
 
 
-def _check_increasing(path: Path, name: str, stamps: NDArray[np.float64], describe: Callable[[int], str]) -> None:
+def _check_increasing(
+    path: Path, name: str, stamps: NDArray[np.float64], first: int, describe_row: Callable[[int], str]
+) -> None:
     finite = np.abs(stamps) < _ENDLESS
-    if not np.all(finite):
-        row = int(np.argmin(finite))
-        raise LogError(f"{path}: {describe(row)}, column {shown(name)}: the time stamp is {stamps[row]}; {_REMEDY}")
     steps = np.diff(stamps)
-    if not np.all(steps > 0.0):
+    if not finite.all():
+        row = int(np.argmin(finite))
+        what = f"is {stamps[row]}"
+    elif not (steps > 0.0).all():
         row = int(np.argmin(steps > 0.0)) + 1
         what = "repeats" if steps[row - 1] == 0.0 else "goes back from"
-        raise LogError(
-            f"{path}: {describe(row)}, column {shown(name)}: the time stamp {stamps[row]:.12g} {what} the one before "
-            f"({stamps[row - 1]:.12g}); {_REMEDY}"
-        )
+        what = f"{stamps[row]:.12g} {what} the one before ({stamps[row - 1]:.12g})"
+    else:
+        return
+    raise LogError(f"{path}: {describe_row(first + row)}, column {shown(name)}: the time stamp {what}; {_REMEDY}")
 
 
 LATEST = 1e11  # stamp beyond which the unit cannot be the one taken: in seconds since 1970 it is the year 5138 [s]
@@ -194,7 +162,7 @@ class StampUnit:
 
 def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
     """Return the unit of the time stamps (K,) in the column ``name``."""
-    unit, known = unit_in_seconds(name), has_unit(name)
+    unit, known = unit_in_seconds(name), _UNIT_AT_END.fullmatch(name.strip()) is not None
     stated = unit_of(name)
     if stated and not known:
         doubt = f"the unit {shown(stated)} in its name is not one of s, ms, us, ns, min, h"

@@ -1,31 +1,34 @@
-"""Table: the named columns of a file; and what readers share: limits, libraries' errors, zip directories, prefetch."""
+"""Table: the named columns of a file; and what readers share: limits, libraries' errors, zip directories."""
 
 from __future__ import annotations
 
+import importlib
+import mmap
 import operator
+import os
 import re
+import sys
+import tempfile
 import zipfile
-from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from pathlib import Path
-from typing import SupportsIndex, TypeVar
+from typing import Any, SupportsIndex, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.errors import SHOWN, ArgumentTypeError, LogError, ReplantError, shown
+from replant.errors import SHOWN, ArgumentTypeError, LogError, MissingDependencyError, ReplantError, shown
 from replant.interop import without_unit
 
 T = TypeVar("T")
 
 MOST_COLUMNS = 1 << 17  # columns of a file, or groups and other parts of it [count]
 LONGEST_NAME = 1000  # longest name of a column [characters]
-MOST_EMPTY = 1 << 24
-"""Missing values of a file, from which on there must be a value for every two of them: 128 MB [count]."""
+MOST_EMPTY = 1 << 24  # missing values of a file, beyond which there must be a value for every two of them [count]
+PART_ROWS = 1 << 16  # rows of a long log that are looked at together [rows]
 
 
 def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS) -> Iterator[T]:
@@ -39,6 +42,15 @@ def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS)
 def too_many_error(path: Path, what: str, most: int = MOST_COLUMNS) -> LogError:
     """Return the error for a file with too much of something."""
     return LogError(f"{path}: more than {most:,} {what}; write the log's signals into a file of their own")
+
+
+def needed(path: Path, module: str, why: str, package: str) -> Any:
+    """Return a module of a package that may not be installed; ``why`` says what needs it."""
+    try:
+        importlib.import_module(module.partition(".")[0])
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise MissingDependencyError(f"{path}: {why}: pip install {package}") from error
 
 
 @contextmanager
@@ -80,26 +92,6 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
         if any(member.compress_type not in _STREAMED for member in members):
             raise LogError(f"{path}: packed by another method than deflate; pack it again with zip")
         yield archive
-
-
-def prefetch(jobs: Iterable[Callable[[], T]], workers: int) -> Iterator[T]:
-    """Yield the results of ``jobs`` in their order, with ``workers`` + 1 jobs running or waiting.
-
-    Threads suffice: reading, parsing and identification each release the interpreter's lock.
-    """
-    pending: deque[Future[T]] = deque()
-    pool = ThreadPoolExecutor(workers, "replant-read")
-    try:
-        for job in jobs:
-            pending.append(pool.submit(job))
-            if len(pending) > workers:
-                yield pending.popleft().result()
-        while pending:
-            yield pending.popleft().result()
-    finally:
-        # Never wait here: the garbage collector may end an abandoned generator in any thread, in one of the pool's too,
-        # and at any place, also where that thread holds the locks of `threading`.
-        pool.shutdown(wait=False, cancel_futures=True)
 
 
 NAMES_SHOWN = 12  # names that the error of a wrong name lists, closest first [count]
@@ -147,8 +139,39 @@ class Table:
 
     def columns(self, keys: Sequence[str | int]) -> list[NDArray[np.float64]]:
         """Return several columns as float64, by name or 0-based number, in one pass over the file."""
-        blocks = list(self.stream(keys))
-        return [np.concatenate([np.empty(0), *(block[index] for block in blocks)]) for index in range(len(keys))]
+        return self.arrays(keys, sys.maxsize)
+
+    def arrays(
+        self, keys: Sequence[str | int], most_held: int, progress: Callable[[int, int], None] = lambda rows, about: None
+    ) -> list[NDArray[np.float64]]:
+        """Return columns in one pass: in memory up to a number of rows, else mapped from files that end with them."""
+        columns = [_Growing() for _ in keys]
+        rows = 0
+        try:
+            for block in self.stream(keys):
+                for column, values in zip(columns, block, strict=True):
+                    column.add(values)
+                    rows = max(rows, column.rows)
+                if rows > most_held:
+                    for column in columns:
+                        column.to_file(self.path)
+                progress(rows, max(self.approximate_rows, rows))
+            return [column.array() for column in columns]
+        finally:
+            for column in columns:
+                column.close()
+
+    def head(self, keys: Sequence[str | int], rows: int) -> list[NDArray[np.float64]]:
+        """Return the first rows of columns: so many or a block more, if there are as many."""
+        parts: list[list[NDArray[np.float64]]] = [[np.empty(0)] for _ in keys]
+        with closing(self.stream(keys)) as blocks:
+            for block in blocks:
+                for column, values in zip(parts, block, strict=True):
+                    column.append(values)
+                rows -= max(map(len, block), default=0)
+                if rows <= 0:
+                    break
+        return [np.concatenate(column) for column in parts]
 
     def stream(self, keys: Sequence[str | int]) -> Generator[list[NDArray[np.float64]], None, None]:
         """Yield several columns as float64, block of rows by block of rows, in one pass over the file."""
@@ -176,14 +199,15 @@ class Table:
             if len(found) == 1:
                 return found[0]
             if found:
-                raise LogError(self._ambiguous(key, found))
+                names = listed([f"{number} ({shown(self.names[number])})" for number in found])
+                raise LogError(f"{self.path}: column {shown(key)} could be any of {names}; choose it by its number")
         if key.strip().isdecimal() and len(key) < LONGEST_NUMBER:
             return self._number(int(key))
         reason = self.left_out.get(key.strip())
         if reason is not None:
             raise LogError(f"{self.path}: {reason}")
-        near = self._by_likeness(key)
-        meant = f" (did you mean {shown(near[0])}?)" if self._likeness(key, near[0]) >= NEAR else ""
+        near = sorted(self.names, key=lambda name: -_likeness(key, name))
+        meant = f" (did you mean {shown(near[0])}?)" if _likeness(key, near[0]) >= NEAR else ""
         raise LogError(f"{self.path}: no column {shown(key)}{meant}; there are: {listed(near)}")
 
     def _number(self, key: SupportsIndex) -> int:
@@ -199,15 +223,74 @@ class Table:
             raise LogError(f"{self.path}: no column {shown(number)}; columns 0 to {last} are: {listed(self.names)}")
         return number
 
-    def _ambiguous(self, key: str, found: list[int]) -> str:
-        names = listed([f"{number} ({shown(self.names[number])})" for number in found])
-        return f"{self.path}: column {shown(key)} could be any of {names}; choose it by its number"
 
-    def _by_likeness(self, key: str) -> list[str]:
-        return sorted(self.names, key=lambda name: -self._likeness(key, name))
+class _Growing:
+    """A column that grows: in memory, or in a file without a name."""
 
-    def _likeness(self, key: str, name: str) -> float:
-        return max(_likeness(key, name), _likeness(key, _core(name)))
+    def __init__(self) -> None:
+        self.rows, self._held = 0, np.empty(0)
+        self._file: Any = None
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Append the values of the next rows."""
+        self.rows += values.size
+        if self._file is not None:
+            self._write(values)
+            return
+        if self.rows > self._held.size:
+            self._held.resize(max(self.rows, 9 * self._held.size // 8), refcheck=False)
+        self._held[self.rows - values.size : self.rows] = values
+
+    def to_file(self, path: Path) -> None:
+        """Keep the column in a file from now on."""
+        if self._file is None:
+            self._path, self._folder = path, spool_folder()
+            self._write(self._held[: self.rows])
+            self._held = np.empty(0)
+
+    def _write(self, values: NDArray[np.float64]) -> None:
+        try:
+            self._file = self._file or tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 - see `close`
+            self._file.write(np.ascontiguousarray(values).data)
+            self._file.flush()
+        except OSError as error:
+            raise LogError(
+                f"{self._path}: a long log is kept in {self._folder} while it is used, which is not possible "
+                f"({error.strerror or error}); free some room, or set TMPDIR to a folder that has it"
+            ) from error
+
+    def array(self) -> NDArray[np.float64]:
+        """Return the values."""
+        if self._file is None or not self.rows:
+            self._held.resize(self.rows, refcheck=False)
+            return self._held
+        return np.frombuffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
+
+    def close(self) -> None:
+        """Close the file: what is mapped of it stays."""
+        if self._file is not None:
+            self._file.close()
+
+
+def spool_folder() -> str:
+    """Return where columns of long logs are kept: TMPDIR, else /var/tmp, which unlike /tmp is on a disk everywhere."""
+    given = os.environ.get("TMPDIR")
+    return given or ("/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir())
+
+
+def in_parts(arrays: Sequence[NDArray[np.float64]]) -> Iterator[list[NDArray[np.float64]]]:
+    """Yield arrays part by part; what is mapped from a file leaves memory behind them."""
+    for begin in range(0, max(map(len, arrays)), PART_ROWS):
+        yield [array[begin : begin + PART_ROWS] for array in arrays]
+        for array in arrays:
+            forget(array)
+
+
+def forget(array: NDArray[np.float64]) -> None:
+    """Let what was read of an array that is mapped from a file leave memory."""
+    mapped = getattr(array.base, "obj", None)
+    if isinstance(mapped, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        mapped.madvise(mmap.MADV_DONTNEED)
 
 
 def unreadable_error(path: Path, error: OSError) -> LogError:
@@ -223,13 +306,9 @@ def _bare(name: str) -> str:
     return _folded(without_unit(name))
 
 
-def _core(name: str) -> str:
-    """Return a name without struct, index and unit: udat for data.udat[:,0], time for time [s]."""
-    return re.sub(r"^.*\.|[\[(].*$", "", name)
-
-
-def _likeness(one: str, other: str) -> float:
-    return SequenceMatcher(None, _folded(one), _folded(other)).ratio()
+def _likeness(key: str, name: str) -> float:
+    core = re.sub(r"^.*\.|[\[(].*$", "", name)  # without struct, index and unit: udat for data.udat[:,0]
+    return max(SequenceMatcher(None, _folded(key), _folded(one)).ratio() for one in (name, core))
 
 
 def listed(names: Sequence[str]) -> str:

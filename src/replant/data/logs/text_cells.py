@@ -22,11 +22,19 @@ _WORD = re.compile(rf'\s*+(?:{_QUOTED}(?!\S)|([^\s"]\S*+{_UNIT_BEHIND})|\Z)')
 
 
 class CellError(ValueError):
-    """A cell with faulty quotation marks; ``column`` is its 0-based column."""
+    """A cell that cannot be read; ``at`` is its 0-based place, in a line its column, in a column its row."""
 
-    def __init__(self, column: int, problem: str) -> None:
+    def __init__(self, at: int, problem: str) -> None:
         super().__init__(problem)
-        self.column = column
+        self.at = at
+
+
+class NumberError(CellError):
+    """A cell that is no number."""
+
+
+class TwoMarksError(NumberError):
+    """A cell with another decimal mark than the other cells, or perhaps a thousands separator."""
 
 
 def split_line(line: str, delimiter: str | None) -> list[str]:
@@ -109,18 +117,6 @@ _PLAIN = re.compile(r"[+-]?(?:\d+(?P<mark>[.,])\d*|(?P<first>[.,])\d+)(?:[eE][+-
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:(?P<mark>[.,])\d{3})(?:(?P=mark)\d{3})*(?P<end>[.,]\d*(?:[eE][+-]?\d+)?)?")
 
 
-class NumberError(ValueError):
-    """A cell that is no number; ``index`` is its place among the cells."""
-
-    def __init__(self, index: int, problem: str) -> None:
-        super().__init__(problem)
-        self.index = index
-
-
-class TwoMarksError(NumberError):
-    """A cell with another decimal mark than the other cells, or perhaps a thousands separator."""
-
-
 @dataclass(frozen=True)
 class DecimalMark:
     """What separates the fraction of the numbers of a log."""
@@ -180,7 +176,7 @@ def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> NDArray[np.
         try:
             values[index] = _number(cell, mark)
         except NumberError as error:
-            error.index = index
+            error.at = index
             raise
         except ValueError:
             raise NumberError(index, f"{quote(cell)} is not a number") from None

@@ -49,11 +49,8 @@ def content_of(names: Sequence[str], rows: Sequence[tuple[int, Sequence[str]]], 
         and (mark := common_mark(mark_of(cells[column], line) for line, cells in whole)) is not None
     }
     common = common_mark(own.values())
-    return Content(stamps, common, _exceptions(own, common))
-
-
-def _exceptions(own: Mapping[int, DecimalMark], common: DecimalMark | None) -> dict[int, DecimalMark]:
-    return {column: mark for column, mark in own.items() if common and mark.certain and mark.mark != common.mark}
+    others = {column: mark for column, mark in own.items() if common and mark.certain and mark.mark != common.mark}
+    return Content(stamps, common, others)
 
 
 def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, StampFormat]:
@@ -159,7 +156,7 @@ def sniff(path: Path) -> Layout:
     try:
         first = split_line(line, delimiter)
     except CellError as error:
-        raise LogError(f"{path}: line {number}, column {error.column}: {error}; {QUOTES_REMEDY}") from None
+        raise LogError(f"{path}: line {number}, column {error.at}: {error}; {QUOTES_REMEDY}") from None
     if len(first) > MOST_COLUMNS:
         raise too_many_error(path, "columns")
     below = [(at, cells) for at, line in rows[1:] if (cells := _split_or_none(line, delimiter)) is not None]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from functools import lru_cache
@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.data.logs.text_cells import MISSING, quote
+from replant.data.logs.text_cells import MISSING, CellError, quote
 from replant.errors import LogError, shown
 
 READ = "2024-05-01T10:00:00.5, with Z or +02:00 where it is known, 01.05.2024 10:00:00,5 and 10:00:00.5 are read"
@@ -34,14 +34,6 @@ _CELL = re.compile(
     r"(?: ?(?P<half>[ap])\.?m\.?)?(?: ?(?P<zone>Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?))?",
     re.IGNORECASE,
 )
-
-
-class StampError(ValueError):
-    """A cell that is no time stamp of the column's format; ``index`` is its place among the cells."""
-
-    def __init__(self, index: int, problem: str) -> None:
-        super().__init__(problem)
-        self.index = index
 
 
 @dataclass(frozen=True)
@@ -88,7 +80,7 @@ class StampFormat:
             try:
                 stamp = parse_stamp(cell, bool(self.month_first))
             except ValueError:
-                raise StampError(index, f"{quote(cell)} is no date or clock time; {READ}") from None
+                raise CellError(index, f"{quote(cell)} is no date or clock time; {READ}") from None
             self._check(index, cell, stamp)
             elapsed[index] = stamp.nanoseconds - self.first.nanoseconds
         seconds = elapsed / _NANOSECOND
@@ -97,13 +89,13 @@ class StampFormat:
 
     def _check(self, index: int, cell: str, stamp: Stamp) -> None:
         if stamp.parts != self.parts:
-            raise StampError(
+            raise CellError(
                 index,
                 f"{quote(cell)} has not the form of the first time stamp (date, clock time and zone are in all stamps "
                 "or in none); write all stamps alike",
             )
         if self.month_first is None and (stamp.day, stamp.month) != (self.first.day, self.first.month):
-            raise StampError(
+            raise CellError(
                 index,
                 f"{quote(cell)}: the day may come first or the month; write dates as year-month-day, or give the "
                 "sampling time (dt, --dt)",
@@ -239,3 +231,19 @@ class LocalClock:
         forth = (_HOUR, f"as at the beginning of daylight saving time, or after a pause of an hour; {_REMEDY}")
         midnight = "as at midnight; write the date into the column, too, or give the sampling time (dt, --dt)"
         return [back, forth] if self._has_date else [(-_DAY, midnight)]
+
+
+def checked_clocks(
+    path: Path, names: Sequence[str], stamps: Mapping[int, StampFormat], columns: Sequence[int],
+    describe_row: Callable[[int], str], blocks: Iterator[list[NDArray[np.float64]]],
+) -> Iterator[list[NDArray[np.float64]]]:  # fmt: skip
+    """Yield blocks of columns, those of local clocks looked at for jumps."""
+    clocks = [
+        (at, LocalClock(path, names[column], describe_row, has_date="d" in form.parts))
+        for at, column in enumerate(columns)
+        if (form := stamps.get(column)) is not None and form.is_local
+    ]
+    for block in blocks:
+        for at, clock in clocks:
+            clock.check(block[at])
+        yield block

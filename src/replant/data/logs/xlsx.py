@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.data.logs.isolated import allow
-from replant.data.logs.table import Table, at_most, damage_as_log_error, open_zip
+from replant.data.logs.table import Table, at_most, damage_as_log_error, needed, open_zip
 from replant.data.logs.text_cells import quote, units_in, with_units
 from replant.data.logs.text_times import LocalClock, StampFormat, find_format, is_missing
-from replant.errors import LogError, MissingDependencyError, shown
+from replant.errors import LogError, shown
 
 _HEADER_ROWS = 100  # first rows of a sheet among which the names are looked for [rows]
 _NEXT_ROWS = 10  # rows below the names in which each column's first cell is looked for [rows]
@@ -81,12 +81,7 @@ def read(path: Path) -> Table:
     Rows above the names are skipped; below the names may be a row of units.  Cells of dates and times are seconds since
     the first row.  Of a formula the value counts that was saved with it.
     """
-    try:
-        import openpyxl
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"{path}: reading Excel files needs openpyxl: pip install 'replant[xlsx]'"
-        ) from error
+    openpyxl = needed(path, "openpyxl", "reading Excel files needs openpyxl", "'replant[xlsx]'")
     with damage_as_log_error(path, "Excel workbook", "save it again as .xlsx, or as CSV"):
         with open_zip(path):
             pass
@@ -208,7 +203,7 @@ def _of_texts(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any], form
     try:
         return form.seconds(["" if cell is None else str(cell) for cell in cells])
     except ValueError as error:
-        row = getattr(error, "index", 0)
+        row = getattr(error, "at", 0)
         raise _error(path, sheet, number, row, str(error)) from None
 
 

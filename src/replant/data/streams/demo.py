@@ -37,7 +37,7 @@ class ReplaySource(Reader):
         self._pace = Pace(speed)
 
     def _read(self) -> None:
-        self._connected(again=False)
+        self._connected()
         last = self._numbering.last
         assert self._record.sequence is not None
         at = 0 if last is None else int(np.searchsorted(self._record.sequence, last, side="right"))
@@ -223,7 +223,7 @@ class DemoSource(Reader):
         self._pace = Pace(speed)
 
     def _read(self) -> None:
-        self._connected(again=False)
+        self._connected()
         dt = motor_rig().dt if self._looped else deap_rig().dt
         last = self._numbering.last
         at = 0 if last is None else max(last + 1, 0)

@@ -10,24 +10,21 @@ import time
 from typing import Any
 
 from replant.data.streams.opening import Address
-from replant.data.streams.parser import LineSplitter, Parser
-from replant.data.streams.reader import Reader
+from replant.data.streams.reader import Wire
 from replant.errors import InvalidArgumentError, MissingDependencyError
 
 BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
 
-class PipeSource(Reader):
+class PipeSource(Wire):
     """Lines from an open file, ``-`` for standard input.  While the queue is full nothing is read: the writer waits."""
 
     def __init__(self, name: str, file: int, columns: tuple[str, ...] | None = None) -> None:
-        super().__init__(name, waits=True)
+        super().__init__(name, columns, waits=True)
         self._file = file
-        self._parser = Parser(self._counts, columns)
 
-    def _read(self) -> None:
-        self._connected(again=False)
-        lines = LineSplitter(self._counts)
+    def _session(self) -> None:
+        self._connected()
         # on POSIX select() also waits for pipes, on Windows for sockets only; a regular file is always readable
         waits = os.name == "posix" and not stat.S_ISREG(os.fstat(self._file).st_mode)
         while not self._stop.requested:
@@ -35,10 +32,9 @@ class PipeSource(Reader):
                 continue
             data = os.read(self._file, BLOCK)
             if not data:
-                self._deliver(self._parser.parse(lines.rest(), time.monotonic()))
-                break
-            self._deliver(self._parser.parse(lines.split(data), time.monotonic()))
-        self._deliver(self._parser.finish(time.monotonic()))
+                self._deliver(self._parser.parse(self._lines.rest(), time.monotonic()))
+                return
+            self._deliver_lines(data)
 
 
 def open_pipe(address: Address, columns: tuple[str, ...] | None) -> PipeSource:
@@ -56,7 +52,7 @@ BAUD = 115_200  # usual rate of a serial line [bit/s]
 WAIT = 0.1  # the longest wait of one read; a closed source ends within this time [s]
 
 
-class SerialSource(Reader):
+class SerialSource(Wire):
     """Lines from a serial port, ``serial:///dev/ttyUSB0?baud=115200`` or ``serial://COM3``.
 
     The port is opened in the middle of a line: the rest of that line is skipped and counted as "cut off".  A full queue
@@ -65,10 +61,8 @@ class SerialSource(Reader):
     """
 
     def __init__(self, name: str, port: str, baud: int = BAUD, columns: tuple[str, ...] | None = None) -> None:
-        super().__init__(name, waits=False, replays=False)
+        super().__init__(name, columns, waits=False, replays=False)
         self._port_and_baud = port, baud
-        self._lines = LineSplitter(self._counts)
-        self._parser = Parser(self._counts, columns)
         self._port: Any = None
         try:
             self._port = self._open()
@@ -87,28 +81,21 @@ class SerialSource(Reader):
     def _open(self) -> Any:
         return import_pyserial(self.name).Serial(*self._port_and_baud, timeout=WAIT)
 
-    def _read(self) -> None:
-        again = False
-        while not self._stop.requested:
-            try:
-                with self._port or self._open() as port:
-                    self._port = None
-                    self._connected(again=again)
-                    again = True
-                    self._receive(port)
-            except port_errors() as error:
-                self._lines.restart()
-                self._wait_to_connect(port_reason(error), again=again)
-        self._deliver(self._parser.finish(time.monotonic()))
-
-    def _receive(self, port: Any) -> None:
-        self._lines.restart_midway()
-        self._numbering.last = None
-        while not self._stop.requested:
-            data = port.read(1)
-            if data:
-                data += port.read(port.in_waiting)
-                self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
+    def _session(self) -> str | None:
+        try:
+            with self._port or self._open() as port:
+                self._port = None
+                self._connected()
+                self._lines.restart_midway()
+                self._numbering.last = None
+                while not self._stop.requested:
+                    data = port.read(1)
+                    if data:
+                        self._deliver_lines(data + port.read(port.in_waiting))
+        except port_errors() as error:
+            self._lines.restart()
+            return port_reason(error)
+        return None
 
 
 def import_pyserial(name: str) -> Any:
@@ -158,7 +145,7 @@ CONNECT_TIMEOUT = 5.0  # time that the peer may take to accept [s]
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 
 
-class TcpSource(Reader):
+class TcpSource(Wire):
     """Lines of a TCP peer, ``tcp://host:port``.
 
     While the queue is full nothing is read: the peer waits, and no sample is lost.  When a connection begins and a
@@ -167,25 +154,19 @@ class TcpSource(Reader):
     """
 
     def __init__(self, name: str, host: str, port: int, columns: tuple[str, ...] | None = None) -> None:
-        super().__init__(name, waits=True)
+        super().__init__(name, columns, waits=True)
         self._place = host, port
-        self._lines = LineSplitter(self._counts)
-        self._parser = Parser(self._counts, columns)
 
-    def _read(self) -> None:
-        again = False
-        while not self._stop.requested:
-            try:
-                with socket.create_connection(self._place, CONNECT_TIMEOUT) as peer:
-                    self._connected(again=again)
-                    again = True
-                    self._receive(peer)
-                trouble = "the peer closed the connection"
-            except OSError as error:
-                trouble = error.strerror or str(error)
-            self._lines.restart()
-            self._wait_to_connect(trouble, again=again)
-        self._deliver(self._parser.finish(time.monotonic()))
+    def _session(self) -> str:
+        trouble = "the peer closed the connection"
+        try:
+            with socket.create_connection(self._place, CONNECT_TIMEOUT) as peer:
+                self._connected()
+                self._receive(peer)
+        except OSError as error:
+            trouble = error.strerror or str(error)
+        self._lines.restart()
+        return trouble
 
     def _receive(self, peer: socket.socket) -> None:
         """Deliver samples until the peer closes the connection or a stop is requested."""
@@ -197,7 +178,7 @@ class TcpSource(Reader):
                 data = peer.recv(BLOCK)
                 if not data:
                     return
-                self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
+                self._deliver_lines(data)
 
 
 def enable_keepalive(peer: socket.socket) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
-from replant.data.streams.rows import FIELDS
+from replant.data.streams.parser import FIELDS
 from replant.data.streams.source import Source
 from replant.errors import InvalidArgumentError
 
@@ -80,6 +80,9 @@ class Address:
         return value
 
 
+NO_PORT = "the port must be a number from 0 to 65535"
+
+
 def split(url: str) -> Address:
     """Return the parts of a URL that has a scheme and ``//``."""
     try:
@@ -90,7 +93,7 @@ def split(url: str) -> Address:
     try:
         port = parts.port
     except ValueError:
-        raise InvalidArgumentError(f"{name}: the port must be a number from 0 to 65535") from None
+        raise InvalidArgumentError(f"{name}: {NO_PORT}") from None
     return Address(
         name,
         parts.scheme.lower(),

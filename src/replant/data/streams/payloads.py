@@ -9,8 +9,8 @@ from collections import deque
 from typing import Any
 
 from replant.data.streams.opening import Address
-from replant.data.streams.parser import Parser, Payloads
-from replant.data.streams.reader import Reader
+from replant.data.streams.parser import Payloads
+from replant.data.streams.reader import Wire
 from replant.errors import InvalidArgumentError, MissingDependencyError
 
 UDP_EXAMPLE = "udp://0.0.0.0:9000"
@@ -19,14 +19,13 @@ UDP_TOGETHER = 512  # largest number of datagrams parsed together [count]
 LARGEST_DATAGRAM = 1 << 16  # room for one datagram, more than UDP allows [bytes]
 
 
-class UdpSource(Reader):
+class UdpSource(Wire):
     """Datagrams with lines or packed numbers, received at ``udp://address:port``."""
 
     def __init__(
         self, name: str, host: str, port: int, columns: tuple[str, ...] | None = None, *, bare: bool = False
     ) -> None:
-        super().__init__(name, waits=False, replays=False)
-        self._parser = Parser(self._counts, columns)
+        super().__init__(name, columns, waits=False, replays=False)
         self._payloads = Payloads(self._parser, bare=bare)
         self._socket = listen(name, host, port)
         self.port: int = self._socket.getsockname()[1]
@@ -37,13 +36,12 @@ class UdpSource(Reader):
         if self._state == "connecting":  # the reading, which closes the socket, has not begun
             self._socket.close()
 
-    def _read(self) -> None:
+    def _session(self) -> None:
         with self._socket:
-            self._connected(again=False)
+            self._connected()
             while not self._stop.requested:
                 if self._stop.wait_readable(self._socket, 60.0):
                     self._deliver(self._payloads.parse(self._received(), time.monotonic()))
-        self._deliver(self._parser.finish(time.monotonic()))
 
     def _received(self) -> list[bytes]:
         """Return the datagrams that have arrived."""
@@ -94,26 +92,17 @@ LONGEST_MESSAGE = 1 << 20  # the longest message; a longer one is skipped and co
 MQTT_TOGETHER = 256  # largest number of messages parsed together [count]
 
 
-class MqttSource(Reader):
+class MqttSource(Wire):
     """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``."""
 
     def __init__(self, address: Address, columns: tuple[str, ...] | None = None) -> None:
-        super().__init__(address.name, waits=False)
+        super().__init__(address.name, columns, waits=False)
         import_paho(address.name)
         self._address = address
         self._qos = int(address.one_of("qos", ("0", "1"), "0"))
-        self._parser = Parser(self._counts, columns)
         self._payloads = Payloads(self._parser)
         self._id = f"replant-{uuid.uuid4().hex[:12]}"
         self._messages: deque[bytes] = deque()
-        self._again = False
-
-    def _read(self) -> None:
-        while not self._stop.requested:
-            trouble = self._session()
-            if not self._stop.requested:
-                self._wait_to_connect(trouble, again=self._again)
-        self._deliver(self._parser.finish(time.monotonic()))
 
     def _session(self) -> str:
         """Connect, and receive until a stop is requested or the connection ends; return why it ended."""
@@ -168,8 +157,7 @@ class MqttSource(Reader):
             self.trouble = f"the broker refuses the topic: {reasons[0]}"
             client.disconnect()
         else:
-            self._connected(again=self._again)
-            self._again = True
+            self._connected()
 
     def _on_message(self, client: Any, data: Any, message: Any) -> None:
         if message.retain:

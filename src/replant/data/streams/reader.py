@@ -15,6 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from replant.data.streams.parser import LineSplitter, Parser
 from replant.data.streams.source import Batch, Numbering
 from replant.operating_system import Worker
 
@@ -183,6 +184,7 @@ class Reader(ABC):
         self._stop = StopRequest()
         self._state = "connecting"
         self._backoff = BACKOFF[0]
+        self._again = False  # whether it has been connected before
 
     @abstractmethod
     def _read(self) -> None:
@@ -251,14 +253,38 @@ class Reader(ABC):
             if dropped:
                 self._counts["dropped"] += dropped
 
-    def _connected(self, *, again: bool) -> None:
+    def _connected(self) -> None:
         self._numbering.connect()
         self._state, self.trouble, self._backoff = "connected", "", BACKOFF[0]
-        if again:
-            self._counts["reconnects"] += 1
+        self._counts["reconnects"] += self._again
+        self._again = True
 
-    def _wait_to_connect(self, trouble: str, *, again: bool) -> None:
+
+class Wire(Reader):
+    """A connection whose lines or payloads are parsed, opened again when it is lost."""
+
+    def __init__(self, name: str, columns: tuple[str, ...] | None, *, waits: bool, replays: bool = True) -> None:
+        super().__init__(name, waits=waits, replays=replays)
+        self._parser = Parser(self._counts, columns)
+        self._lines = LineSplitter(self._counts)
+
+    @abstractmethod
+    def _session(self) -> str | None:
+        """Connect, and deliver samples until the connection ends; return why, None at the end of the stream."""
+
+    def _read(self) -> None:
+        while not self._stop.requested:
+            trouble = self._session()
+            if trouble is None or self._stop.requested:
+                break
+            self._pause(trouble)
+        self._deliver(self._parser.finish(time.monotonic()))
+
+    def _deliver_lines(self, data: bytes) -> None:
+        self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
+
+    def _pause(self, trouble: str) -> None:
         """Pause before the next attempt to connect; each pause is twice as long as the one before."""
-        self._state, self.trouble = "waiting" if again else "connecting", trouble
+        self._state, self.trouble = "waiting" if self._again else "connecting", trouble
         self._stop.wait(self._backoff)
         self._backoff = min(2.0 * self._backoff, BACKOFF[1])

@@ -23,29 +23,17 @@ from replant.errors import ReplantError
 from replant.live.dashboard.hub import COMMANDS, Hub
 from replant.live.dashboard.security import HEADERS, Guard, most_connections
 from replant.report.findings import VERDICTS
-from replant.report.html.page import asset as report_asset
-from replant.report.html.page import uplot
+from replant.report.page import asset as report_asset
+from replant.report.page import uplot
 
 PERIOD = 0.2  # time between two views to one browser [s]
 HISTORY_PERIOD = 1.0  # time between two messages of what is long and changes slowly, history and responses [s]
 MOST_WATCHING = 256  # browsers at a time [count]
-_OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008
-"""Codes with which a websocket is closed: over, try again later, policy [number]."""
+_OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008  # codes of closing a websocket [number]
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_SCRIPTS = (
-    "dashboard",
-    "verdict",
-    "sign",
-    "format",
-    "model",
-    "plane",
-    "chart",
-    "span",
-    "signals",
-    "responses",
-    "parameters",
-)
+_SCRIPTS = ("dashboard", "verdict", "sign", "model", "plane", "span", "signals", "responses", "parameters")
 _OWN = (*(f"{name}.js" for name in _SCRIPTS), "frame.css", "dashboard.css", "icon.svg")
+_OF_REPORT = ("chart.js", "format.js", "palette.css")  # what the report draws with, too
 
 
 def create_app(hub: Hub, *, token: str | None, hosts: tuple[str, ...]) -> Starlette:
@@ -234,8 +222,7 @@ def _words() -> str:
 @cache
 def dashboard_assets() -> dict[str, bytes]:
     """Return everything that the page loads, by name."""
-    found = {name: _own(name) for name in _OWN}
+    found = {name: _own(name) for name in _OWN} | {name: report_asset(name).encode() for name in _OF_REPORT}
     found["words.js"] = _words().encode()
-    found["palette.css"] = report_asset("palette.css").encode()  # the report's colours
     found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
     return found

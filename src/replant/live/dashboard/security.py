@@ -12,10 +12,12 @@ genuine browser sends its request at once and then closes the connection, or ope
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import hashlib
 import hmac
+import socket
+from asyncio import get_running_loop
 from collections.abc import Callable
-from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
@@ -23,7 +25,6 @@ from urllib.parse import parse_qs, urlsplit
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEADERS = {
     "Content-Security-Policy": (
@@ -39,8 +40,7 @@ HEADERS = {
 }
 LONGEST_TOKEN = 1024  # characters of a token that are compared at all [characters]
 PAUSE = 0.5  # time before a missing or wrong token is answered, one after the other: nobody tries many [s]
-MOST_WAITING = 32
-"""Requests that may wait for that answer at a time; while so many do, a token is not even looked at [count]."""
+MOST_WAITING = 32  # requests that may wait for that answer; of more no token is looked at [count]
 _SAFE = ("GET", "HEAD")
 
 
@@ -162,7 +162,7 @@ def _host(address: str) -> str | None:
 
 MOST = 512  # connections at a time, at the most [count]
 LEAST = 8  # connections at a time that are always allowed: a page is loaded over several [count]
-SHARE = 2  # of the descriptors one in so many may be a connection [count]
+SHARE = 2  # connections may use at most 1/N of the file descriptors [count]
 ASKING = 10.0  # time for the headers of a request, the first or the next [s]
 ANSWERING = 120.0  # time for a request and its answer: a report takes seconds, and a slow browser its time [s]
 LEAVING = 5.0  # time from the goodbye until the connection is gone [s]
@@ -172,95 +172,90 @@ def most_connections() -> int:
     """Return how many connections there may be at a time."""
     try:
         import resource
-    except ImportError:  # Windows, where sockets are no file descriptors
-        return MOST
+    except ImportError:  # Windows, where a loop looks at 512 sockets at most
+        return MOST // SHARE
     limit, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     return MOST if limit < 0 else min(max(limit // SHARE, LEAST), MOST)
 
 
-@dataclass(eq=False)
 class _Connection:
-    """A connection, with the time at which it is aborted if nothing happens."""
+    """A connection, which is cut off if nothing happens."""
 
-    transport: asyncio.Transport
-    deadline: asyncio.TimerHandle | None = None
-    streams: bool = False
+    def __init__(self, wire: socket.socket) -> None:
+        self._wire = wire
+        self._deadline: asyncio.TimerHandle | None = None
+        self.streams = False
+        self.cut_off_in(ASKING)
 
-    def abort_in(self, seconds: float | None) -> None:
-        """Set the time after which the connection is aborted; None: never."""
-        if self.deadline is not None:
-            self.deadline.cancel()
-        loop = asyncio.get_running_loop()
-        self.deadline = None if seconds is None else loop.call_later(seconds, self.transport.abort)
+    @property
+    def is_open(self) -> bool:
+        return self._wire.fileno() >= 0  # the server closes the socket that it was given
+
+    def cut_off_in(self, seconds: float | None) -> None:
+        """Set the time after which the connection is cut off; None: never."""
+        if self._deadline is not None:
+            self._deadline.cancel()
+        self._deadline = None if seconds is None else get_running_loop().call_later(seconds, self.cut_off)
+
+    def cut_off(self) -> None:
+        """End both directions: the server then reads an end and closes, whatever it still wanted to write."""
+        with contextlib.suppress(OSError):
+            self._wire.shutdown(socket.SHUT_RDWR)
+
+
+class Listening(socket.socket):
+    """A listening socket that lets so many connections in at a time: a further one replaces the oldest idle one."""
+
+    connections: Connections | None = None
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Accept a connection, in the server's thread."""
+        wire, client = super().accept()
+        if self.connections is not None:
+            self.connections.opened(wire, client)
+        return wire, client
 
 
 class Connections:
     """An ASGI application in front of another one, which limits number and duration of connections."""
 
-    def __init__(self, app: ASGIApp, most: int, notice: Callable[[str], None]) -> None:
+    def __init__(self, app: ASGIApp, listening: Listening, most: int, notice: Callable[[str], None]) -> None:
         self.app, self.most, self._notice = app, most, notice
         self._open: dict[tuple[str, int], _Connection] = {}  # by the client's address, the oldest first
-
-    def protocol(self) -> type[H11Protocol]:
-        """Return the protocol class with which the server handles each connection."""
-        connections = self
-
-        class Protocol(H11Protocol):
-            def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-                super().connection_made(transport)
-                connections._opened(transport)
-
-            def connection_lost(self, exc: Exception | None) -> None:
-                connections._closed(self.client)
-                super().connection_lost(exc)
-
-        return Protocol
+        listening.connections = self
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve a request, with a limit on its duration."""
-        client: tuple[str, int] = tuple(scope.get("client") or ("", 0))
-        connection = self._open.get(client)
-        if connection is None:  # aborted meanwhile: the answer is not sent
+        connection = self._open.get(tuple(scope.get("client") or ("", 0)))
+        if connection is None:  # cut off meanwhile: the answer is not sent
             await self.app(scope, receive, send)
             return
 
         async def answer(message: Message) -> None:
             if message["type"] == "websocket.accept":
                 connection.streams = True
-                connection.abort_in(None)
+                connection.cut_off_in(None)
             await send(message)
 
-        connection.abort_in(ANSWERING)
+        connection.cut_off_in(ANSWERING)
         try:
             await self.app(scope, receive, answer)
         finally:
             connection.streams = False
-            if scope["type"] == "websocket":  # its end is reported to the websocket's protocol class, not to this one
-                connection.abort_in(LEAVING)
-                self._closed(client)
-            elif client in self._open:
-                connection.abort_in(ASKING)
+            connection.cut_off_in(LEAVING if scope["type"] == "websocket" else ASKING)
 
-    def _opened(self, transport: asyncio.Transport) -> None:
-        asyncio.get_running_loop().set_exception_handler(self._failed)
-        peer = transport.get_extra_info("peername")
-        if peer is None:  # closed already
-            transport.abort()
-            return
+    def opened(self, wire: socket.socket, client: Any) -> None:
+        """Take a connection that was accepted."""
+        get_running_loop().set_exception_handler(self._failed)
+        self._open = {at: found for at, found in self._open.items() if found.is_open}
         if len(self._open) >= self.most:
             self._notice(f"more than {self.most} connections: the oldest without a websocket are closed")
             oldest = next((at for at, found in self._open.items() if not found.streams), None)
             if oldest is None:
-                transport.abort()
+                wire.shutdown(socket.SHUT_RDWR)
                 return
-            self._open.pop(oldest).transport.abort()
-        connection = _Connection(transport)
-        connection.abort_in(ASKING)
-        self._open[str(peer[0]), int(peer[1])] = connection
-
-    def _closed(self, client: tuple[str, int] | None) -> None:
-        if client is not None:
-            self._open.pop(client, None)
+            self._open.pop(oldest).cut_off()
+        self._open[str(client[0]), int(client[1])] = _Connection(wire)
 
     def _failed(self, _: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
         """Report an error outside of all requests, such as a lack of file descriptors for a connection."""

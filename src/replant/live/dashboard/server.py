@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import ipaddress
 import socket
 import time
 from collections.abc import Callable
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError, shown
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     import uvicorn
 
 GRACE = 1.0  # time that browsers get to say goodbye [s]
+S = TypeVar("S", bound=socket.socket)
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 
@@ -41,7 +43,9 @@ class Dashboard:
 
     def _run(self) -> None:
         try:
-            self._server.run(sockets=[self._listening])
+            # the loop that calls `accept` of the socket, also on Windows
+            with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
+                runner.run(self._server.serve(sockets=[self._listening]))
         except Exception as error:
             self._hub.notice(f"its server ended: {type(error).__name__}: {error}")
         finally:
@@ -91,24 +95,22 @@ def serve(
         import uvicorn
 
         from replant.live.dashboard.app import create_app
-        from replant.live.dashboard.security import Connections, most_connections
+        from replant.live.dashboard.security import Connections, Listening, most_connections
     except ModuleNotFoundError as error:
         message = f"the dashboard needs {error.name}: pip install 'replant[live]'"
         raise MissingDependencyError(message) from None
     app = (application or create_app)(hub, token=token, hosts=_names(host))
     most = most_connections()
-    connections = Connections(app, most, hub.notice)
-    listening = _listen(host, port)
+    listening = _bound(host, port, Listening)
     config = uvicorn.Config(
-        connections,
-        http=connections.protocol(),
+        Connections(app, listening, most, hub.notice),
+        http="h11",
         backlog=max(most // 4, 1),  # so many may come in at once before the first of them is looked at
         log_config=None,
         log_level="warning",
         access_log=False,
         server_header=False,
         lifespan="off",
-        loop="asyncio",
         ws="websockets-sansio",
         ws_max_size=1024,  # the page never speaks
         ws_per_message_deflate=False,  # a hundred browsers would cost a core
@@ -142,11 +144,11 @@ def _names(host: str) -> tuple[str, ...]:
     return (host, name, f"{name}.local", *_LOOPBACK)
 
 
-def _listen(host: str, port: int) -> socket.socket:
-    """Return a listening socket, bound in the calling thread so that an address in use raises the error there."""
+def _bound(host: str, port: int, kind: type[S]) -> S:
+    """Return a socket that is bound in the calling thread, so that an address in use raises the error there."""
     try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
-        listening = socket.socket(family, kind, protocol)
+        family, of, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listening = kind(family, of, protocol)
         try:
             listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             listening.bind(address)

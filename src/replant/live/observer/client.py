@@ -17,17 +17,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 
 from replant.errors import InvalidArgumentError
-from replant.live.observer.process import (
-    ENDING,
-    Command,
-    Failed,
-    Handover,
-    Notice,
-    NoView,
-    ObserverOptions,
-    Serving,
-    observe,
-)
+from replant.live.observer.process import ENDING, Handover, ObserverOptions, Told, observe
 from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.message import Notices
 from replant.online.identifier import Identifier
@@ -133,7 +123,7 @@ LAST_VIEW_TIMEOUT = 20.0  # time that the last view may take: the process may ju
 STARTING = 120.0  # time that the process may take to serve the dashboard: it imports everything anew [s]
 TOO_OLD = 5.0  # age beyond which a view says nothing of the present any more [s]
 PAUSES = 0.5, 30.0  # first and longest pause before the process is started again [s]
-LONG_LIFE = 60.0  # life of a process after which its death is none of a row [s]
+LONG_LIFE = 60.0  # a process that lived this long was healthy: its death starts a new count [s]
 RESTARTS = "observer restarts"  # as it is counted
 
 
@@ -152,12 +142,10 @@ class Observer:
         self._restarts, self._pause = 0, PAUSES[0]
         self._commands: list[str] = []
         self.url = ""
-        self._alive = self._busy = self._knows_state = False
+        self._busy = self._knows_state = False
         self._handed = self._due = 0.0  # time of the last handover; earliest time of the next handover or restart
-        self._restarter: Worker | None = None
-        self._process: ObserverProcess | None = None
-        self._restarted: ObserverProcess | None = None
-        self._use(ObserverProcess(options))
+        self._process = ObserverProcess(options)
+        self._alive = True
         if options.dashboard is not None:
             try:
                 self._wait_for_dashboard()
@@ -165,16 +153,10 @@ class Observer:
                 self.close()
                 raise
 
-    def _use(self, process: ObserverProcess) -> None:
-        self._process, self._alive = process, True
-        self._busy = self._knows_state = False
-        self._handed = self._due = 0.0
-
     def _wait_for_dashboard(self) -> None:
         """Wait until the process reports that the dashboard is being served."""
         deadline = time.monotonic() + STARTING
         while self._alive and not self.url and time.monotonic() < deadline:
-            assert self._process is not None
             self._process.connection.poll(0.1)
             self._receive_all(first=True)
         if not self.url:
@@ -201,26 +183,13 @@ class Observer:
         """Receive the process's messages, restart it if it has ended; return the commands from the dashboard."""
         if self._alive:
             self._receive_all()
-        elif self._restarter is None and time.monotonic() >= self._due:
-            # in a separate thread, because starting a process blocks until the process has read its options
-            restarter = Worker(self._restart)
-            try:
-                restarter.start()
-                self._restarter = restarter
-            except RuntimeError as error:
-                self._report_failed_start(error)
-        elif self._restarter is not None and not self._restarter.is_alive():
-            self._restarter = None
-            if self._restarted is None:
-                self._due = time.monotonic() + self._next_pause()
-            else:
-                self._use(self._restarted)
+        elif time.monotonic() >= self._due:
+            self._restart()
         commands, self._commands = self._commands, []
         return commands
 
     def _receive_all(self, *, first: bool = False) -> None:
         """Receive all waiting messages; ``first``: a dashboard that fails raises the error."""
-        assert self._process is not None
         try:
             while self._process.connection.poll(0):
                 self._receive(self._process.connection.recv(), first=first)
@@ -231,19 +200,19 @@ class Observer:
 
     def _receive(self, message: object, *, first: bool) -> None:
         match message:
-            case View() | NoView():
+            case View() | Told("no view"):
                 now = time.monotonic()
                 self._busy = False
                 self._due = max(self._due, now + (now - self._handed))  # the process is busy at most half of its time
                 if isinstance(message, View):
                     self._view, self._viewed = message, now
-            case Command(name):
+            case Told("command", name):
                 self._commands.append(name)
-            case Serving(url):
+            case Told("serving", url):
                 self.url = url
-            case Notice(line):
+            case Told("notice", line):
                 self.show(line)
-            case Failed(reason):
+            case Told("failed", reason):
                 if first:
                     raise InvalidArgumentError(reason)
                 self._notices.say("dashboard", f"replant: {reason}; trying again")
@@ -253,13 +222,13 @@ class Observer:
         now = time.monotonic()
         if not self._alive or self._busy or now < self._due:
             return False
-        assert self._process is not None
         if self._restarts:
             info = replace(info, counters={**info.counters, RESTARTS: self._restarts})
         start = time.thread_time()
         state = identifier.to_bytes() if learned or not self._knows_state else None
         cost = time.thread_time() - start
-        self._process.outbox.put(Handover(info, tuple(self._lines), state))
+        history = self._view.history if self._view is not None and not self._knows_state else None
+        self._process.outbox.put(Handover(info, tuple(self._lines), state, history))
         self._lines.clear()
         self._busy = self._knows_state = True
         self._handed = now
@@ -270,7 +239,6 @@ class Observer:
         """Send the state and wait for its view, at most `LAST_VIEW_TIMEOUT`; for the end of a session."""
         deadline, handed = time.monotonic() + LAST_VIEW_TIMEOUT, False
         while self._alive and time.monotonic() < deadline and (self._busy or not handed):
-            assert self._process is not None
             self._process.connection.poll(0.02)
             self._receive_all()
             if not handed:
@@ -279,7 +247,6 @@ class Observer:
 
     def _handle_exit(self) -> None:
         """Clean up after a process that has ended, and schedule the next one."""
-        assert self._process is not None
         self._alive = False
         self._process.clean_up()
         lost, self._lines = self._lines, []
@@ -295,8 +262,6 @@ class Observer:
             f"replant: the process that makes verdict, status and dashboard ended ({self._process.exit_reason}); "
             f"it is started again in {pause:.1f} s, and nothing is trusted until then",
         )
-        if self._view is not None:
-            self._options = replace(self._options, history=self._view.history)
 
     def _next_pause(self) -> float:
         """Return the pause before the next start, and double the one after it."""
@@ -304,25 +269,18 @@ class Observer:
         return pause
 
     def _restart(self) -> None:
-        """Start a new process; runs in a separate thread."""
-        self._restarted = None
         try:
-            self._restarted = ObserverProcess(self._options)
+            self._process, self._alive = ObserverProcess(self._options), True
+            self._busy = self._knows_state = False
+            self._handed = self._due = 0.0
         except Exception as error:  # no memory, file descriptors or processes left; there may be some later
-            self._report_failed_start(error)
-
-    def _report_failed_start(self, error: Exception) -> None:
-        reason = refusal(error) or one_line(error)
-        self._due = time.monotonic() + self._pause
-        self._notices.say("start", f"replant: the observer cannot be started: {reason}; trying again")
+            reason = refusal(error) or one_line(error)
+            self._due = time.monotonic() + self._next_pause()
+            self._notices.say("start", f"replant: the observer cannot be started: {reason}; trying again")
 
     def close(self) -> None:
         """End the process; lines that were not shown yet are printed to standard error."""
-        if self._restarter is not None:
-            self._restarter.join(GOODBYE)
-            if self._restarted is not None:
-                self._restarted.end(wait=0.0)
-        if self._alive and self._process is not None:
+        if self._alive:
             self._process.end(wait=GOODBYE)
             self._alive = False
         for line in self._lines:

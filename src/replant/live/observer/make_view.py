@@ -18,12 +18,11 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
-from replant.online.kept_model import model_of
-from replant.online.newest_samples import newest_samples
+from replant.online.kept_model import model_of, newest_samples
 from replant.plotting.diagrams import mirrored
-from replant.report.figures.style import mapped_label
-from replant.report.terminal.summary import true_parameters
-from replant.runs.thinning import thin
+from replant.plotting.numbers import mapped_label
+from replant.plotting.thinning import thin
+from replant.report.terminal import true_parameters
 from replant.simulation.stretches import joined, stretches_of
 
 MOST_ROWS = 1000  # rows of history kept [rows]
@@ -69,12 +68,8 @@ class EstimateHistory:
 
 FREQUENCIES = 160  # equally spaced frequencies of a Bode plot; each resonance adds some [count]
 TIMES = 120  # times of a step response, and of its beginning where a mode settles early [count]
-MOST_TIMES, PER_PERIOD = 480, 8
-"""Times of the beginning where a mode oscillates, at the most, and for each period [count]."""
-FASTER = 0.25
-"""Part of the step response within which the fastest mode settles, below which its beginning gets times of its own
-[share].
-"""
+MOST_TIMES, PER_PERIOD = 480, 8  # times of an oscillating beginning at the most, and for each period [count]
+FASTER = 0.25  # a mode that settles within this part of the response gets times of its own [share]
 GROWN = 3.0  # time constants of an unstable mode that are shown: later it hides all others [time constants]
 SIGMAS = 2.0  # half-width of a band [standard deviations]
 WIDEST = 60.0  # half-width at which a band is cut: beyond it nothing is known anyway [dB]

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
 
 #: Signals that end a session, and the observer by it alone.
 ENDING = (signal.SIGINT, signal.SIGTERM)
-UNHEARD = 5.0
-"""Time without a handover, of which several come a second, after which the session is not heard any more [s]."""
+UNHEARD = 5.0  # without a handover for so long the session does not answer; several come a second [s]
 AGAIN = 5.0  # time until a dashboard that could not be served is tried again [s]
 
 
@@ -49,7 +48,6 @@ class ObserverOptions:
     terminal: bool = False  # whether to write the status to standard error
     truth: TransferFunction | None = None  # the true plant of a simulated rig, shown beside the estimate
     signals: SignalNames = UNNAMED  # names of input and output
-    history: Rows | None = None  # history of the observer that this one replaces
 
 
 @dataclass(frozen=True)
@@ -59,39 +57,15 @@ class Handover:
     info: SessionInfo
     lines: tuple[str, ...] = ()
     identifier: bytes | None = None
+    history: Rows | None = None  # of the process before, with the first identifier
 
 
 @dataclass(frozen=True)
-class Serving:
-    """Message to the session: the dashboard is served at this URL."""
+class Told:
+    """A message to the session that is no view."""
 
-    url: str
-
-
-@dataclass(frozen=True)
-class Failed:
-    """Message to the session: the dashboard cannot be served, for this reason."""
-
-    reason: str
-
-
-@dataclass(frozen=True)
-class Notice:
-    """Message to the session: a line to show at the terminal."""
-
-    line: str
-
-
-@dataclass(frozen=True)
-class NoView:
-    """Message to the session: no view could be made of the handover."""
-
-
-@dataclass(frozen=True)
-class Command:
-    """Message to the session: a user of the dashboard gave this command."""
-
-    name: str
+    kind: str  # "no view"; a dashboard "serving" at a URL, or "failed"; a "notice" to show; a "command" of its user
+    text: str = ""
 
 
 def observe(connection: Connection, options: ObserverOptions) -> None:
@@ -117,8 +91,9 @@ class _Observing:
 
         self._connection, self._sending = connection, threading.Lock()
         self._options = options
-        self._notices = Notices(lambda line: self._send(Notice(line)))
+        self._notices = Notices(lambda line: self._send(Told("notice", line)))
         self._history: EstimateHistory | None = None
+        self._earlier: Rows | None = None  # history of the process that this one replaces
         self._identifier: Identifier | None = None
         self._view: View | None = None
         self._hub: Hub | None = None
@@ -132,7 +107,7 @@ class _Observing:
         try:
             while (handover := self._await_handover()) is not None:
                 view = self._judge(handover)
-                self._send(NoView() if view is None else view)
+                self._send(Told("no view") if view is None else view)
                 self._show(view, handover.lines)
                 if self._options.dashboard is not None:
                     self._serve()
@@ -173,11 +148,12 @@ class _Observing:
             if self._view is not None:
                 self._view = dataclasses.replace(self._view, **vars(handover.info))
             return
+        self._earlier = self._earlier if handover.history is None else handover.history
         identifier = Identifier.from_bytes(handover.identifier)
         if self._history is None:
             self._history = EstimateHistory(identifier.structure.size)
-            if self._options.history is not None:
-                self._history.restore(self._options.history)
+            if self._earlier is not None:
+                self._history.restore(self._earlier)
         elif self._view is not None and identifier.samples < self._view.samples:  # the identifier was reset
             self._history.clear()
         self._view = make_view(
@@ -214,16 +190,16 @@ class _Observing:
 
         if self._hub is None:
             self._hub = Hub(
-                command=lambda name: self._send(Command(name)),
+                command=lambda name: self._send(Told("command", name)),
                 report=self._report,
                 notice=lambda text: self._notices.say("dashboard", f"replant: the dashboard: {text}"),
             )
         try:
             self._dashboard = serve(self._hub, address.host, address.port, address.token)
         except (ReplantError, OSError, RuntimeError) as mistake:
-            self._send(Failed(one_line(mistake)))
+            self._send(Told("failed", one_line(mistake)))
             return
-        self._send(Serving(self._dashboard.url))
+        self._send(Told("serving", self._dashboard.url))
 
     def _report(self) -> bytes:
         """Return the report of the newest estimate over the samples that the identifier keeps."""

@@ -21,9 +21,9 @@ from replant.live.observer.view import View
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
+from replant.plotting.numbers import grouped, off_by, std_alone, with_std
 from replant.report.findings import colour_of, without_reasons, words_of
-from replant.report.number_format import grouped, off_by, std_alone, with_std
-from replant.report.terminal.summary import fraction, true_parameters, wrapped
+from replant.report.terminal import fraction, true_parameters, wrapped
 from replant.runs.result import Clock, History, Result
 from replant.simulation.stretches import stretches_of
 from replant.statistics.autoregression import one_step, one_step_with_lost
@@ -182,7 +182,7 @@ ROUNDING = 1e-6  # difference between an interval and the sampling time that is 
 
 def report_of(identifier: Identifier, view: View) -> bytes:
     """Return the HTML report of an identifier."""
-    from replant.report.html.report import write_report
+    from replant.report.result_page import write_report
 
     if identifier.settings is None:
         raise ReplantError("there is no model to report on yet")

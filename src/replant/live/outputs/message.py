@@ -11,7 +11,6 @@ import contextlib
 import importlib.util
 import json
 import math
-import os
 import queue
 import time
 from collections.abc import Callable
@@ -25,7 +24,7 @@ import numpy.typing as npt
 from replant.arguments import FloatArray
 from replant.data.logs.arrow import CHECKED, check_rows, open_parquet
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.operating_system import Worker, one_line
+from replant.operating_system import ENDING, Worker, one_line, replacing
 
 AGAIN = 60.0  # time until the next message about the same subject [s]
 
@@ -45,11 +44,9 @@ class Notices:
             self._show(message)
 
 
-VERSION = 1
-"""Version of the layout, `schema/message-1.json`; raised where an entry changes its meaning or goes away [count]."""
+VERSION = 1  # of `schema/message-1.json`; raised where an entry changes its meaning or goes away [count]
 UNKNOWN = "unknown"  # the verdict while none is known
-LEAST_TTL = 5.0
-"""Least time for which "trusted" may stand without an accepted sample: a network takes time to send again [s]."""
+LEAST_TTL = 5.0  # least life of "trusted" without a sample: a network takes time to send again [s]
 INTERVALS = 10  # the same in sampling times: a slow plant's samples may come ten in a message [sampling times]
 #: `Estimate.status` while no sample is accepted, and when the session is over.
 WAITING, ENDED = "waiting", "ended"
@@ -235,7 +232,7 @@ class _Parts:
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._found = sorted(folder.glob("part-*.parquet"))
-            for unfinished in folder.glob(".part-*"):
+            for unfinished in (*folder.glob(f".*{ENDING}"), *folder.glob(".part-*")):  # this name before
                 unfinished.unlink()
         except OSError as error:
             raise InvalidArgumentError(f"--record: {one_line(error)}; choose a folder that can be written") from None
@@ -263,20 +260,11 @@ class _Parts:
         return self._number
 
     def write(self, number: int, table: Any) -> None:
-        """Write a part under another name, force it to the disk and rename it."""
+        """Write a part, which has its name once it is whole and on the disk."""
         import pyarrow.parquet
 
-        path = self._folder / PART.format(number)
-        unfinished = path.with_name("." + path.name)
-        try:
-            with unfinished.open("wb") as file:
-                pyarrow.parquet.write_table(table, file, **CHECKED)
-                file.flush()
-                os.fsync(file.fileno())
-            unfinished.replace(path)
-        finally:
-            with contextlib.suppress(OSError):  # after a failure, such as a full disk, an unfinished file is useless
-                unfinished.unlink(missing_ok=True)
+        with replacing(self._folder / PART.format(number)) as new:
+            pyarrow.parquet.write_table(table, new, **CHECKED)
 
 
 def _samples_table(samples: list[Samples]) -> Any:

@@ -21,13 +21,14 @@ import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
-from urllib.parse import SplitResult, unquote, urlsplit
 
-from replant.data.streams.opening import without_password
-from replant.errors import InvalidArgumentError, MissingDependencyError
+from replant.data.streams.opening import NO_PORT, Address, split
+from replant.data.streams.payloads import import_paho
+from replant.errors import InvalidArgumentError
 from replant.live.outputs.message import ENDED, LEAST_TTL, UNKNOWN, WAITING, EstimateMessage, Notices
 from replant.operating_system import Worker, one_line
 
+PORT = "give a port from 1 to 65535 after the host"
 MQTT_PORT = 1883  # port of a broker, as registered [number]
 BROKER_TIMEOUT = 5.0  # time that a broker may be away before it is said [s]
 KEEPALIVE = 1, 15  # least and longest time in which the broker must hear from the client [s]
@@ -110,13 +111,12 @@ class UdpSink:
 
     interval = 0.0005  # no controller reads estimates faster
 
-    def __init__(self, address: SplitResult) -> None:
-        self.name = address.geturl()
-        host, port = _host(address), _port(address, None)
+    def __init__(self, address: Address) -> None:
+        self.name = address.name
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)
+            found = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)
         except OSError as error:
-            raise InvalidArgumentError(f"--to {self.name}: no such host {host!r} ({error.strerror})") from None
+            raise InvalidArgumentError(f"--to {self.name}: no such host {address.host!r} ({error.strerror})") from None
         family, kind, protocol, _, to = found[0]
         self._to: Any = to
         self._socket = socket.socket(family, kind, protocol)
@@ -147,25 +147,20 @@ class MqttSink:
 
     interval = 0.01
 
-    def __init__(self, address: SplitResult, ttl: float = LEAST_TTL) -> None:
-        try:
-            from paho.mqtt.client import Client
-            from paho.mqtt.enums import CallbackAPIVersion
-        except ImportError:
-            raise MissingDependencyError("--to mqtt:// needs paho-mqtt: pip install 'replant[live]'") from None
-        self._topic = unquote(address.path.lstrip("/"))
-        port = _port(address, MQTT_PORT)
-        self.name = f"mqtt://{address.hostname}:{port}/{self._topic}"
+    def __init__(self, address: Address, ttl: float = LEAST_TTL) -> None:
+        self._topic, port = address.path, address.port or MQTT_PORT
+        self.name = f"mqtt://{address.host}:{port}/{self._topic}"
+        client = import_paho(f"--to {self.name}")
         if not self._topic or set(self._topic) & set("+#"):
             raise InvalidArgumentError(
                 f"--to {self.name}: name one topic after the host, as in mqtt://host/rig/1/model"
             )
         # one client name for all connections: a new connection replaces the old one at the broker, which publishes the
         # old one's will first, and only then the estimates of the new one
-        self._client: Any = Client(CallbackAPIVersion.VERSION2, f"replant-{uuid.uuid4().hex[:12]}")
+        self._client: Any = client.Client(client.CallbackAPIVersion.VERSION2, f"replant-{uuid.uuid4().hex[:12]}")
         self._client.will_set(self._topic, WILL, qos=1, retain=True)
-        if address.username:
-            self._client.username_pw_set(unquote(address.username), unquote(address.password or ""))
+        if address.user:
+            self._client.username_pw_set(address.user, address.password or "")
         self._client.reconnect_delay_set(min_delay=1, max_delay=5)
         self._client.on_connect = self._on_connect
         self._client.on_publish = self._on_publish
@@ -175,7 +170,7 @@ class MqttSink:
         self.behind = True
         # a broker waits for one and a half times the keep-alive interval, and may notice a second later
         keepalive = min(max(KEEPALIVE[0], int(ttl / 2.0)), KEEPALIVE[1])
-        self._client.connect_async(_host(address), port, keepalive)
+        self._client.connect_async(address.host, port, keepalive)
         self._client.loop_start()
 
     def send(self, estimate: EstimateMessage) -> None:
@@ -211,12 +206,18 @@ def open_sink(address: str, ttl: float = LEAST_TTL) -> Sink:
     """Return the sink of an address."""
     if address == "-":
         return LineSink()
-    parts = urlsplit(address)
-    if parts.scheme == "udp":
-        return UdpSink(parts)
-    if parts.scheme == "mqtt":
-        return MqttSink(parts, ttl)
-    raise InvalidArgumentError(f"--to {address}: give -, udp://HOST:PORT or mqtt://HOST:PORT/TOPIC")
+    scheme = address.partition("://")[0].lower()
+    if scheme not in ("udp", "mqtt") or "://" not in address:
+        raise InvalidArgumentError(f"--to {address}: give -, udp://HOST:PORT or mqtt://HOST:PORT/TOPIC")
+    try:
+        parts = split(address)
+    except InvalidArgumentError as mistake:
+        raise InvalidArgumentError(f"--to {mistake}".replace(NO_PORT, PORT)) from None
+    if not parts.host:
+        raise InvalidArgumentError(f"--to {parts.name}: the host is missing, as in {scheme}://127.0.0.1")
+    if not parts.port and (scheme == "udp" or parts.port == 0):
+        raise InvalidArgumentError(f"--to {parts.name}: {PORT}")
+    return UdpSink(parts) if scheme == "udp" else MqttSink(parts, ttl)
 
 
 def _unread(descriptor: int) -> int:
@@ -228,24 +229,6 @@ def _unread(descriptor: int) -> int:
         return int.from_bytes(fcntl.ioctl(descriptor, termios.FIONREAD, bytes(4)), sys.byteorder)
     except (ImportError, OSError):
         return 0
-
-
-def _host(address: SplitResult) -> str:
-    if not address.hostname:
-        raise InvalidArgumentError(
-            f"--to {without_password(address)}: the host is missing, as in {address.scheme}://127.0.0.1"
-        )
-    return address.hostname
-
-
-def _port(address: SplitResult, default: int | None) -> int:
-    try:
-        port = address.port or default
-    except ValueError:
-        port = None
-    if port is None:
-        raise InvalidArgumentError(f"--to {without_password(address)}: give a port from 1 to 65535 after the host")
-    return port
 
 
 TICK = 0.05  # time between two looks of the watchdog, at the most [s]

@@ -1,8 +1,8 @@
 // The comparison: the chosen models over the measured output, their responses, and what they leave.
 import { ask, at, element, keep, kept, keyed, later, log, state, write } from "./page.js";
-import { curveLimits, manyCurves, ROLES, strokes, timeAxis, zoomed, zoomKeys } from "./curves.js";
+import { curveLimits, manyCurves, ROLES, strokes, timeAxis } from "./curves.js";
 import { chosen, reasonOf } from "./models.js";
-import { extent, labelled, line, unlabelled } from "/assets/chart.js";
+import { extent, labelled, line, ticksOf, unlabelled, zoomed, zoomKeys } from "/assets/chart.js";
 import { number, percent, tick } from "/assets/format.js";
 import { splane } from "/assets/plane.js";
 import { decades, DEGREES, logTicks } from "/assets/responses.js";
@@ -37,8 +37,8 @@ const plots = {
   step: manyCurves(at("c-step"), { x: { values: (_, ticks) => ticks.map(t => `${tick(t)} s`) }, limit: curveLimits, read: saying("said-step", "± 2σ") }),
   size: manyCurves(at("c-size"), { log: true, cursor: "omega", x: { splits: logTicks, filter: (_, ticks) => ticks, values: decades }, limit: curveLimits, read: saying("said-size", "dB over rad/s, ± 2σ"), leftOut: () => frequencies() }),
   phase: manyCurves(at("c-phase"), { log: true, cursor: "omega", x: { splits: logTicks, filter: (_, ticks) => ticks, values: decades }, y: { ...labelled, incrs: DEGREES }, limit: curveLimits, read: saying("said-phase", "degrees over rad/s, ± 2σ"), leftOut: () => frequencies() }),
-  auto: manyCurves(at("c-auto"), { dashed: true, x: { values: (_, ticks) => ticks.map(tick) }, limit: correlationLimits }),
-  cross: manyCurves(at("c-cross"), { dashed: true, x: { values: (_, ticks) => ticks.map(tick) }, limit: correlationLimits }),
+  auto: manyCurves(at("c-auto"), { dashed: true, x: { values: ticksOf(tick) }, limit: correlationLimits }),
+  cross: manyCurves(at("c-cross"), { dashed: true, x: { values: ticksOf(tick) }, limit: correlationLimits }),
   error: manyCurves(at("c-error"), { dashed: true, log: true, cursor: "omega", x: { splits: logTicks, filter: (_, ticks) => ticks, values: decades }, y: { values: (_, ticks) => ticks.map(each => `${tick(100 * each)} %`) }, leftOut: () => frequencies(),
     limit: (curves, inside) => [0, Math.min(2, Math.max(...curves.map(each => extent(inside(each.y))[1] ?? 0), ...curves.map(each => extent(inside(each.high))[1] ?? 0), 0.01))] }),
 };

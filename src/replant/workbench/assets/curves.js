@@ -1,6 +1,6 @@
 // Curves: least and greatest values as strokes, the colours of the models, and plots of several models.
-import { chart, edge, extent, labelled, line, steady } from "/assets/chart.js";
-import { tick, timeLabel } from "/assets/format.js";
+import { chart, colour, edge, extent, labelled, line, seen, steady } from "/assets/chart.js";
+import { timeLabel } from "/assets/format.js";
 import { TIMES } from "/assets/span.js";
 
 /** The colours of the palette that models have, by their place among those compared. */
@@ -40,7 +40,7 @@ export function manyCurves(room, { x, y = labelled, log = false, first = [], ran
   let ends = log ? [0.1, 10] : [0, 1], limits = [0, 1], shown = [[]];
   const series = [...first, ...ROLES.flatMap(role => [line(role, { width: 1.6, alpha: 0.85 }), edge(), edge()])];
   if (dashed) series.forEach((each, i) => { if (i >= first.length && (i - first.length) % 3) Object.assign(each, line(ROLES[Math.floor((i - first.length) / 3)], { dash: [5, 4], width: 1 })); });
-  const bands = dashed ? [] : ROLES.map((role, i) => ({ series: [first.length + 3 * i + 2, first.length + 3 * i + 3], fill: () => colourOf(role) + "30" }));
+  const bands = dashed ? [] : ROLES.map((role, i) => ({ series: [first.length + 3 * i + 2, first.length + 3 * i + 3], fill: () => colour(role) + "30" }));
   const made = chart(room, { series, bands, x, y, log, cursor, choose: choose ?? (() => {}), leftOut: leftOut ?? (() => []),
     limits: () => [range?.() ?? ends, limits], read: i => read?.(i, shown) });
   return {
@@ -53,18 +53,11 @@ export function manyCurves(room, { x, y = labelled, log = false, first = [], ran
         return curve ? [curve.y, curve.high ?? none, curve.low ?? none] : [none, none, none];
       });
       shown = [across, ...before, ...columns];
-      const [from, to] = range?.() ?? ends, inside = column => within(across, column, from, to);
+      const inside = column => seen(across, range?.() ?? ends, column);
       limits = tall ?? fit(...limit(curves.filter(Boolean), inside, before));
       made.draw(shown);
     },
   };
-}
-
-const colourOf = role => getComputedStyle(document.documentElement).getPropertyValue("--" + role).trim();
-
-/** The part of a column where x lies between two ends. */
-export function within(x, column, from, to) {
-  return (column ?? []).filter((_, i) => x[i] >= from && x[i] <= to);
 }
 
 /** Limits that follow the curves, and bands only as far as these do not hide them. */
@@ -73,26 +66,4 @@ export function curveLimits(curves, inside) {
   if (low === null) return [0, 1];
   const room = 0.6 * (high - low || Math.abs(high) || 1), [least] = extent(...curves.map(each => inside(each.low))), [, most] = extent(...curves.map(each => inside(each.high)));
   return [Math.max(least ?? low, low - room), Math.min(most ?? high, high + room)];
-}
-
-export const ticksOfFigure = { values: (_, ticks) => ticks.map(tick) };
-
-/** Keys of a plot over time: arrows pan, plus and minus zoom, Escape and Home show everything. */
-export function zoomKeys(room, zoomBy) {
-  const keys = { ArrowLeft: "left", ArrowRight: "right", "+": "in", "=": "in", "-": "out", Escape: "all", Home: "all" };
-  room.addEventListener("keydown", event => {
-    if (event.ctrlKey || event.metaKey || event.altKey || !(event.key in keys) || event.target !== room) return;
-    event.preventDefault();
-    zoomBy(keys[event.key]);
-  });
-}
-
-/** A stretch that is zoomed, panned, or shown as a whole. */
-export function zoomed([from, to], how, [first, last]) {
-  const width = to - from;
-  let next = { in: [from + width / 4, to - width / 4], out: [from - width / 2, to + width / 2],
-    left: [from - width / 5, to - width / 5], right: [from + width / 5, to + width / 5] }[how];
-  if (!next) return null;
-  const wide = Math.min(next[1] - next[0], last - first), start = Math.min(Math.max(next[0], first), last - wide);
-  return wide >= last - first ? null : [start, start + wide];
 }

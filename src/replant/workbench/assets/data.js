@@ -1,8 +1,8 @@
 // The view of the data: columns with their roles, all signals over time, what the inspection found, and conditioning.
 import { act, ask, at, choose, element, fill, keep, kept, keyed, later, log, say, write } from "./page.js";
 import { addStretch, drawStretches, nice, shaded, typed } from "./marks.js";
-import { merged, strokes, timeAxis, zoomed, zoomKeys } from "./curves.js";
-import { chart, extent, labelled, line, steady, unlabelled } from "/assets/chart.js";
+import { merged, strokes, timeAxis } from "./curves.js";
+import { chart, extent, labelled, line, seen, steady, unlabelled, zoomed, zoomKeys } from "/assets/chart.js";
 import { count, number } from "/assets/format.js";
 
 const LOOKS = { output: ["measured", "tall"], input: ["input", "short"], reference: ["line-3", "short"] };
@@ -126,8 +126,7 @@ function paint() {
     const made = chartOf(plot, column.role, i === columns.length - 1);
     plot.data = data(column);
     plot.figure.querySelector(".after").hidden = !(changed && ["input", "output"].includes(column.role));
-    const [from, to] = range(), inside = values => values.filter((_, k) => plot.data[0][k] >= from && plot.data[0][k] <= to);
-    plot.limits = plot.fit(...extent(inside(plot.data[1])));
+    plot.limits = plot.fit(...extent(seen(plot.data[0], range(), plot.data[1])));
     made.draw(plot.data);
   });
   for (const [key, plot] of plots) {

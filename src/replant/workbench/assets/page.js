@@ -92,7 +92,7 @@ export async function ask(name, given) {
   asked.set(name, stop);
   const words = new URLSearchParams(Object.entries(given).filter(([, value]) => value !== null && value !== undefined));
   const answer = await answered(`/ask/${name}?${words}`, { signal: stop.signal });
-  return answer && answer.json();
+  return answer && answer.json().catch(error => { if (error.name !== "AbortError") throw error; return null; });
 }
 
 export const log = () => state.session?.logs.find(each => each.name === state.session.active) ?? null;

@@ -1,0 +1,267 @@
+"""Lifecycle: how an identifier starts, attends to what is due between samples, and goes on from another state."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any, NoReturn, Self, TypeVar
+
+import numpy as np
+
+from replant.arguments import FloatArray, IntArray
+from replant.engine.dimensions import collects_at_most
+from replant.engine.dispatch import Step, step_kernels
+from replant.engine.state import State
+from replant.errors import InvalidArgumentError
+from replant.kernels.native import OPEN, SHUT, Kernel
+from replant.kernels.schema import BELIEVED, Alarm, Attention
+from replant.online.change_response import look
+from replant.online.estimate import Estimate
+from replant.online.revision import next_revision, revise, solve_whole
+from replant.online.startup import (
+    begin,
+    collected,
+    drop_misread,
+    keep_newer_half,
+    measured,
+    modelled,
+    next_provisional,
+    settled,
+    take_held,
+)
+from replant.settings import LONGEST_STARTUP
+
+NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
+
+T = TypeVar("T")
+
+
+def in_turn(u: float, y: float, t: float, r: float) -> NoReturn:
+    """Take no sample: the kernel for single samples is not bound."""
+    raise Attention
+
+
+class Lifecycle(Estimate):
+    """The life of an `Identifier`: its state, the kernels that take samples, and what is due when."""
+
+    _resolve_at: int  # accepted samples at which to solve the record again; 0: not planned
+    _begun_with: float  # error of the last sample of the start-up
+    _step: Step  # what takes the next sample
+    _gate: IntArray
+    _regular: bool  # whether no time stamp has come
+    _mapped: bool  # whether the input map is a function
+    _kernel: Kernel
+    _steps: Callable[..., int]
+
+    def _begin_again(self) -> None:
+        self._settings = None
+        self._solved, self._begun_with = {}, math.nan
+        self._dropped = self._resolve_at = 0
+        self._regular = True
+        self._hold = self._request.first_hold  # measured outputs that the start-up waits for
+        self._collect(reference=False)
+        if self._hold == 0:
+            self._begin()
+
+    def _collect(self, *, reference: bool) -> None:
+        """Begin the start-up; whether the samples come with a reference is known with the first of them."""
+        self._reference = reference
+        self._work_on(State.collecting(self._request, reference=reference), regular=self._regular)
+        if self._hold:
+            self._plan()
+
+    def _work_on(self, state: State, *, regular: bool) -> None:
+        """Go on with a state: choose its step kernels; those for a regular clock serve until the first time stamp."""
+        kernel, steps = step_kernels(state, regular=regular)
+        vars(self).update(
+            _state=state, _regular=regular, _kernel=kernel, _steps=steps, _step=in_turn, _gate=NO_GATE,
+            _mapped=callable(self._request.preprocess.input_map),
+        )  # fmt: skip
+
+    def _go_on_with(self, state: State) -> State:
+        """Replace the present state, unless it is the same one; return it."""
+        if state is not self._state:
+            self._work_on(state, regular=self._regular)
+        return state
+
+    def _moved_to(self, state: State) -> Self:
+        """Return this identifier, gone on with to arrays of the same content."""
+        moved = object.__new__(type(self))
+        moved.__dict__.update(vars(self))
+        moved._work_on(state, regular=True)
+        return moved
+
+    def _draft(self) -> Self:
+        """Return a copy with its own arrays, and the same turn."""
+        draft = object.__new__(type(self))
+        draft.__dict__.update(vars(self) | {"_state": self._state.copy(), "_step": in_turn, "_gate": NO_GATE})
+        return draft
+
+    def _as_one(self, work: Callable[..., T], *given: Any) -> T:
+        """Do some work on a draft, and take it over in one bytecode: interrupted, it was not begun.
+
+        Whoever still has the arrays before finds them waiting for attention, or their gate shut, and takes no sample.
+        """
+        draft = self._draft()
+        result = work(draft, *given)
+        vars(self).update(vars(draft))
+        return result
+
+    def _enter(self) -> None:
+        self._gate[0] = SHUT
+        while self._state.attention:
+            self._as_one(Lifecycle._attend)
+
+    def _leave(self) -> None:
+        self._gate[0] = OPEN
+
+    def _take(
+        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
+    ) -> int:
+        """Take samples up to one that needs attention, attend to it, and return how many were taken.
+
+        ``parameters`` is (K, P), or (K, 0) where nobody asks.
+        """
+        chunk, starting = (u, y, t, r, errors, parameters), self._settings is None
+        other = (t.size and self._regular) or (r.size and not self._reference)
+        taken = self._as_one(Lifecycle._change_kernels, *chunk) if other else self._run(*chunk)
+        if not self._state.attention:
+            return taken
+        reached = self._attend_after(taken, parameters)
+        if reached == taken and starting and self._settings is not None and not math.isnan(y[taken - 1]):
+            errors[taken - 1] = self._begun_with
+        return reached
+
+    def _attend_after(self, taken: int, parameters: FloatArray) -> int:
+        """Attend to what the last sample asks for; return how many were taken, of which that may be no part."""
+        believed = self._state.held_at == BELIEVED
+        self._enter()
+        if believed:
+            return taken - 1  # the sample that confirms it is taken after it
+        if parameters.size:
+            parameters[taken - 1] = self.parameters
+        return taken
+
+    def _run(
+        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
+    ) -> int:
+        """Run the kernel up to a sample that needs attention; return how many samples it has taken."""
+        if self._settings is None:  # the kernel has no estimate to write
+            if parameters.size:
+                parameters[:] = self.parameters
+            parameters = np.empty((u.size, 0))
+        taken: int = self._steps(*self._state.arrays, u, y, t, r, errors, parameters)
+        return taken
+
+    def _change_kernels(self, *chunk: FloatArray) -> int:
+        """Run other kernels: the first time stamp of all has come, or the first reference."""
+        _, _, t, r, _, _ = chunk
+        if r.size and not self._reference:
+            self._collect(reference=True)
+        if t.size:
+            self._work_on(self._state, regular=False)
+        return self._run(*chunk)
+
+    def _attend(self) -> None:
+        """Do what is due: make room, take a sample held back, end the start-up, look into an alarm, solve again."""
+        self._state.make_room(self._most)
+        if self._state.held_at == BELIEVED:
+            take_held(self._state, self._steps)
+        elif self._settings is None:
+            self._end_startup()
+        else:
+            state, self._resolve_at = revise(self._state, self._settings, self._resolve_at, self._most)
+            self._go_on_with(state)
+            self._plan()
+
+    def _plan(self) -> None:
+        """Set the sample at which the kernels next ask for attention."""
+        state, now = self._state, self._state.samples
+        state.attention = False
+        if self._settings is None:
+            state.attention_at = self._next_look()
+            return
+        dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
+        self._resolve_at, state.look_at = dues
+        dues.append(state.room_until(self._most))
+        state.attention_at = min((due for due in dues if due), default=0)
+
+    @property
+    def _most(self) -> int:
+        """Raw samples kept at the most."""
+        return collects_at_most(self._request) if self._settings is None else self._request.history
+
+    def _next_look(self) -> int:
+        """Return the number of samples at which the start-up may end, or the provisional model may change."""
+        state = self._state
+        there, now = measured(state), state.samples
+        missing = min(self._hold, next_provisional(self._request, there)) - there
+        return min(now + max(missing, 1), max(state.recent_size, now + 1))
+
+    def _end_startup(self, *, at_any_rate: bool = False) -> None:
+        """Begin where enough outputs are collected; else plan when to look again."""
+        state, given = self._state, self.taken
+        is_full = state.samples >= self._most
+        if at_any_rate:
+            self._begin(at_any_rate=True)
+        elif measured(state) >= self._hold or is_full:
+            if drop_misread(state, self._request, stamped=not self._regular):
+                self._solved = {}
+            else:
+                self._begin(is_full=is_full)
+        self._dropped += given - self.taken
+        self._plan()
+
+    def _begin(self, *, at_any_rate: bool = False, is_full: bool = False) -> None:
+        """Choose the settings, lay out the state and learn the samples collected."""
+        old, request = self._state, self._request
+        kept, solution = collected(old), None
+        settings = settled(request, kept)
+        if settings.instruments:
+            solution = modelled(request, settings.preprocess, kept)
+            if solution is None and at_any_rate:  # the samples are kept: others may follow
+                return
+            last = at_any_rate or 2 * self._hold > LONGEST_STARTUP
+            if solution is None or not (solution.found.acceptable or last):
+                self._solved[measured(old)] = None if solution is None else solution.found
+                self._wait_longer(is_full=is_full)
+                return
+        state, self._begun_with = begin(old, settings, kept, solution, request.history)
+        if at_any_rate:
+            state.finished_at, state.gap_at = state.samples, 0
+        self._settings, self._solved = settings, {}
+        self._work_on(state, regular=self._regular)
+        if solution is not None:
+            self._resolve_at = next_revision(state, settings, self._most)
+
+    def _wait_longer(self, *, is_full: bool) -> None:
+        """Double the start-up; at its limit drop the older half of the samples, as a rig may idle before it moves."""
+        if 2 * self._hold <= LONGEST_STARTUP and not is_full:
+            self._hold *= 2
+        else:
+            keep_newer_half(self._state)
+            self._solved = {}
+
+    def _finish(self) -> None:
+        if self._settings is None:
+            if self._state.samples:
+                self._end_startup(at_any_rate=True)
+            return
+        if self._state.alarm:
+            self._go_on_with(look(self._state, self._settings)[0])
+        if (found := solve_whole(self._state, self._settings)) is not None:
+            self._resolve_at = next_revision(self._go_on_with(found), self._settings, self._most)
+            self._plan()
+
+    def _adapt(self, adapt: bool) -> None:
+        if self._settings is None:
+            raise InvalidArgumentError(
+                "freezing needs a model, and the samples for the first one are still being collected: try again later"
+            )
+        self._state.adapt = adapt
+        self._state.change_began, self._state.cusum = self._state.samples, 0.0
+        if not adapt:
+            # a later solution would learn the samples that come while frozen
+            self._resolve_at = self._state.look_at = 0
+            self._state.alarm = Alarm.NONE
+            self._plan()

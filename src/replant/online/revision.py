@@ -1,0 +1,232 @@
+"""Revision: at growing counts, at an alarm and at the end it is asked again which model the samples so far have.
+
+The record is solved again, and suppositions of what the plant has done compete.  An estimate that forgets nothing
+follows a change the more slowly, the longer the record is.  A change that makes the residual grow is noticed by its
+CUSUM test (`online.change_response`).  A gain that is off by a tenth, or by a quarter where the noise is strong, makes
+it grow little: it shows in the score (`offline.change_search`).  At the end of a record the estimate is solved for with
+every sample, as `fit` does, unless the plant has changed.  Nothing that was decided is final.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.assessment import assess_running
+from replant.assessment.verdict import ALPHA
+from replant.engine.dimensions import RECENT
+from replant.engine.recent_samples import RecentSamples
+from replant.engine.record import Record
+from replant.engine.state import State
+from replant.kernels.schema import Alarm, Doubt, Supposition
+from replant.offline.change_search import begin_of_change, change_at
+from replant.offline.contest import decided, is_sure, weighed
+from replant.offline.solve import Solution, solve
+from replant.online.begin_recursion import restart_at
+from replant.online.change_response import (
+    AGAIN,
+    believed,
+    first_look,
+    gap_before,
+    is_at_rest,
+    look,
+    of_whole,
+    one_plant_before,
+    remembers_all,
+    remembers_since_change,
+    since_change,
+    tells_of_changes,
+)
+from replant.settings import STORED, Settings
+from replant.simulation.model_run import prediction_error, runs_away
+from replant.statistics.autoregression import likelihood_ratio
+from replant.statistics.linear_algebra import quiet
+
+# half of the newest samples, so that an input that has come to rest still moves in the other half
+EVERY = RECENT // 2  # samples between two verdicts that are noted of a long record [samples]
+# half of the samples kept are then new, as where a growing record is solved again; a search takes as long as to learn
+REVIEWED = STORED // 2  # samples between two searches of a long record for a change [samples]
+
+GROWTH = 1.25
+"""Growth of the record after which it is asked whether one model holds for it [ratio of lengths].
+Origin: three looks between two solutions; on a chirp the last solution of 3,799 samples was at 2,000, and of another
+plant.
+Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of 'stuck, coarse scale' times 2.4;
+doubled, no verdict changes, and no error by a quarter.
+"""
+
+
+def revise(state: State, settings: Settings, due: int, most: int) -> tuple[State, int]:
+    """Return the state to go on with, and the accepted samples at which the record is next looked into.
+
+    Now it is as long as ``due`` says, see `next_revision`, or an alarm is raised or looked into again, see `look`.
+    """
+    samples = state.samples
+    state.attention_at, state.attention = 0, False  # samples that are learned again must not stop for attention
+    if state.alarm == Alarm.RAISED:
+        state.look_at = first_look(state, settings)
+        state.trusted_at = 0
+    if samples == due:
+        state = (reconsider(state, settings) if state.changed_at else None) or renew(state, settings) or state
+        due = next_revision(state, settings, most)
+        # whether the model is trusted while the input rests is noted before the samples that show it are gone
+        trusted = is_at_rest(state) and assess_running(state, settings, most).status == "trusted"
+        state.trusted_at = state.samples if trusted else 0
+    if samples == state.look_at:
+        found, look_at = look(state, settings)
+        if found is not state:
+            state, due = found, next_revision(found, settings, most)
+        state.look_at = look_at
+    return state, due
+
+
+def next_revision(state: State, settings: Settings, most: int) -> int:
+    """Return the number of accepted samples at which the estimate is next looked into, of ``most`` kept; 0: never.
+
+    The record is solved again at growing lengths (`AGAIN`), and before where the plant has changed.
+    """
+    if not tells_of_changes(state, settings):
+        return 0
+    origin, samples = state.changed_at or state.record_began, state.samples
+    known = min(RECENT, most)
+    due = origin + math.ceil((AGAIN if state.changed_at else GROWTH) * (samples - origin))
+    if remembers_since_change(state, settings) and due - origin <= known:
+        return due
+    every = min(EVERY, max(known // 2, settings.startup))
+    return samples + every if settings.optimizer.keeps_covariance else 0
+
+
+@quiet
+def reconsider(old: State, settings: Settings) -> State | None:
+    """Return the state that goes on where the samples since the last change lead to; None where that is open.
+
+    What has changed is asked again of more samples, and whether one model holds for those before as well.
+    """
+    if (
+        old.alarm
+        or old.gap_at > old.changed_at
+        or not (old.adapt and remembers_since_change(old, settings))
+        or is_at_rest(old)
+    ):
+        return None
+    contest = since_change(old, settings)
+    if contest is None:
+        return None
+    claims = contest.claims(again=True)
+    claims += of_whole(old, settings, contest, gap_before(old)) if claims else []
+    found = decided(claims)
+    if found is None:
+        return None
+    undecided = not is_sure(claims, found)
+    if undecided and found.supposition is old.change is Supposition.LOAD:  # the same, and no better known
+        old.undecided = True
+        return None
+    return believed(old, settings, found, undecided=undecided)
+
+
+@quiet
+def renew(old: State, settings: Settings) -> State | None:
+    """Return the state that goes on at a solution of the record as it was measured, or where the plant has changed.
+
+    None where the record has not grown by `AGAIN` and one plant explains it, where no usable model is found, or where
+    older samples are forgotten.
+    """
+    if old.alarm or not (old.adapt and remembers_all(old, settings)):
+        return None
+    began = max(old.record_began, old.gap_at)
+    kept = RecentSamples.of(old, STORED)[-max(old.samples - began, 1) :]
+    # short: the present estimate then knows more than the samples kept
+    is_whole = old.gap_at <= old.record_began and RECENT >= len(kept) == old.samples - began
+    has_grown = is_whole and old.samples - began >= AGAIN * (old.solved_at - began)
+    is_searched = _is_searched(old) and not is_at_rest(old)  # at rest nothing that comes now could test another model
+    if not (is_searched or has_grown):
+        return None
+    structure, record = settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True)
+    begin = begin_of_change(structure, record, old.physical) if is_searched else 0
+    if not (begin or has_grown):
+        return None
+    solution = solve(structure, record, [old.physical], afresh=is_whole)
+    if solution is None:
+        return None
+    found = change_at(structure, solution.record, solution.found.theta, begin) if begin else None
+    if found is not None:
+        return believed(old, settings, found[0], undecided=not is_sure(found[1], found[0]))
+    usable = is_whole and _is_usable(solution, settings, old.physical)
+    if not usable:
+        return None
+    new = restart_at(old, settings, solution, began)
+    new.undecided = False  # the record has grown by half, and one model explains it still
+    return new
+
+
+def _is_searched(state: State) -> bool:
+    """Return whether to search for a change: always while the record is short, then once in REVIEWED samples."""
+    count = state.samples - (state.changed_at or state.record_began)
+    return count <= RECENT or count // REVIEWED > (count - EVERY) // REVIEWED
+
+
+def _is_usable(solution: Solution, settings: Settings, present: FloatArray) -> bool:
+    """Return whether an estimate is certain, or explains its record better than the present one, beyond chance."""
+    found = solution.found
+    if found.acceptable or not found.settled:
+        return found.acceptable
+    size, record = settings.structure.size, solution.record
+    errors = [prediction_error(settings.structure, each[:size], record, settings.dt) for each in (found.theta, present)]
+    if errors[0] is None or errors[1] is None:
+        return errors[0] is not None
+    return likelihood_ratio(errors[0], errors[1]) > -math.log(ALPHA)
+
+
+@quiet
+def solve_whole(old: State, settings: Settings) -> State | None:
+    """Return the state that begins at a solution of every sample so far; None where the present estimate stays.
+
+    It stays where older samples are forgotten or no longer kept, and where the plant has changed, see `_has_changed`.
+    """
+    kept = RecentSamples.of(old, STORED)
+    if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):
+        return None
+    solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True))
+    if solution is None:
+        return None
+    found = solution.found
+    if old.change.is_of_plant and _lasts(old, settings) and _has_changed(old, settings, solution):
+        return None
+    away, left = _rank(settings, found.theta, solution.record)
+    present = _rank(settings, old.physical, solution.record)
+    if away > present[0] or not (found.acceptable or (away, left) < present):
+        return None
+    new = restart_at(old, settings, solution, 0)
+    new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples
+    new.gap_at = 0  # it was where an alarm ended: the record has no gap
+    new.change, new.changed_at, new.undecided = Supposition.NOTHING, 0, False
+    new.outliers, new.stuck = (int((solution.doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK))
+    return new
+
+
+def _lasts(state: State, settings: Settings) -> bool:
+    """Return whether there was one change, and the records before and since are no shorter than a start-up.
+
+    What changes more often, or sooner than it can be identified, is no linear plant: its model is that of all samples.
+    """
+    shortest = min(state.changed_at, state.samples - state.changed_at)
+    return one_plant_before(state) == 0 and shortest >= settings.startup
+
+
+def _has_changed(state: State, settings: Settings, whole: Solution) -> bool:
+    """Return whether another plant since the last change explains the record better than one model of all samples."""
+    contest = since_change(state, settings)
+    if contest is None:
+        return True
+    claims = [*contest.claims(again=True), contest.whole(whole.found.theta)]
+    return max(weighed(claims), key=lambda claim: claim.evidence).supposition.is_of_plant
+
+
+def _rank(settings: Settings, model: FloatArray, record: Record) -> tuple[bool, float]:
+    """Return whether a model runs away, without a reference, and the mean square that it leaves: less is better."""
+    denominator = np.append(1.0, model[settings.structure.denominator])
+    error = prediction_error(settings.structure, model[: settings.structure.size], record, settings.dt)
+    left = math.inf if error is None else float(error @ error) / max(record.count, 1)
+    return not settings.reference and runs_away(denominator, record.span), left

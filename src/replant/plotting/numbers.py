@@ -1,0 +1,254 @@
+"""Numbers, symbols with their units, and formulas: as text for pages (×, −, ±) and terminals (ASCII), and as MathML."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from replant.arguments import FloatArray
+from replant.interop import unit_of, without_unit
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+
+MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
+UNKNOWN = "unknown"  # in place of a standard deviation that is infinite
+PLAIN = 1e6  # magnitude from which on a power of ten is split off [number]
+WORST_PERCENT = -1000.0  # fit below which it does not matter how bad it is [%]
+LINE = 42  # width of a line of a polynomial [digits]
+WIDEST = 1e12  # magnitude from which on a grouped number is written with a power of ten [number]
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+def number(value: float, digits: int = 4) -> str:
+    """Return ``value`` with that many significant digits."""
+    if math.isnan(value):
+        return "no figure"
+    if math.isinf(value):
+        return "∞" if value > 0 else MINUS + "∞"
+    mantissa, exponent = _parts(value, digits)
+    sign = MINUS if value < 0 else ""
+    return sign + mantissa + (f"{TIMES}10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else "")
+
+
+def uncertain(value: float, std: float | None, digits: int = 4) -> str:
+    """Return value and standard deviation, the latter with two digits and the value to the same place."""
+    if std is not None and math.isinf(std) and math.isfinite(value):
+        return f"{number(value, digits)} {PLUS_MINUS} {UNKNOWN}"
+    if not std or not (math.isfinite(value) and math.isfinite(std)):  # a std of 0: a real pole's damping is just 1
+        return number(value, digits)
+    largest = max(abs(value), std)
+    power = math.floor(math.log10(largest))
+    shift = power if not -3 <= power < 6 else 0
+    place = 1 - math.floor(math.log10(std)) + shift
+    scaled, spread = (f"{round(x / 10.0**shift, place):.{max(place, 0)}f}" for x in (abs(value), std))
+    sign = MINUS if value < 0 else ""
+    if abs(value) < std and not shift:  # what is left of it, or nothing would be
+        return f"{number(value, 2)} {PLUS_MINUS} {spread}"
+    if not shift:
+        return f"{sign}{scaled} {PLUS_MINUS} {spread}"
+    return f"{sign}({scaled} {PLUS_MINUS} {spread}){TIMES}10{str(shift).translate(_SUPERSCRIPT)}"
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time in s, and in hours where those are more than a handful."""
+    text = f"{seconds:,.0f} s" if 1e4 <= seconds < 1e12 else f"{number(seconds)} s"
+    return text + (f" ({seconds / 3600:.3g} h)" if seconds >= 7200 else "")
+
+
+def interval(seconds: float) -> str:
+    """Return a short length of time in s, ms or us, in ASCII."""
+    if not math.isfinite(seconds):
+        return "no figure"
+    for unit, size in (("s", 1.0), ("ms", 1e-3), ("us", 1e-6)):
+        if abs(seconds) >= 0.1 * size or not seconds:
+            return f"{seconds / size:.4g} {unit}"
+    return f"{seconds / 1e-9:.4g} ns"
+
+
+def percent(value: float, *, ascii_only: bool = False) -> str:
+    """Return a fit in percent; ``ascii_only`` writes the minus sign as a hyphen, for a terminal."""
+    if not math.isfinite(value):
+        return "no figure"
+    text = f"below {WORST_PERCENT:.0f} %" if value < WORST_PERCENT else f"{value:.1f} %"
+    return text if ascii_only else text.replace("-", MINUS)
+
+
+def off_by(value: float, true: float) -> str:
+    """Return how far ``value`` is from ``true``, in percent."""
+    if true == 0.0:
+        return "no figure"
+    percent = 100.0 * (value / true - 1.0)
+    return f"{percent:+.2f} %" if 0.1 <= abs(percent) < 1e6 else f"{percent:+.2g} %"
+
+
+def std_alone(std: float) -> str:
+    """Write a standard deviation that stands in a column of its own."""
+    return f"{std:.2g}" if math.isfinite(std) else UNKNOWN
+
+
+def with_std(value: float, std: float | None) -> str:
+    """Write a figure with its standard deviation, where one is known: to the same place, in four digits at the most."""
+    if std is None or math.isnan(std) or not math.isfinite(value):
+        return f"{value:.4g}"
+    if math.isinf(std):
+        return f"{value:.4g} +- {UNKNOWN}"
+    digits = 4
+    if value and std > 0.0:
+        digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(std)) + 2
+    return f"{_digits(value, min(max(digits, 1), 4))} +- {_digits(std, 2)}"
+
+
+def _digits(value: float, digits: int) -> str:
+    """Return a figure with so many digits, zeros at its end among them; with a power of ten where it is far from 1."""
+    if not 1e-4 <= abs(value) < 1e5:
+        return f"{value:.{digits}g}"
+    place = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{round(value, place):.{max(place, 0)}f}"
+
+
+def grouped(value: float, places: int = 1) -> str:
+    """Return a number with commas between groups of three digits; from `WIDEST` on with a power of ten."""
+    try:
+        return f"{value:,.{places}f}" if abs(value) < WIDEST else f"{float(value):.4g}"
+    except OverflowError:  # an integer beyond float64
+        return "> 1e+308"
+
+
+def with_prefix(value: float) -> str:
+    """Return a number with three digits and the SI prefix of its size."""
+    for power, letter in ((9, " G"), (6, " M"), (3, " k")):
+        if value >= 10.0**power:
+            return f"{value / 10.0**power:.3g}{letter}"
+    return f"{value:.3g}"
+
+
+def complex_number(value: complex, digits: int = 4) -> str:
+    """Return a root; of a conjugate pair, given with positive imaginary part, both."""
+    real = number(value.real, digits)
+    return f"{real} {PLUS_MINUS} {number(abs(value.imag), digits)}i" if value.imag else real
+
+
+def over(values: Any, unit: str, digits: int = 4) -> str:
+    """Return the first and last of some values, with their unit."""
+    return f"{values[0]:.{digits}g} to {values[-1]:.{digits}g} {unit}" if len(values) else "none"
+
+
+def power_of_ten(value: float) -> str:
+    """Return a short label of a decade."""
+    if value <= 0:
+        return ""
+    exponent = round(math.log10(value))
+    return f"{value:g}" if -3 < exponent < 4 else "10" + str(exponent).translate(_SUPERSCRIPT)
+
+
+def symbol(name: str) -> str:
+    """Return a parameter's name with its index as subscript."""
+    return name if name == "bias" else name[0] + name[1:].translate(_SUBSCRIPT)
+
+
+def symbols(structure: Structure, input_label: str, output_label: str) -> list[str]:
+    """Return each parameter's symbol with its unit, in the order of the names."""
+    per = gain_unit(input_label, output_label)
+    labels = []
+    for name in structure.names:
+        if name == "bias":
+            unit = unit_of(output_label)
+        else:
+            order = structure.poles - int(name[1:])
+            seconds = "s" + (str(order).translate(_SUPERSCRIPT) if order > 1 else "")
+            unit = f"1/{seconds}" if name[0] == "a" else f"{per}/{seconds}" if per else ""
+        labels.append(with_unit(symbol(name), unit))
+    return labels
+
+
+def with_unit(name: str, unit: str) -> str:
+    """Return a name with its unit in brackets, where that is known."""
+    return f"{name} [{unit}]" if unit else name
+
+
+def gain_unit(input_label: str, output_label: str) -> str:
+    """Return the unit of output per input; empty where either is unknown."""
+    numerator, denominator = unit_of(output_label), unit_of(input_label)
+    if not (numerator and denominator):
+        return ""
+    compound = any(sign in denominator for sign in "/* ·")
+    return f"{numerator}/({denominator})" if compound else f"{numerator}/{denominator}"
+
+
+def mapped_label(label: str, input_map: object) -> str:
+    """Return the label of a mapped input; after a map of the user's own it has no unit."""
+    if input_map == "identity":
+        return label
+    unit, name = unit_of(label), without_unit(label)
+    return name if input_map != "square" else with_unit(f"{name}²", f"{unit}²" if unit else "")
+
+
+def mathml(model: TransferFunction) -> str:
+    """Return G(s) as MathML, long polynomials in several lines."""
+    dead_time = ""
+    if model.delay:
+        delay = "" if model.delay == 1.0 else _math_number(model.delay)
+        dead_time = f"<msup><mi>e</mi><mrow><mo>{MINUS}</mo>{delay}<mi>s</mi></mrow></msup>"
+    lines = [*_lines(model.num), *_lines(model.den)]
+    longest = max(map(_width, lines)) + 7 + (7 if model.delay else 0)
+    name = '<mi>G</mi><mo stretchy="false">(</mo><mi>s</mi><mo stretchy="false">)</mo><mo>=</mo>'
+    fraction = f"<mfrac>{_polynomial(model.num)}{_polynomial(model.den)}</mfrac>"
+    opening = f'<math display="block" style="--longest:{longest}" alttext="G(s) = {model}">'
+    return f"{opening}<mrow>{name}{fraction}{dead_time}</mrow></math>"
+
+
+def _parts(value: float, digits: int) -> tuple[str, int]:
+    """Return the digits of abs(value) and a power of ten, 0 where none is needed."""
+    text = f"{abs(value):.{digits}g}"
+    if "e" not in text:
+        return text, 0
+    if 1.0 <= abs(float(text)) < PLAIN:
+        return f"{float(text):.0f}", 0
+    mantissa, _, exponent = f"{abs(value):.{digits - 1}e}".partition("e")
+    return mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa, int(exponent)
+
+
+def _math_number(value: float) -> str:
+    mantissa, exponent = _parts(value, 4)
+    if not exponent:
+        return f"<mn>{mantissa}</mn>"
+    power = f"<mn>{exponent}</mn>" if exponent > 0 else f"<mrow><mo>{MINUS}</mo><mn>{-exponent}</mn></mrow>"
+    return f"<mn>{mantissa}</mn><mo>{TIMES}</mo><msup><mn>10</mn>{power}</msup>"
+
+
+def _polynomial(coefficients: FloatArray) -> str:
+    """Return a polynomial in s, broken into lines of about ``LINE`` digits."""
+    lines = [f"<mrow>{''.join(term for term, _ in line)}</mrow>" for line in _lines(coefficients)]
+    if len(lines) == 1:
+        return lines[0]
+    return "<mtable>" + "".join(f"<mtr><mtd>{line}</mtd></mtr>" for line in lines) + "</mtable>"
+
+
+def _lines(coefficients: FloatArray) -> list[list[tuple[str, int]]]:
+    """Return the terms of a polynomial line by line, each with its width in digits."""
+    order = coefficients.size - 1
+    lines: list[list[tuple[str, int]]] = [[]]
+    for i, value in enumerate(coefficients.tolist()):
+        if value == 0.0:
+            continue
+        term = _term(value, order - i, first=lines == [[]])
+        if lines[-1] and _width(lines[-1]) + term[1] > LINE:
+            lines.append([])
+        lines[-1].append(term)
+    return lines if lines[0] else [[("<mn>0</mn>", 1)]]
+
+
+def _width(line: list[tuple[str, int]]) -> int:
+    return sum(width for _, width in line)
+
+
+def _term(value: float, power: int, *, first: bool) -> tuple[str, int]:
+    """Return a term with its sign, and its width in digits."""
+    sign = f"<mo>{MINUS}</mo>" if value < 0 else "" if first else "<mo>+</mo>"
+    symbol = "" if power == 0 else "<mi>s</mi>" if power == 1 else f"<msup><mi>s</mi><mn>{power}</mn></msup>"
+    factor = "" if symbol and f"{abs(value):.4g}" == "1" else _math_number(value)
+    space = '<mspace width="0.15em"></mspace>' if factor and symbol else ""
+    mantissa, exponent = _parts(value, 4)
+    width = 4 + (len(mantissa) if factor else 0) + (4 if exponent else 0)
+    return sign + factor + space + symbol, width

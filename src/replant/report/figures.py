@@ -1,0 +1,542 @@
+"""Figures of a result, drawn with matplotlib into given axes or into a new figure; the axes are returned.
+
+Examples
+--------
+>>> import numpy as np
+>>> from replant import Structure, TransferFunction
+>>> from replant.runs.run import run_online
+>>> from replant.settings import Request
+>>> u = np.where(np.arange(2000) // 50 % 2 == 0, 1.0, -1.0)
+>>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
+>>> result = run_online(Request(Structure(poles=1), 0.1), u, y)
+>>> top, bottom = draw_bode(result, 0.1, input_label="voltage [V]", output_label="speed [rpm]")
+>>> top.get_ylabel()
+'magnitude [dB re rpm/V]'
+>>> axis = draw_poles_and_zeros(result)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import FloatArray, instance, owned, record
+from replant.data.inspection import Inspection
+from replant.errors import InvalidArgumentError
+from replant.identified.responses import Bode, StepResponse, frequencies
+from replant.limits import duration, file_path
+from replant.model.noise import NoiseModel
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.plotting import diagrams, style
+from replant.plotting.numbers import gain_unit, with_unit
+from replant.plotting.over_time import SHOWN_SMALL, draw_panels
+from replant.plotting.style import INK, MEASURED, MODEL, MUTED, RESIDUAL, TRUTH, axes_for
+from replant.regressor.preprocess import accepted
+from replant.report.findings import Excitation
+from replant.report.panels import (
+    column_panels,
+    estimate_panels,
+    excitation_panels,
+    fit_panels,
+    output_panels,
+    overlay_panels,
+    plant_input,
+)
+from replant.runs.result import Clock, Result
+from replant.statistics.residuals import Correlations, periodogram
+
+__all__ = [
+    "INK",
+    "MEASURED",
+    "MODEL",
+    "MUTED",
+    "RESIDUAL",
+    "TRUTH",
+    "draw_bode",
+    "draw_correlations",
+    "draw_excitation",
+    "draw_fit",
+    "draw_outputs",
+    "draw_overlay",
+    "draw_poles_and_zeros",
+    "draw_responses",
+    "draw_spectrum",
+    "draw_step",
+    "draw_transients",
+    "save_figures",
+]
+
+
+def draw_fit(
+    result: Result,
+    u: FloatArray,
+    y: FloatArray,
+    dt: float,
+    *,
+    axes: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
+) -> Any:
+    """Draw input, measured and simulated output, and the residual over time; samples left out are shaded.
+
+    Parameters
+    ----------
+    result : Result
+    u, y : (K,) arrays
+        Raw input and output.  Of a record that is too long for memory, the newest samples: its overview is drawn.
+    dt : float
+        Sampling time in s.
+    axes : three matplotlib axes, optional
+        Drawn into; without them a figure is made.
+    input_label, output_label : str
+        With the unit in brackets at the end, if it is known.
+
+    Returns
+    -------
+    array of three axes
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``u`` and ``y`` are not the record of the result.
+    """
+    result = instance("result", result, Result)
+    axes = axes_for("axes", axes, 3, (9.0, 6.6), sharex=True, height_ratios=(1, 2, 1))
+    dt, (u, y) = duration("dt", dt), (accepted(signal)[0] for signal in record(u, y))
+    model = result.simulation.output
+    if not u.size == y.size == model.size:
+        raise InvalidArgumentError(
+            f"u and y must be the record of the result, {model.size} samples long, got {u.size} and {y.size}"
+        )
+    drawn = draw_panels(axes, fit_panels(result, u, y, dt, input_label, output_label))
+    style.legend(axes[1])
+    return drawn
+
+
+def draw_transients(
+    result: Result,
+    dt: float,
+    *,
+    truth: Sequence[float] | None = None,
+    axes: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
+) -> Any:
+    """Draw each parameter's estimate over time, its band of +-2 sigma, and the true value if known.
+
+    Parameters
+    ----------
+    result : Result
+        Of an online run.
+    dt : float
+        Sampling time in s.
+    truth : (P,) sequence, optional
+        True parameters.
+    axes : P matplotlib axes, optional
+        Drawn into; without them a figure is made.
+    input_label, output_label : str
+        With the unit in brackets at the end, if it is known.
+
+    Returns
+    -------
+    array of P axes
+    """
+    result = instance("result", result, Result)
+    dt, count = duration("dt", dt), result.structure.size
+    true = None if truth is None else owned("truth", truth, (count,)).tolist()
+    panels = estimate_panels(result, dt, true, input_label, output_label)
+    drawn = draw_panels(_for_parameters(axes, count, 1.3), panels, SHOWN_SMALL, titled=True)
+    style.legend(drawn[0])
+    return drawn
+
+
+def _for_parameters(axes: Any, count: int, rest: float) -> list[Any]:
+    """Return the axes that were given, or those of a new figure in two columns; ``rest``: room beside the rows."""
+    if axes is not None:
+        return style.given_axes("axes", axes, count)
+    columns = min(count, 2)
+    rows = -(-count // columns)
+    grid = style.blank_figure(9.0, rest + 1.9 * rows).subplots(rows, columns, sharex=True, squeeze=False)
+    for axis in grid.flat[count:]:
+        axis.set_axis_off()
+    for axis in grid.flat[:count][-columns:]:
+        axis.tick_params(labelbottom=True)
+    return list(grid.flat[:count])
+
+
+def draw_overlay(
+    results: Mapping[str, Result],
+    dt: float,
+    *,
+    reference: str | None = None,
+    axes: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
+) -> Any:
+    """Draw each parameter's estimate over time by several methods, with its band of +-2 sigma if known.
+
+    A fit of the whole record is a horizontal line; a method with an estimate only at the end is a dot.
+
+    Parameters
+    ----------
+    results : dict of Result
+        By the name of the method; all of the same structure.
+    dt : float
+        Sampling time in s.
+    reference : str, optional
+        The method whose last estimate sets the limits of the panels, by default the first: curves far beyond it are
+        cut off.
+    axes : P matplotlib axes, optional
+        Drawn into; without them a figure is made.
+    input_label, output_label : str
+        With the unit in brackets at the end, if it is known; of the input after its map.
+
+    Returns
+    -------
+    array of P axes
+    """
+    chosen = reference or next(iter(results))
+    axes = _for_parameters(axes, results[chosen].structure.size, 1.7)
+    panels = overlay_panels(results, dt, chosen, input_label, output_label)
+    return draw_panels(axes, panels, SHOWN_SMALL, titled=True)
+
+
+def draw_outputs(
+    results: Mapping[str, Result], y: FloatArray, dt: float, *, axes: Any = None, output_label: str = "output"
+) -> Any:
+    """Draw the output of each method's model, simulated from the input alone, over the measured one.
+
+    The first axes show the whole record, the second its last tenth, where the curves can be told apart.
+
+    Parameters
+    ----------
+    results : dict of Result
+        By the name of the method; all of the same record.
+    y : (K,) array
+        Measured output.
+    dt : float
+        Sampling time in s.
+    axes : two matplotlib axes, optional
+        Drawn into; without them a figure is made.
+    output_label : str
+        With the unit in brackets at the end, if it is known.
+
+    Returns
+    -------
+    array of two axes
+    """
+    axes = axes_for("axes", axes, 2, (9.0, 5.4))
+    return draw_panels(axes, output_panels(results, y, dt, output_label), SHOWN_SMALL)
+
+
+def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, clock: Clock | None = None) -> Any:
+    """Draw how well the samples of each window of a record determine the parameters.
+
+    Values that are rounding errors are drawn at the edge: eigenvalues below 1e-12, condition numbers above 1e10.
+
+    Parameters
+    ----------
+    found : Excitation or None
+        From `replant.report.findings.excitation`.
+    dt : float
+        Sampling time in s.
+    axes : two matplotlib axes, optional
+        For the smallest eigenvalue of the scaled information matrix, and for the condition number.
+    clock : Clock, optional
+        Of an irregular clock.
+
+    Returns
+    -------
+    array of two axes
+    """
+    dt = duration("dt", dt)
+    axes = axes_for("axes", axes, 2, (9.0, 4.2), sharex=True)
+    drawn = draw_panels(axes, excitation_panels(found, clock or Clock(dt)))
+    for axis in axes:
+        axis.set_ylabel(axis.get_ylabel().replace(" ", "\n"))
+    if len(axes[1].get_lines()) > 1:
+        style.legend(axes[1])
+    return drawn
+
+
+def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None) -> Any:
+    """Draw the residual's autocorrelation and its cross-correlation with the input, with 95 and 99 % limits.
+
+    For a model that explains the record, 95 % of the lags lie within the inner limits.  Cross-correlation at negative
+    lags, where the input follows the residual, indicates feedback.
+
+    Parameters
+    ----------
+    found : Correlations or None
+        From `replant.statistics.residuals.correlations`.
+    dt : float
+        Sampling time in s.
+    axes : two matplotlib axes, optional
+        Drawn into; without them a figure is made.
+
+    Returns
+    -------
+    array of two axes
+    """
+    found = instance("found", found, Correlations, None)
+    return diagrams.draw_correlations(found, duration("dt", dt), axes)
+
+
+def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = None, ax: Any = None) -> Any:
+    """Draw poles (crosses) and zeros (circles), with their 95 % confidence ellipses if a covariance is known.
+
+    Parameters
+    ----------
+    result : Result
+    truth : TransferFunction, optional
+        The true plant of a simulated record.
+    ax : matplotlib axes, optional
+        Drawn into; without it a figure is made.
+
+    Returns
+    -------
+    axes
+    """
+    model = result.transfer_function
+    return diagrams.draw_poles({"model": (model.poles, model.zeros, regions(result))}, ax, truth=truth)
+
+
+def regions(result: Result) -> list[tuple[complex, FloatArray]]:
+    """Return each pole and zero with the covariance (2, 2) of its real and imaginary part; empty where unknown."""
+    known = usable_uncertainty(result)
+    if known is None:
+        return []
+    with np.errstate(all="ignore"):  # at a double root the region is unbounded
+        modes = known.modes
+    found = diagrams.with_conjugates([(mode.mode.pole, mode.covariance) for mode in modes])
+    numerator = known.covariance[result.structure.numerator, result.structure.numerator]
+    model = result.transfer_function
+    return [*found, *((zero, zero_covariance(model.num, numerator, zero)) for zero in model.zeros.tolist())]
+
+
+def usable_uncertainty(result: Result) -> Uncertainty | None:
+    """Return the uncertainty of a result; None if it has no covariance, or one that is not finite."""
+    if result.covariance is None or not np.isfinite(result.covariance).all():
+        return None
+    return Uncertainty(result.structure, result.parameters, result.covariance)
+
+
+def zero_covariance(num: FloatArray, covariance: FloatArray, zero: complex) -> FloatArray:
+    """Return the covariance (2, 2) of a zero's real and imaginary part: N(z) = 0 gives dz/db_i = -z^i / N'(z)."""
+    steepness = complex(np.polyval(np.polyder(num), zero))
+    size = covariance.shape[0]
+    if steepness == 0.0 or num.size != size:
+        return np.full((2, 2), np.inf)
+    slope = -(complex(zero) ** np.arange(size - 1, -1, -1)) / steepness
+    parts = np.stack([slope.real, slope.imag])
+    return np.asarray(parts @ covariance @ parts.T) + 0.0
+
+
+def draw_bode(
+    result: Result,
+    dt: float,
+    *,
+    truth: TransferFunction | None = None,
+    axes: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
+) -> Any:
+    """Draw magnitude and phase over angular frequency up to the Nyquist frequency, with a band of +-2 sigma if known.
+
+    Parameters
+    ----------
+    result : Result
+    dt : float
+        Sampling time in s.
+    truth : TransferFunction, optional
+        The true plant of a simulated record.
+    axes : two matplotlib axes, optional
+        Drawn into; without them a figure is made.
+    input_label, output_label : str
+        With the unit in brackets at the end, if it is known.
+
+    Returns
+    -------
+    array of two axes
+    """
+    result, dt = instance("result", result, Result), duration("dt", dt)
+    found = _response(result, frequencies(result.transfer_function, dt), dt)
+    true = None if truth is None else Bode.of(truth, None, dt, found.frequency)
+    unit = gain_unit(plant_input(result, input_label), output_label)
+    return diagrams.draw_bode({"model": found}, axes, truth=true, unit=unit)
+
+
+def _response(result: Result, omega: FloatArray, dt: float) -> Bode:
+    with np.errstate(all="ignore"):
+        return Bode.of(result.transfer_function, usable_uncertainty(result), dt, omega)
+
+
+def draw_responses(
+    results: Mapping[str, Result],
+    dt: float,
+    *,
+    reference: str | None = None,
+    axes: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
+) -> Any:
+    """Draw magnitude and phase of each method's model over angular frequency, with bands of +-2 sigma where known.
+
+    Parameters
+    ----------
+    results : dict of Result
+        By the name of the method.
+    dt : float
+        Sampling time in s.
+    reference : str, optional
+        The method whose response sets the limits of the axes, by default the first: curves far beyond it are cut off.
+    axes : two matplotlib axes, optional
+        Drawn into; without them a figure is made.
+    input_label, output_label : str
+        With the unit in brackets at the end, if it is known; of the input after its map.
+
+    Returns
+    -------
+    array of two axes
+    """
+    chosen, unit = reference or next(iter(results)), gain_unit(input_label, output_label)
+    found = responses_of(results, dt, chosen)
+    return diagrams.draw_bode(found, axes, reference=chosen, unit=unit, size=(9.0, 5.4))
+
+
+def responses_of(results: Mapping[str, Result], dt: float, reference: str) -> dict[str, Bode]:
+    """Return responses over the frequencies of the reference, and those about the resonances of each."""
+    span = frequencies(results[reference].transfer_function, dt)[[0, -1]]
+    found = {}
+    for name, result in results.items():
+        omega = np.union1d(frequencies(result.transfer_function, dt), np.geomspace(span[0], span[1], 200))
+        found[name] = _response(result, omega[(omega >= span[0]) & (omega <= span[1])], dt)
+    return found
+
+
+def draw_step(
+    result: Result,
+    *,
+    truth: TransferFunction | None = None,
+    ax: Any = None,
+    input_label: str = "input",
+    output_label: str = "output",
+) -> Any:
+    """Draw the output by a unit step of the input of G(s), until it has settled, with its band of +-2 sigma.
+
+    Parameters
+    ----------
+    result : Result
+    truth : TransferFunction, optional
+        The true plant of a simulated record.
+    ax : matplotlib axes, optional
+        Drawn into; without it a figure is made.
+    input_label, output_label : str
+        With the unit in brackets at the end, if it is known.
+
+    Returns
+    -------
+    axes
+    """
+    (axis,) = axes_for("ax", ax, 1, (6.2, 3.4))
+    with np.errstate(all="ignore"):
+        step = result.model.step()
+    true = None if truth is None else StepResponse.of(truth, None, step.time).output
+    what = with_unit("step response", gain_unit(plant_input(result, input_label), output_label))
+    return diagrams.draw_response(step.time, step.output, step.std, what, axis, true)
+
+
+def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, ax: Any = None) -> Any:
+    """Draw the power spectral density of the residual and of its model, over the angular frequency.
+
+    Parameters
+    ----------
+    noise : NoiseModel or None
+    residual : (K,) array
+        Measured minus simulated output; NaN for samples that are left out.
+    dt : float
+        Sampling time in s.
+    ax : matplotlib axis, optional
+        Drawn into; without it a figure is made.
+
+    Returns
+    -------
+    axis
+    """
+    found = periodogram(residual, dt)
+    if found is None or not (found[1] > 0.0).any():
+        return diagrams.draw_spectrum({}, ax)
+    curves = {"residual": found}
+    if noise is not None and noise.variance > 0.0:
+        highest = math.pi / dt
+        omega = np.geomspace(max(found[0][0], 1e-3 * highest), highest, 300)
+        curves["white noise" if noise.is_white else f"model of order {noise.order}"] = (omega, noise.spectrum(omega))
+    return diagrams.draw_spectrum(curves, ax)
+
+
+def save_columns(folder: Path, found: Inspection) -> Path | None:
+    """Draw the columns of numbers as ``columns.png`` and return its path; None if there is none to draw."""
+    panels = column_panels(found)
+    if not panels:
+        return None
+    axes = axes_for("axes", None, len(panels), (9.0, 0.8 + 1.5 * len(panels)), sharex=True)
+    draw_panels(axes, panels)
+    if found.clock is None or math.isnan(found.clock.dt):
+        axes[-1].set_xlabel("sample")
+    path = folder / "columns.png"
+    axes[0].figure.savefig(path, dpi=130)
+    return path
+
+
+def save_figures(
+    folder: Path,
+    result: Result,
+    u: FloatArray,
+    y: FloatArray,
+    dt: float,
+    *,
+    input_label: str = "input",
+    output_label: str = "output",
+    truth: Sequence[float] | None = None,
+) -> list[Path]:
+    """Draw the fit and the parameter estimates over time as PNG files, and return their paths.
+
+    Parameters
+    ----------
+    folder : Path
+        Created if missing.
+    result : Result
+    u, y : (K,) arrays
+        Raw input and output.
+    dt : float
+        Sampling time in s.
+    input_label, output_label : str
+        With the unit in brackets at the end, if it is known.
+    truth : (P,) sequence, optional
+        True parameters, of a simulated plant.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``u`` and ``y`` are not the record of the result.
+    MissingDependencyError
+        If matplotlib is not installed.
+    """
+    result = instance("result", result, Result)
+    folder = Path(file_path("folder", folder))
+    folder.mkdir(parents=True, exist_ok=True)
+    labels = {"input_label": input_label, "output_label": output_label}
+    drawn = {"fit": draw_fit(result, u, y, dt, **labels)}
+    style.title(drawn["fit"][1], f"simulated fit {result.simulation.fit:.1f} %")
+    if result.history is not None and len(result.history.samples):
+        drawn["parameters"] = draw_transients(result, dt, truth=truth, **labels)
+    paths = []
+    for name, axes in drawn.items():
+        paths.append(folder / f"{name}.png")
+        axes[0].figure.savefig(paths[-1], dpi=130)
+    return paths

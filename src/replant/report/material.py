@@ -1,0 +1,224 @@
+"""What a report is made from, and the tables and facts that it has of it."""
+
+from __future__ import annotations
+
+import math
+import platform
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib import metadata
+from pathlib import Path
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.data.logs.recording import digest
+from replant.errors import ReplantError
+from replant.log import Log
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.plotting.numbers import (
+    MINUS,
+    complex_number,
+    duration,
+    mapped_label,
+    number,
+    off_by,
+    symbols,
+    uncertain,
+)
+from replant.plotting.over_time import Panel
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.preprocess import Preprocess
+from replant.report.figures import regions, usable_uncertainty
+from replant.report.findings import Excitation, excitation, regressors_of
+from replant.report.page import facts, table
+from replant.report.panels import estimate_panels, excitation_panels, fit_panels
+from replant.runs.result import Clock, Result
+from replant.statistics.autoregression import places_on_grid
+from replant.statistics.residuals import Correlations, correlation_lags, correlations
+
+
+@dataclass(frozen=True, eq=False)
+class Material:
+    """A result and its record, which a report is made from."""
+
+    result: Result
+    log: Log
+    filter: StateVariableFilter | None  # the filter of the regressors; without it the excitation is not known
+    preprocess: Preprocess
+    truth: Sequence[float] | None = None  # (P,): true parameters, of a simulated plant
+
+    @property
+    def true_plant(self) -> TransferFunction | None:
+        """The true plant, of a simulated record."""
+        return None if self.truth is None else self.result.structure.transfer_function(np.array(self.truth))
+
+    @property
+    def clock(self) -> Clock:
+        """When the samples were taken."""
+        return self.result.clock_of(self.log.dt)
+
+    @property
+    def plant_label(self) -> str:
+        """The name of the mapped input."""
+        return mapped_label(self.log.input_name, self.preprocess.input_map)
+
+    @property
+    def labels(self) -> dict[str, str]:
+        """The names for the figures, which apply the input map of an online run's settings themselves."""
+        of_input = self.plant_label if self.result.settings is None else self.log.input_name
+        return {"input_label": of_input, "output_label": self.log.output_name}
+
+    @cached_property
+    def uncertainty(self) -> Uncertainty | None:
+        """Uncertainty of the result; None without a usable covariance."""
+        return usable_uncertainty(self.result)
+
+    @cached_property
+    def panels(self) -> dict[str, list[Panel]]:
+        """What is drawn over time, by section."""
+        result, log = self.result, self.log
+        known = result.history is not None and result.history.samples.size
+        return {
+            "fit": fit_panels(result, log.input, log.output, log.dt, log.input_name, log.output_name),
+            "parameters": estimate_panels(result, log.dt, self.truth, **self.labels) if known else [],
+            "excitation": excitation_panels(self.excitation, self.clock),
+        }
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """Measured minus simulated output, (K,); NaN for samples that are left out."""
+        return self.result.residual(self.log.output)
+
+    @cached_property
+    def correlations(self) -> Correlations | None:
+        """Correlations of the residual with itself and with the mapped input."""
+        times = [mode.time_constant for mode in self.result.transfer_function.modes]
+        lags = correlation_lags(times, self.log.output.size, self.log.dt)
+        return correlations(self.on_grid(self.residual), self.on_grid(self.preprocess.map_input(self.log.input)), lags)
+
+    def on_grid(self, signal: FloatArray) -> FloatArray:
+        """Return a signal (K,) as one of a regular clock: NaN stands for each sample that was lost, for up to a few."""
+        stamps, dt = self.log.stamps, self.log.dt
+        if stamps is None or not signal.size:
+            return signal
+        places = places_on_grid(np.diff(stamps, prepend=stamps[0] - dt), dt)
+        spread = np.full(places[-1] + 1, np.nan)
+        spread[places] = signal
+        return spread
+
+    @cached_property
+    def excitation(self) -> Excitation | None:
+        """Excitation by the regressors along the record."""
+        log = self.log
+        if self.filter is None or not log.output.size:
+            return None
+        try:
+            phi = regressors_of(self.result, self.filter, self.preprocess, log.input, log.output, log.dt, log.stamps)
+        except ReplantError:  # without a usable sample there is no working point
+            return None
+        found = excitation(phi)
+        return found and replace(found, samples=found.samples + log.earlier)
+
+
+UNCERTAIN = "Estimate ± standard deviation."
+NO_STD = "This estimator gives no standard deviations."
+PACKAGES = ("replant", "numpy", "scipy", "matplotlib")
+
+
+def coefficients(material: Material) -> str:
+    """Return the table of coefficients with units, standard deviations and, if known, true values."""
+    result, known = material.result, material.uncertainty
+    stds: Sequence[float | None] = [None] * result.structure.size if known is None else known.std.tolist()
+    labels = symbols(result.structure, material.plant_label, material.log.output_name)
+    headings = ["coefficient", "estimate" if known is None else "estimate ± std"]
+    rows = [
+        [label, uncertain(value, std)]
+        for label, value, std in zip(labels, result.parameters.tolist(), stds, strict=True)
+    ]
+    if material.truth is not None:
+        headings += ["true", "off by"]
+        for row, value, true in zip(rows, result.parameters.tolist(), material.truth, strict=True):
+            row += [number(float(true)), off_by(value, float(true)).replace("-", MINUS)]
+    note = NO_STD if known is None else UNCERTAIN
+    return table(headings, rows, "Coefficients") + f'<p class="note">{note}</p>'
+
+
+def poles(material: Material) -> str:
+    """Return the tables of poles, with frequency, damping and time constant, and of zeros."""
+    result, known = material.result, material.uncertainty
+    modes = result.transfer_function.modes
+    spreads: Sequence[tuple[float | None, ...]] = [(None, None, None)] * len(modes)
+    if known is not None:
+        spreads = [(each.frequency_std, each.damping_std, each.time_constant_std) for each in known.modes]
+    rows = [
+        [complex_number(mode.pole), *map(uncertain, (mode.frequency, mode.damping, mode.time_constant), spread)]
+        for mode, spread in zip(modes, spreads, strict=True)
+    ]
+    headings = ("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
+    return table(headings, rows, "Poles") + _zeros(result)
+
+
+def _zeros(result: Result) -> str:
+    zeros = [zero for zero in result.transfer_function.zeros.tolist() if zero.imag >= 0]
+    if not zeros:
+        return '<p class="note">No zeros.</p>' if result.structure.zeros == 0 else ""
+    spread = {root: covariance for root, covariance in regions(result) if np.isfinite(covariance).all()}
+    rows = []
+    for zero in sorted(zeros, key=abs):
+        known = spread.get(zero)
+        std = None if known is None else math.sqrt(max(float(np.trace(known)), 0.0))
+        frequency = abs(zero) / math.tau
+        rows.append([complex_number(zero), number(frequency) if std is None else uncertain(abs(zero), std)])
+    return table(("zero [rad/s]", "frequency [Hz]" if not spread else "distance from 0 ± std [rad/s]"), rows, "Zeros")
+
+
+def origin(material: Material) -> str:
+    """Return facts about the record, the use of its samples, and the versions of the software."""
+    log, result = material.log, material.result
+    rejected = ", ".join(f"{count:,} {reason}" for reason, count in result.rejected.items() if count) or "none"
+    return facts(
+        [
+            *of_record(log),
+            ("used", f"{result.samples:,} samples"),
+            ("rejected", rejected),
+            *([("residual tests, excitation", f"of the newest {log.input.size:,} samples")] if log.earlier else []),
+            ("computed in", f"{number(result.elapsed, 3)} s"),
+            ("versions", versions()),
+        ]
+    )
+
+
+def of_record(log: Log) -> list[tuple[str, str]]:
+    """Return what is to be said of a record, as names and words."""
+    return [
+        ("file", log.path.name or "none: the record is simulated"),
+        ("SHA-256", fingerprint(log.path)),
+        ("input, output", f"{log.input_name}, {log.output_name}"),
+        *([("reference", log.reference_name)] if log.reference_name else []),
+        ("record", f"{len(log):,} samples, {lasts(log)}"),
+    ]
+
+
+def lasts(log: Log) -> str:
+    """Return in words how long a record lasts, and its sampling time."""
+    clock = "at" if log.stamps is None else "on an irregular clock, usually at"
+    return f"{duration(log.duration)} {clock} {number(log.dt, 6)} s"
+
+
+def fingerprint(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal; a remark if there is no file."""
+    return digest(path) or "none: there is no file"
+
+
+def versions() -> str:
+    """Return the versions of the software that computed the result."""
+    found = []
+    for package in PACKAGES:
+        try:
+            found.append(f"{package} {metadata.version(package)}")
+        except metadata.PackageNotFoundError:
+            continue
+    return ", ".join([*found, f"Python {platform.python_version()}"])

@@ -1,0 +1,213 @@
+"""What is drawn over time of a result, of several, of an excitation and of a log: as panels of curves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import FloatArray
+from replant.assessment import WORST_CONDITION
+from replant.data.inspection import Inspection
+from replant.data.inspection.columns import Column
+from replant.interop import unit_of
+from replant.plotting import style
+from replant.plotting.numbers import mapped_label, symbols, with_unit
+from replant.plotting.over_time import SHOWN, Curve, Panel, constant, true_value
+from replant.plotting.thinning import POINTS, thin
+from replant.report.findings import Excitation
+from replant.runs.result import Clock, History, Result
+
+NO_EXCITATION, NO_CONDITION = 1e-12, 1e10
+"""Eigenvalue below which, and condition number beyond which, figures are round-off [number]."""
+WIDEST = 1.5  # how far a panel reaches about the reference at the least [part of its size]
+LAST = 10  # of a record one in so many samples, the last ones, is drawn apart [samples]
+MOST = 12  # columns that are drawn [count]
+
+
+def plant_input(result: Result, label: str) -> str:
+    """Return the label of the mapped input, the input of G(s); that of an offline fit is taken to be mapped already."""
+    return mapped_label(label, result.settings.preprocess.input_map if result.settings else "identity")
+
+
+def fit_panels(
+    result: Result, u: FloatArray, y: FloatArray, dt: float, input_label: str, output_label: str
+) -> list[Panel]:
+    """Return input, measured and simulated output, and the residual; ``u`` and ``y`` may be the newest samples."""
+    clock, shown = result.clock_of(dt), result.overview
+    signals = [thin(each, POINTS) for each in (u, y, result.simulation.output, result.residual(y))]
+    if shown is not None:
+        signals = [shown.input, shown.output, shown.model, shown.residual]
+    (t, u), (_, y), (_, model), (_, residual) = ((clock.at(each.places), each.values) for each in signals)
+    samples = result.simulation.output.size if shown is None else shown.samples
+    whole: Any = {
+        "ends": (0.0, float(clock.at(max(1, samples - 1)))),
+        "left_out": result.left_out_over_time(dt),
+        "gaps": clock.gaps.mean(axis=1),
+    }
+    kind = "line" if result.model.input_hold == "foh" else "step"
+    outputs = [
+        Curve(t, y, "measured", style.MEASURED, width=2.2),
+        Curve(t, model, "model, from the input alone", width=1.0),
+    ]
+    left = [Curve(t, residual, "measured − model", style.RESIDUAL, width=0.8)]
+    given = [Curve(t, u, "input", style.INPUT, kind=kind, width=0.9)]
+    limits = style.residual_limits(residual, y)
+    return [
+        Panel(input_label, given, limits=style.output_limits(u), name="input", **whole),
+        Panel(output_label, outputs, limits=style.output_limits(y, model), name="output", **whole),
+        Panel(
+            with_unit("residual", unit_of(output_label)), left, limits=limits, name="residual", has_zero=True, **whole
+        ),
+    ]
+
+
+def first_estimate(history: History) -> int:
+    """Return the first row with an estimate: during start-up, rows are zero."""
+    moved = (history.parameters != 0.0).any(axis=1)
+    return int(moved.argmax()) if moved.any() else history.samples.size
+
+
+def estimates(history: History) -> FloatArray:
+    """Return the estimate over time (H, P), NaN before the first one."""
+    values = history.parameters.copy()
+    values[: first_estimate(history)] = np.nan
+    return values
+
+
+def estimate_panels(
+    result: Result, dt: float, truth: Sequence[float] | None, input_label: str, output_label: str
+) -> list[Panel]:
+    """Return the estimate of each parameter over time."""
+    labels = symbols(result.structure, plant_input(result, input_label), output_label)
+    names, history = [f"parameter-{name}" for name in result.structure.names], result.history
+    if history is None or not history.samples.size:
+        return [Panel(label, [], name=name, words="no history") for label, name in zip(labels, names, strict=True)]
+    t, values = result.clock_of(dt).after(history.samples), estimates(history)
+    stds = [None] * values.shape[1] if history.std is None else list(history.std.T)
+    trues = [None] * values.shape[1] if truth is None else list(truth)
+    rows = zip(labels, names, values.T, stds, trues, strict=True)
+    return [_estimate_panel(label, name, t, value, std, true) for label, name, value, std, true in rows]
+
+
+def _estimate_panel(
+    label: str, name: str, t: FloatArray, values: FloatArray, std: FloatArray | None, true: float | None
+) -> Panel:
+    words = "" if np.isfinite(values).any() else "no estimate"
+    if abs(float(values[-1])) > style.FARTHEST:
+        words = "diverged: too large to draw"
+    known = [] if true is None or not math.isfinite(true) else [float(true)]
+    shown = list(known)
+    if std is not None and math.isfinite(std[-1]):
+        half = style.SIGMAS * min(float(std[-1]), style.FARTHEST)
+        shown += [float(values[-1]) - half, float(values[-1]) + half]
+    curves = [Curve(t, values, "estimate", std=std, band="± 2σ"), *map(true_value, known)]
+    limits = style.settled_limits(values, shown)
+    return Panel(label, curves, (0.0, float(t[-1])), limits, name, words)
+
+
+def overlay_panels(
+    results: Mapping[str, Result], dt: float, reference: str, input_label: str, output_label: str
+) -> list[Panel]:
+    """Return the estimates of several methods; that of the reference sets the limits."""
+    chosen = results[reference]
+    longest = max(result.simulation.output.size for result in results.values())
+    end = float(chosen.clock_of(dt).at(max(1, longest - 1)))
+    others = [result for result in results.values() if result is not chosen]
+    found = []
+    for i, label in enumerate(symbols(chosen.structure, input_label, output_label)):
+        drawn = zip(results.items(), style.LINES, strict=False)
+        curves = [_estimate(result, i, dt, end, name, *line) for (name, result), line in drawn]
+        found.append(Panel(label, curves, (0.0, end), limits(others, chosen, i)))
+    return found
+
+
+def _estimate(result: Result, i: int, dt: float, end: float, name: str, colour: str, dashes: Any) -> Curve:
+    history, last = result.history, float(result.parameters[i])
+    look: Any = {"label": name, "colour": colour, "dashes": dashes}
+    if history is None:
+        return constant(last, **look)
+    if first_estimate(history) == history.samples.size:  # only the solution at the end
+        return Curve(np.full(1, end), np.full(1, last), kind="dot", **look)
+    std = None if history.std is None else history.std[:, i]
+    return Curve(result.clock_of(dt).after(history.samples), estimates(history)[:, i], std=std, **look)
+
+
+def limits(others: Sequence[Result], reference: Result, i: int) -> tuple[float, float]:
+    """Return the limits of a panel: the reference is shown completely, the others as far as they stay near it."""
+    low, high = _settled(reference, i)
+    middle = float(reference.parameters[i])
+    ends = [abs(float(other.parameters[i]) - middle) for other in others]
+    reach = max(WIDEST * abs(middle), high - low, 3.0 * float(np.median(ends)) if ends else 0.0)
+    reach = min(reach, style.FARTHEST)
+    for other in others:
+        bottom, top = _settled(other, i)
+        low, high = min(low, max(bottom, middle - reach)), max(high, min(top, middle + reach))
+    return low, high
+
+
+def _settled(result: Result, i: int) -> tuple[float, float]:
+    last = float(result.parameters[i])
+    values = np.full(1, last) if result.history is None else result.history.parameters[:, i]
+    return style.settled_limits(values, [last])
+
+
+def output_panels(results: Mapping[str, Result], y: FloatArray, dt: float, output_label: str) -> list[Panel]:
+    """Return the simulated outputs of several models over the measured one: the whole record, and its last tenth."""
+    clock = next(iter(results.values())).clock_of(dt)
+    found = []
+    for begin in (0, max(y.size - max(y.size // LAST, 2), 0)):
+        t = clock.at(np.arange(begin, y.size))
+        outputs = [result.simulation.output[begin:] for result in results.values()]
+        curves = [Curve(t, y[begin:], "measured", style.MEASURED, width=2.6)]
+        for name, output, (colour, dashes) in zip(results, outputs, style.LINES, strict=False):
+            curves.append(Curve(t, output, name, colour, width=1.1, dashes=dashes))
+        ends = (float(clock.at(begin)), float(clock.at(max(1, y.size - 1))))
+        found.append(Panel(output_label, curves, ends, style.output_limits(y[begin:], *outputs)))
+    return found
+
+
+def excitation_panels(found: Excitation | None, clock: Clock) -> list[Panel]:
+    """Return smallest eigenvalue and condition number of each window of a record."""
+    labels, names = ("smallest eigenvalue", "condition number"), ("eigenvalue", "condition")
+    if found is None:
+        return [Panel(label, [], words="no regressors") for label in labels]
+    t = clock.after(found.samples)
+    smallest, condition = np.maximum(found.smallest, NO_EXCITATION), np.minimum(found.condition, NO_CONDITION)
+    kind, ends = "dot" if t.size == 1 else "line", (0.0, float(t[-1]))
+    curves = [Curve(t, smallest, "1 at best", style.INPUT, kind=kind)]
+    others = [Curve(t, condition, "1 at best", style.RESIDUAL, kind=kind)]
+    if found.condition.max() > WORST_CONDITION / 100:
+        others.append(constant(WORST_CONDITION, "limit for identification", style.MODEL, (0, (5, 3)), 1.1))
+    return [
+        Panel(labels[0], curves, ends, style.decades(smallest), names[0], is_log=True),
+        Panel(labels[1], others, ends, style.decades(condition, 0.0), names[1], is_log=True),
+    ]
+
+
+def column_panels(found: Inspection) -> list[Panel]:
+    """Return the columns of numbers of a log over time, or over samples where the log has no time column."""
+    dt = 1.0 if found.clock is None or math.isnan(found.clock.dt) else found.clock.dt
+    panels = []
+    for column in columns_drawn(found):
+        drawn = thin(found.contents.values[column.number], SHOWN)
+        curve = Curve(dt * drawn.places, drawn.values, "", _colour(column, found), width=1.0)
+        panels.append(Panel(column.name, [curve], (0.0, dt * max(1, column.rows - 1))))
+    return panels
+
+
+def columns_drawn(found: Inspection) -> list[Column]:
+    """Return the columns that are drawn: input, output and reference, then the others in the order of the file."""
+    roles = found.roles
+    first = [role.column for role in (roles.input, roles.output, roles.reference) if role is not None]
+    times = [found.clock.column] if found.clock is not None else []
+    rest = [column for column in found.record if column.number in found.contents.values and column not in times]
+    return [*first, *(column for column in rest if column not in first and not math.isnan(column.low))][:MOST]
+
+
+def _colour(column: Column, found: Inspection) -> str:
+    roles = found.roles
+    named = ((roles.input, style.INPUT), (roles.output, style.MEASURED), (roles.reference, style.TRUTH))
+    return next((colour for role, colour in named if role is not None and role.column == column), style.RESIDUAL)

@@ -1,0 +1,131 @@
+"""The Python programs that make the models of a report again."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+from replant.log import Log
+from replant.offline.fit_result import FitResult
+from replant.regressor.scaling import Scaling
+from replant.runs.result import Result
+from replant.settings import Settings
+
+WIDEST = 88  # width of a line [characters]
+
+
+def identifier_as_python(settings: Settings) -> str:
+    """Return the Python code that makes an identifier with these settings."""
+    is_plain = settings.scaling == Scaling.none(settings.structure)
+    parts = [
+        f"    rp.{_call(settings.structure)}, dt={settings.dt!r},",
+        f"    filter=rp.{_call(settings.filter)},",
+        *(["    scaling=None,"] if is_plain else _broken("scaling", settings.scaling)),
+        f"    optimizer=rp.{_call(settings.optimizer)},",
+        f"    replay={'rp.' + _call(settings.replay) if settings.replay else None},",
+        *(["    instruments=True,"] if settings.instruments else []),
+        *([] if settings.normalize else ["    normalize=False,"]),
+        *_broken("preprocess", settings.preprocess),
+        *([f"    startup={settings.startup},"] if settings.instruments else []),
+    ]
+    return "\n".join(["ident = rp.Identifier(", *parts, ")"])
+
+
+def run_as_python(result: Result, log: Log) -> str:
+    """Return the Python program that repeats an online run over ``log``."""
+    assert result.settings is not None
+    lines = [
+        identifier_as_python(result.settings),
+        f"trace = ident.update_many({_signals(log)}{_stamps(log)}{_reference(log, 'r')})",
+        *(["ident.finish()"] if result.finished else []),
+        "print(ident.transfer_function)",
+    ]
+    return "\n".join([_open(log), *lines])
+
+
+def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
+    """Return the Python program that repeats an offline fit of logs."""
+    log, several = logs[0], len(logs) > 1
+    state_filter = f"    filter=rp.{_call(fitted.filter.fixed)}," if fitted.filter.fixed else ""
+    signals = "logs" if several else f"{_signals(log)}, dt={log.dt!r}"
+    others = [] if several else [_stamps(log), _reference(log, "reference")]
+    lines = [
+        "fitted = rp.fit(",
+        f"    {signals}, structure=rp.{_call(fitted.structure)}, method={fitted.method!r},",
+        *(f"    {argument[2:]}," for argument in others if argument),
+        *([state_filter] if state_filter else []),
+        f"    preprocess=rp.{_call(fitted.preprocess)},",
+        ")",
+        "print(fitted.transfer_function)",
+    ]
+    return "\n".join([_open_several(logs) if several else _open(log), *lines])
+
+
+def _signals(log: Log) -> str:
+    return "log.input, log.output" if log.path.name else "u, y"
+
+
+def _stamps(log: Log) -> str:
+    """Return the argument that hands over the time stamps of an irregular clock; nothing for a regular one."""
+    if log.stamps is None:
+        return ""
+    return f", t={'log.stamps' if log.path.name else 't'}"
+
+
+def _reference(log: Log, argument: str) -> str:
+    """Return the argument that hands over the reference, where there is one."""
+    if not log.reference_name:
+        return ""
+    return f", {argument}={'log.reference' if log.path.name else 'r'}"
+
+
+def _open(log: Log) -> str:
+    if not log.path.name:
+        arrays = ["u", "y", *(["t"] if log.stamps is not None else []), *(["r"] if log.reference_name else [])]
+        signals = f"{', '.join(arrays)}: the record, {('two', 'three', 'four')[len(arrays) - 2]} arrays"
+        return f"import replant as rp\n\n# {signals}"
+    sampling = "" if log.time is not None else f", dt={log.dt!r}"
+    names = f"input={log.input_name!r}, output={log.output_name!r}"
+    if log.reference_name:
+        names += f", reference={log.reference_name!r}"
+    ends = (("begin", log.begin), ("end", log.end))
+    part = "".join(f", {name}={value!r}" for name, value in ends if value is not None)
+    return f"import replant as rp\n\nlog = rp.read_log({str(log.path)!r}, {names}{sampling}{part})"
+
+
+def _open_several(logs: Sequence[Log]) -> str:
+    """Return the program that reads several logs, a line each."""
+    begin, *others = _open(logs[0]).split("log = ")
+    rest = [_open(log).split("log = ")[1] for log in logs[1:]]
+    return "\n".join([f"{begin}logs = [", *(f"    {each}," for each in [*others, *rest]), "]"])
+
+
+def _broken(name: str, value: Any) -> list[str]:
+    """Return an argument as one line, or one line for each of its own arguments if that is too long."""
+    line = f"    {name}=rp.{_call(value)},"
+    if len(line) <= WIDEST:
+        return [line]
+    return [f"    {name}=rp.{type(value).__name__}(", *(f"        {part}," for part in _arguments(value)), "    ),"]
+
+
+def _call(value: Any) -> str:
+    """Return a frozen dataclass as the call that makes it, defaults left out."""
+    return f"{type(value).__name__}({', '.join(_arguments(value))})"
+
+
+def _arguments(value: Any) -> list[str]:
+    return [
+        f"{field.name}={_argument(getattr(value, field.name))}"
+        for field in dataclasses.fields(value)
+        if getattr(value, field.name) != field.default
+    ]
+
+
+def _argument(value: Any) -> str:
+    """Return a value as Python code, floats with six digits."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_argument(entry) for entry in value) + "]"
+    return getattr(value, "__name__", "") or repr(value) if callable(value) else repr(value)

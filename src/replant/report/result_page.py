@@ -1,0 +1,264 @@
+"""The report of a result as one HTML page that stands alone."""
+
+from __future__ import annotations
+
+import html
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+
+from replant.assessment.verdict import percent as share
+from replant.identified.validation import Validation
+from replant.log import Log
+from replant.optimizers import RecursiveLeastSquares
+from replant.plotting.diagrams import draw_validation
+from replant.plotting.numbers import gain_unit, mathml, number, percent, uncertain, with_unit
+from replant.regressor.filters import StateVariableFilter
+from replant.regressor.preprocess import Preprocess
+from replant.report import material as tables
+from replant.report import page_figures
+from replant.report.findings import BAD, GOOD, WARN, Finding, findings
+from replant.report.material import Material
+from replant.report.page import asset, code, folded, heading, icon, script, table, today, uplot, words
+from replant.report.page import style as page_style
+from replant.report.programs import run_as_python
+from replant.runs.result import Result
+from replant.settings import Settings
+
+HEADINGS = ("log", "simulated", "one step", "offset", "residual beyond its limit", "error by frequency", "verdict")
+
+
+def section(validations: Sequence[tuple[str, Validation]]) -> str:
+    """Return the section; empty without another log."""
+    if not validations:
+        return ""
+    found = table(HEADINGS, [_row(*each) for each in validations], "Validation on other logs", "table wide")
+    figures = "".join(_figure(f"other{number}", *each) for number, each in enumerate(validations))
+    return f"<section><h2>On other logs</h2>{found}{figures}</section>"
+
+
+def _row(name: str, found: Validation) -> tuple[str, ...]:
+    auto, cross = found.outside
+    worst = None if found.by_frequency is None else found.by_frequency.worst
+    return (
+        name,
+        percent(found.fit),
+        percent(found.one_step),
+        number(found.offset, 4),
+        f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input",
+        "–" if worst is None else f"up to {share(worst)}" if worst else "none beyond chance",
+        found.verdict.status,
+    )
+
+
+def _figure(element: str, name: str, found: Validation) -> str:
+    axes = draw_validation(found, size=(page_figures.WHOLE, 4.6))
+    said = (
+        f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. "
+        + " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
+    )
+    return _drawn(said, page_figures.svg(axes[0].figure, element, said))
+
+
+NO_MODEL = "<p>G(s) could not be estimated.</p>"
+DO_NOT_USE = '<p class="note">Do not use this model: see the verdict above.</p>'
+CONTRADICTED = '<p class="note">The samples contradict this model: see the verdict above.</p>'
+
+
+BESIDE = 3  # poles up to which G(s) is short enough to stand beside the figures [count]
+
+
+def write_report(
+    path: Path,
+    result: Result,
+    log: Log,
+    *,
+    filter: StateVariableFilter | None = None,  # noqa: A002 - the field's word
+    preprocess: Preprocess | None = None,
+    truth: Sequence[float] | None = None,
+    command: str = "",
+    python: str = "",
+    title: str = "",
+    candidates: tuple[Sequence[str], Sequence[Sequence[str]], str] | None = None,
+    validations: Sequence[tuple[str, Validation]] = (),
+    advice: tuple[str, str] | None = None,
+) -> Path:
+    """Write the report of ``result`` into one self-contained HTML file, and return its path."""
+    settings = result.settings
+    if settings is not None:
+        filter, preprocess = filter or result.fixed_filter, preprocess or settings.preprocess  # noqa: A001
+        python = python or run_as_python(result, log)
+    material = Material(result, log, filter, preprocess or Preprocess(), truth)
+    with np.errstate(all="ignore"):  # figures that are not finite are reported in words
+        fields = _fields(material, title or log.path.name or "Simulated record", command, python)
+        fields["verdict"] = _verdict(findings(result, len(log)), advice)
+    fields["candidates"] = ""
+    if candidates is not None:
+        headings, rows, rest = candidates
+        tried = table(headings, rows, "Structures tried", "table wide")
+        tried += f'<p class="note">{words(rest)}</p>' if rest else ""
+        fields["candidates"] = folded("Structures tried", tried)
+    with page_figures.look(), np.errstate(all="ignore"):
+        fields["other_logs"] = section(validations)
+    page = Template(asset("report.html")).substitute(fields)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(page, encoding="utf-8")
+    return path
+
+
+def _fields(material: Material, title: str, command: str, python: str) -> dict[str, str]:
+    found = findings(material.result, len(material.log))
+    library, style_sheet = uplot()
+    plots = page_figures.charts(material)
+    return {
+        "title": html.escape(title),
+        "heading": heading(title),
+        "lede": html.escape(_lede(material)),
+        "date": today(),
+        "model_note": _note(found),
+        "long": " long" if material.result.structure.poles > BESIDE else "",
+        "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
+        "figures": _figures(material),
+        **_sections(material, plots),
+        "coefficients": folded("Coefficients", tables.coefficients(material)),
+        "pole_table": tables.poles(material),
+        "reproduce": folded("How to reproduce this", _reproduce(command, python)),
+        "origin": folded("Record and versions", tables.origin(material)),
+        "uplot_css": style_sheet,
+        "css": page_style(),
+        "uplot_js": library.replace("</script", "<\\/script"),
+        "js": script("format.js", "chart.js", "report.js"),
+        "data": json.dumps(plots).replace("<", "\\u003c"),
+    }
+
+
+def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dict[str, str]:
+    """Return the figures, each with its caption."""
+    said = {
+        "fit": page_figures.of_fit(material),
+        "parameters": page_figures.of_transients(material),
+        "excitation": page_figures.of_excitation(material),
+    }
+    with page_figures.look():
+        over_time = {
+            name: _drawn(said[name], page_figures.time_picture(name, panels, said[name]), plots[name]) if panels else ""
+            for name, panels in material.panels.items()
+        }
+        one, other = page_figures.of_auto(material), page_figures.of_cross(material)
+        auto, cross = page_figures.correlations(material, (one, other))
+        return {
+            "fit": over_time["fit"],
+            "transients": f"<h3>Parameter estimates</h3>{over_time['parameters']}" if over_time["parameters"] else "",
+            "excitation": folded("Excitation", over_time["excitation"]),
+            "auto": _drawn(one, auto),
+            "cross": _drawn(other, cross),
+            "poles": _still(material, page_figures.of_poles, page_figures.poles),
+            "bode": _still(material, page_figures.of_bode, page_figures.bode),
+            "step": _still(material, page_figures.of_step, page_figures.step),
+            "spectrum": folded(
+                "Spectrum of what is left", _still(material, page_figures.of_spectrum, page_figures.spectrum)
+            ),
+        }
+
+
+def _still(material: Material, caption: Callable[[Material], str], picture: Callable[[Material, str], str]) -> str:
+    said = caption(material)
+    return _drawn(said, picture(material, said))
+
+
+def _drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
+    """Return a figure: static pictures and, if there are plots, elements that the script draws zoomable ones into."""
+    columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
+    live = f'<div class="live{columns}">{"".join(map(_room, plots))}</div>' if plots else ""
+    kind = ' class="both"' if plots else ""
+    return f'<figure{kind}>{live}<div class="still">{picture}</div><figcaption>{words(said)}</figcaption></figure>'
+
+
+def _room(plot: dict[str, Any]) -> str:
+    name, label = html.escape(plot["name"]), html.escape(plot["label"])
+    said = "no estimate" if name.startswith("parameter") else "no finite values"
+    nothing = f'<p class="nothing">{said}</p>' if plot["empty"] else ""
+    keys = "Arrow keys pan, plus and minus zoom, Escape shows everything."
+    return (
+        f'<div class="chart"><div class="head"><span class="name">{label}</span><span class="legend"></span></div>'
+        f'<div class="plot" id="{name}" tabindex="0" role="group" aria-label="{label} over time. {keys}" '
+        f'style="height:{plot["height"]}px">{nothing}</div></div>'
+    )
+
+
+def _note(found: Sequence[Finding]) -> str:
+    """Return what must be read beside G(s), in agreement with the verdict."""
+    if not all(each.usable for each in found):
+        return DO_NOT_USE
+    return CONTRADICTED if found[0].gravity == BAD else ""
+
+
+def _lede(material: Material) -> str:
+    result, log = material.result, material.log
+    how = "fitted to the whole record"
+    if result.history is not None:
+        how = "identified online" + (f" by {_method(result.settings)}" if result.settings else "")
+    return f"{log.input_name} → {log.output_name}, {how}; {len(log):,} samples, {tables.lasts(log)}"
+
+
+def _method(settings: Settings) -> str:
+    """Return the name of the estimator."""
+    if settings.instruments and isinstance(settings.optimizer, RecursiveLeastSquares):
+        return "recursive refined instrumental variables"
+    return type(settings.optimizer).__name__ + (" with instruments" if settings.instruments else "")
+
+
+def _verdict(found: Sequence[Finding], advice: tuple[str, str] | None) -> str:
+    """Return whether the model may be used, what to do next, and the reasons: the first, and the others folded."""
+    first = found[0]
+    # of a trusted model the warnings are read behind that, but colour it
+    lead = next((each for each in found if each.gravity == GOOD), first) if first.gravity == WARN else first
+    others = [each for each in found if each is not lead]
+    more = "".join(
+        f'<li class="{other.gravity}">{icon(other.gravity)}<span><b>{html.escape(other.headline)}.</b> '
+        f"{words(other.text)}</span></li>"
+        for other in others
+    )
+    reasons = "".join(f"<p>{words(each)}</p>" for each in lead.more)
+    count = "one more reason" if len(lead.more) == 1 else f"{len(lead.more)} more reasons"
+    headline = lead.headline
+    if advice is not None:
+        headline += f": {advice[0]}"
+        reasons += code("shell", advice[1])
+        count = f"{count}, and the command" if lead.more else "the command"
+    return (
+        f'<section class="verdict {first.gravity}" aria-label="Verdict">{icon(first.gravity)}<div>'
+        f"<h2>{html.escape(headline)}</h2><p>{words(lead.text)}</p>"
+        + (f"<ul>{more}</ul>" if more else "")
+        + (f'<details class="fold"><summary>{count.capitalize()}</summary>{reasons}</details>' if reasons else "")
+        + "</div></section>"
+    )
+
+
+def _figures(material: Material) -> str:
+    """Return the key figures."""
+    result, known = material.result, material.uncertainty
+    unit = gain_unit(material.plant_label, material.log.output_name)
+    gain = uncertain(result.transfer_function.dc_gain, None if known is None else known.dc_gain_std)
+    entries = [
+        (percent(result.simulation.fit), f"fit, {result.simulation.how}"),
+        (percent(result.one_step), "fit, one step ahead"),
+        (gain, with_unit("DC gain", unit)),
+        (f"{result.samples:,}", "samples used"),
+    ]
+    return "".join(f"<div><dd>{_in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)
+
+
+def _in_small(text: str) -> str:
+    """Return a number with its standard deviation in small print."""
+    value, sign, std = html.escape(text).partition(" ± ")
+    return f"{value} <small>± {std}</small>" if sign and "(" not in value else html.escape(text)
+
+
+def _reproduce(command: str, python: str) -> str:
+    parts = [("In a shell", "shell", command), ("In Python", "python", python)]
+    return "".join(f"<h3>{name}</h3>{code(kind, text)}" for name, kind, text in parts if text)

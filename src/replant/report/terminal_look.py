@@ -1,0 +1,261 @@
+"""What is in a log: as a JSON object, and as tables for the terminal."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from collections.abc import Iterator
+from typing import Any
+
+from replant.assessment.verdict import percent as share
+from replant.data.inspection import Inspection, options_of
+from replant.data.inspection.columns import Column, Kind
+from replant.data.logs.sampling_time import time_candidates
+from replant.identified.model_json import finite
+from replant.plotting.numbers import duration, interval
+from replant.report.terminal import wrapped
+
+FEW = 8  # different values up to which their number is shown [count]
+LISTED = 30  # columns that the table shows [count]
+STEADY = 1e-3  # jitter below which it is not worth a number [part of dt]
+INDENT = 11  # indent of the text below the table [columns]
+NOTHING = "-"
+HEADINGS = ("column", "type", "min", "max", "missing", "smallest step", "looks like")
+RIGHT = ("min", "max", "missing")
+
+
+def command_of(found: Inspection) -> str:
+    """Return the command of a first fit; empty if no input and output were found."""
+    options = options_of(found)
+    return shlex.join(["replant", "fit", str(found.table.path), *options]) if options else ""
+
+
+def as_json(found: Inspection) -> dict[str, Any]:
+    """Return the JSON object of `look`; figures that are not known are null."""
+    clock, roles, seen = found.clock, found.roles, found.response
+    dt = math.nan if clock is None else clock.dt
+    return {
+        "path": str(found.table.path),
+        "rows": found.rows,
+        "complete": found.contents.whole,
+        "columns": [_column(column, found) for column in found.contents.columns],
+        "clock": None if clock is None else {
+            "column": clock.column.name,
+            "guess": clock.guess or None,
+            "unit_in_seconds": clock.unit,
+            "unit_doubt": clock.doubt or None,
+            "dt": finite(clock.dt),
+            "jitter": finite(clock.jitter),
+            "gaps": clock.gaps,
+            "longest_interval": finite(clock.longest),
+            "not_rising": clock.backward,
+            "duration": finite(clock.duration),
+            "problem": clock.problem or None,
+        },
+        "guess": {
+            name: None if role is None else {"column": role.column.name, "why": role.why}
+            for name, role in (("input", roles.input), ("output", roles.output), ("reference", roles.reference))
+        },
+        "controller_suspected": roles.answers,
+        "direction_unsure": roles.either,
+        "response": None if seen is None else {
+            "delay": finite(seen.delay * dt),
+            "peak": finite(seen.peak * dt),
+            "delay_samples": seen.delay,
+            "correlation": seen.correlation,
+        },
+        "first_model": None if found.first is None else {
+            "delay": finite(found.first.delay),
+            "time_constant": finite(found.first.time_constant),
+            "fit": finite(found.first.fit),
+        },
+        "others": [{"column": other.name, "explains": finite(other.left)} for other in found.others],
+        "command": command_of(found) or None,
+    }  # fmt: skip
+
+
+def _column(column: Column, found: Inspection) -> dict[str, Any]:
+    return {
+        "number": column.number,
+        "name": column.name,
+        "type": column.kind.value,
+        "rows": column.rows,
+        "missing": column.missing,
+        "min": finite(column.low),
+        "max": finite(column.high),
+        "values": column.levels,
+        "step": finite(column.step),
+        "quantised": column.quantised,
+        "looks_like": looks_like(column, found) or None,
+        "problem": column.problem or None,
+    }
+
+
+def looks_like(column: Column, found: Inspection) -> str:
+    """Return the role of a column: time, input, output, reference, or empty."""
+    if found.clock is not None and column == found.clock.column:
+        return "time"
+    roles = found.roles
+    named = (("input", roles.input), ("output", roles.output), ("reference", roles.reference))
+    return next((name for name, role in named if role is not None and role.column == column), "")
+
+
+def print_look(console: Any, found: Inspection) -> None:
+    """Print columns, clock, guesses and the suggested command."""
+    print_findings(console, found)
+    console.print()
+    _say(console, command_of(found) or "No command to suggest: name two columns with --input and --output.")
+
+
+def print_findings(console: Any, found: Inspection) -> None:
+    """Print the same without the command."""
+    rows = _counted(found.rows, "row")
+    if not found.contents.whole:
+        rows = f"the first {found.rows:,} of about {max(found.rows, found.table.approximate_rows):,} rows"
+    size = f"{rows}, {_counted(len(found.contents.columns), 'column')}"
+    _say(console, f"{found.table.path}: {size}")
+    console.print()
+    for line in [*_lines_of_table(found), *_other_columns(found)]:
+        _say(console, line)
+    console.print()
+    for heading, text in findings_of(found):
+        for at, line in enumerate(wrapped(text, console.width - INDENT)):
+            _say(console, f"{heading if at == 0 else '':{INDENT}}{line}")
+
+
+def _counted(count: int, what: str) -> str:
+    """Return a number of things."""
+    return f"{count:,} {what}{'' if count == 1 else 's'}"
+
+
+def _say(console: Any, text: str) -> None:
+    console.print(text.rstrip(), highlight=False, markup=False, soft_wrap=True)
+
+
+def _lines_of_table(found: Inspection) -> list[str]:
+    """Return the table's lines, as wide as they are: a command needs the names in one piece."""
+    rows = [HEADINGS, *(_cells(column, found) for column in found.record[:LISTED])]
+    widths = [max(len(cell) for cell in cells) for cells in zip(*rows, strict=True)]
+    return [
+        "  ".join(
+            cell.rjust(width) if heading in RIGHT else cell.ljust(width)
+            for heading, cell, width in zip(HEADINGS, row, widths, strict=True)
+        )
+        for row in rows
+    ]
+
+
+def _cells(column: Column, found: Inspection) -> tuple[str, ...]:
+    low, high = (NOTHING if math.isnan(value) else f"{value:.6g}" for value in (column.low, column.high))
+    missing = NOTHING if column.kind is Kind.TEXT else f"{column.missing:,}"
+    return (column.name, column.kind.value, low, high, missing, _resolution(column), looks_like(column, found))
+
+
+def _resolution(column: Column) -> str:
+    if math.isnan(column.step):
+        return NOTHING
+    if column.levels <= FEW:
+        return f"{column.step:.4g} ({column.levels} values)"
+    return f"{column.step:.4g}" + (" (quantised)" if column.quantised else "")
+
+
+def _other_columns(found: Inspection) -> Iterator[str]:
+    """Yield what is to be said of columns that the table leaves out, and of those that are no numbers."""
+    if len(found.record) > LISTED:
+        yield f"... and {len(found.record) - LISTED} more columns of this length"
+    others = [column for column in found.contents.columns if column not in found.record]
+    if others:
+        shown = ", ".join(f"{column.name} ({column.rows:,})" for column in others[:FEW])
+        more = f", ... ({len(others) - FEW} more)" if len(others) > FEW else ""
+        yield f"Of other lengths: {shown}{more}"
+    for column in [column for column in found.record if column.problem][:FEW]:
+        yield f"Not numbers: {column.problem}"
+
+
+def findings_of(found: Inspection) -> Iterator[tuple[str, str]]:
+    """Yield what is to be said of clock, columns and response, each with its heading; empty where it goes on."""
+    yield from _clock_findings(found)
+    roles = found.roles
+    for heading, role in (("Input", roles.input), ("Output", roles.output), ("Reference", roles.reference)):
+        if role is not None:
+            guess = role.why if role.why == "as given" else f"a guess, from: {role.why}"
+            yield heading, f"{role.column.name} ({guess})"
+    if roles.input is None or roles.output is None:
+        yield "Input", "no two columns of numbers that change: no input and output can be told"
+        return
+    if roles.either:
+        yield "", "Input and output may as well be the other way round: say which is which by -i and -o."
+    if roles.answers and roles.reference is None:
+        yield (
+            "",
+            (
+                "The input also follows the output, as under a controller: if there is one, give its set-point as "
+                "--reference."
+            ),
+        )
+    yield "Response", _response(found)
+    for heading, other in zip(["Others"] + [""] * len(found.others), found.others, strict=False):
+        what = f"of what a model of one pole leaves, column {other.name} explains {share(min(other.left, 1.0))}"
+        yield heading, f"{what}: it seems to move {roles.output.column.name}, too."
+
+
+def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
+    clock = found.clock
+    if clock is None:
+        dated = [column.name for column in found.contents.columns if column.problem and time_candidates([column.name])]
+        named = f"column {dated[0]!r} holds no numbers" if dated else "no column is called t, time or timestamp"
+        remedy = ": put the sampling time in s in place of --dt 1, which counts time in samples"
+        yield "Clock", f"{named}, and none rises in equal steps{remedy if command_of(found) else ''}"
+        return
+    if math.isnan(clock.dt):
+        yield "Clock", f"{clock.column.name}: no stamp is greater than the one before"
+        return
+    steady = clock.jitter <= STEADY * clock.dt
+    jitter = "regular" if steady else f"jitter {interval(clock.jitter)} ({share(clock.jitter / clock.dt)})"
+    gaps = f"{_counted(clock.gaps, 'gap')}, the longest {interval(clock.longest)}"
+    back = f"{_counted(clock.backward, 'stamp')} missing, repeated or going back"
+    known = [f"dt {interval(clock.dt)}", duration(clock.duration), jitter]
+    known += ([gaps] if clock.gaps else []) + ([back] if clock.backward else [])
+    yield "Clock", f"{clock.column.name}: {', '.join(known)}"
+    if clock.guess:
+        yield "", f"That this is the time is a guess: {clock.guess}."
+    if clock.doubt:
+        yield "", f"The unit is a guess: {clock.doubt}."
+    elif clock.problem:
+        yield "", f"Its stamps are not used as they are: {clock.problem}."
+    if clock.problem:
+        missing = ", as if none were missing" if clock.gaps else ""
+        yield "", f"The command counts samples instead, --dt {clock.dt:.6g}{missing}."
+
+
+def _response(found: Inspection) -> str:
+    seen, roles = found.response, found.roles
+    assert roles.input is not None
+    assert roles.output is not None
+    pair = f"{roles.output.column.name} to changes of {roles.input.column.name}"
+    if found.first is not None:
+        first = found.first
+        dead = f"begins after {interval(float(f'{first.delay:.2g}'))}" if first.delay > 0.0 else "begins at once"
+        return (
+            f"of {pair}: {dead}, with a time constant of {interval(float(f'{first.time_constant:.2g}'))}; a model of "
+            f"one pole explains the output to {share(first.fit / 100.0)}"
+        )
+    if seen is None:
+        return f"no response of {pair} stands out in the cross-correlation, nor does a model of one pole explain it"
+    known = found.clock is not None and not math.isnan(found.clock.dt)
+    dt = found.clock.dt if known and found.clock is not None else math.nan
+
+    def lag(samples: float) -> str:
+        return interval(samples * dt) if known else f"{samples:.3g} samples"
+
+    if seen.peak == 0:
+        begins = (
+            "is in the same row: the input answers the output at once, as under a controller, or the output is "
+            "recorded after the input has acted"
+        )
+    else:
+        begins = "begins with the next row" if seen.delay < 1.0 else f"begins after {lag(float(f'{seen.delay:.2g}'))}"
+    at = f"; the cross-correlation is largest, {seen.correlation:.2f}, after {lag(seen.peak)}"
+    loop = roles.answers or roles.reference is not None
+    mixed = "; under a controller this mixes both directions" if loop else ""
+    return f"of {pair}: {begins}{at}{mixed}"

@@ -1,0 +1,62 @@
+"""What is said of a result, and how it stands on a page and at a terminal."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+import replant as rp
+from replant.report.findings import VerdictWords, _sentence, colour_of, without_reasons, words_of
+from replant.report.material import lasts
+from replant.report.methods_page import _shortened
+from replant.report.page import words
+from replant.report.terminal import fraction, wrapped
+from replant.report.terminal_look import _counted
+from replant.report.terminal_tables import _aligned, _blocks, _known
+from support.cases import every
+
+MOVED = "a coefficient has moved by 2.6 %"
+
+
+@every(
+    ("said", "text"),
+    [
+        (words_of("trusted").headline, "Trusted"),
+        (words_of("biased"), VerdictWords("warn", "Biased", "")),
+        (colour_of("trusted"), "green"),
+        (colour_of("not excited"), "red"),
+        (without_reasons("trusted", excited=False), "trusted, not excited"),
+        (without_reasons("trusted", excited=True), "trusted"),
+        (
+            _sentence("a coefficient has moved over the last 2.45e+03 s"),
+            "A coefficient has moved over the last 2450 s.",
+        ),
+        (wrapped(f"the model fits the output to 83.0 %; {MOVED}", 36), ["the model fits the output to 83.0 %;", MOVED]),
+        (wrapped(MOVED, 31), ["a coefficient has moved by", "2.6 %"]),
+        (
+            fraction(rp.TransferFunction([2.0], [1.0, 4.0, 3.0])),
+            ["             2", "G(s) = -------------", "       s^2 + 4 s + 3"],
+        ),
+        (_counted(1, "gap"), "1 gap"),
+        (_counted(4093, "row"), "4,093 rows"),
+        (_aligned(["2.1 ± 0.05", "10 ± 1", "3"]), ["2.1 +- 0.05", "10 +- 1   ", "3" + 8 * " "]),
+        (_blocks([7, 9, 8, 6, 9, 20, 20], room=72), [[0, 1, 2, 3, 4], [0, 5, 6]]),
+        (_blocks([7, 9, 8, 6, 9, 20, 20], room=100), [[0, 1, 2, 3, 4, 5, 6]]),
+        (_known(0.021), "± 2.1 %"),
+        (_known(52.0), "unknown"),
+        (words("2 ± 1, <5 %"), "2 ±\xa01, &lt;5\xa0%"),
+        (
+            _shortened("It fails. It does. Why? See."),
+            "It fails. It does. <details><summary>More</summary>Why? See.</details>",
+        ),
+    ],
+)
+def test_it_is_said_in_these_words(said: object, text: object) -> None:
+    assert said == text
+
+
+def test_a_record_lasts_by_its_clock() -> None:
+    signal = np.zeros(3)
+    log = rp.Log(signal, signal, 0.5, np.array([0.0, 0.5, 9.5]), "u", "y", Path("log.csv"))
+    assert lasts(log) == "10 s on an irregular clock, usually at 0.5 s"
