@@ -113,7 +113,7 @@ class AuxiliaryModel:
         return self._state.entries
 
     def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
-        """Run a model over a record from rest, each part anew; rows that answer to inputs before the record are zero."""
+        """Run a model over a record from rest, each part anew; rows that answer to inputs before it are zero."""
         parts = record.parts
         if len(parts) > 1:
             explained = [None if by_reference is None else by_reference[rows] for rows in parts]

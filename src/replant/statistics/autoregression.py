@@ -87,7 +87,7 @@ class Autoregression:
 
     @classmethod
     def of_covariances(cls, covariances: FloatArray) -> Autoregression:
-        """Return the model of order LAGS of sums (LAGS + 1,) of e_k e_{k-lag}, by Levinson; of a smooth residual poor."""
+        """Return the model of order LAGS of sums (LAGS + 1,) of e_k e_{k-lag}, by Levinson; poor of a smooth one."""
         from replant.kernels.monitoring import scatter
 
         size = covariances.size
