@@ -18,6 +18,7 @@ from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.simulation.auxiliary_model import AuxiliaryModel
+from replant.simulation.branches import Branches
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
 from replant.statistics.linear_algebra import quiet, roots
 from replant.statistics.projections import lengths_of, orthogonal, products
@@ -52,13 +53,11 @@ class Row:
         self.structures, self.is_common, self.record, self.inputs = structures, common, record, inputs
         self.names = names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
         self.dt = float(np.median(record.intervals[-(record.intervals.size // 2 + 1) :]))
-        self._models = [AuxiliaryModel(each, self.dt, record.input_hold) for each in structures]
+        self._models = Branches(structures, self.dt, record.input_hold)
         self._shared = AuxiliaryModel(replace(structures[0], zeros=structures[0].poles - 1, delay=0.0), self.dt)
         self.nuisances = 1 + sum(each.poles for each in structures)
         self.stretches = tuple(self._stretches())
-        counts = [each.poles for each in structures]
         self._ends = np.cumsum([each.size for each in structures])[:-1].tolist()
-        self._state_ends = np.cumsum(counts)[:-1].tolist()
 
     def _stretches(self) -> Iterator[Stretch]:
         for rows in self.record.parts:
@@ -102,21 +101,18 @@ class Row:
         self, theta: FloatArray, stretch: Stretch, states: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the outputs (K, q) of the branches from rest, the slopes (K, P) and the nuisances (K, N)."""
-        outputs, slopes, free = [], [], [np.ones((stretch.y.size, 1))]
-        parts = zip(
-            self._models, self.structures, self.branches(theta), np.split(states, self._state_ends), stretch.inputs,
-            strict=True,
-        )  # fmt: skip
-        for model, structure, coefficients, state, record in parts:
-            done = model.run(np.concatenate([coefficients, [0.0], state]), record)
-            responses = done.zeta[:, -structure.poles :]
-            outputs.append(done.output - responses @ state)
-            slopes.append(done.zeta[:, : structure.coefficients])
-            free.append(responses)
+        outputs, slopes, free = self._models.run(self.branches(theta), states, stretch.inputs)
+        parts = np.split(states, np.cumsum([each.shape[1] for each in free])[:-1].tolist())
+        outputs = [each - response @ state for each, response, state in zip(outputs, free, parts, strict=True)]
         if self.is_common:
             poles = self.structures[0].poles
             slopes = [np.sum([each[:, :poles] for each in slopes], axis=0), *(each[:, poles:] for each in slopes)]
-        return np.column_stack(outputs), np.hstack(slopes), np.hstack(free)
+        return np.column_stack(outputs), np.hstack(slopes), np.hstack([np.ones((stretch.y.size, 1)), *free])
+
+    def ended(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches:
+        """Return the branches of a model as they are at the end of a stretch."""
+        self._models.run(self.branches(theta), states, stretch.inputs)
+        return self._models.copy()
 
     def whitened(self, noise: Autoregression, signals: FloatArray, stretch: Stretch) -> FloatArray:
         """Return D signals (K, ...) of a stretch; zero where nothing was measured."""
