@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from replant.cli.conditioning_options import Band, Stretch, words_of
+from replant.cli.conditioning_options import BAND, STRETCH, words_of
 from replant.cli.fleet import _plain
-from replant.cli.live import Time, address_of, demo_rig, demo_signals, looped
+from replant.cli.live import TIME, address_of, demo_rig, demo_signals, looped
 from replant.cli.next_step import _is_step_test
 from replant.cli.option_types import OptimizerChoice, Seconds, Whole
 from replant.cli.terminal import Choice, did_you_mean, is_quiet, to_ascii
@@ -17,20 +17,20 @@ from replant.optimizers import AMSGrad, Gradient
 from support.cases import every
 
 READ = [
-    (Band(), "0.1:10", (0.1, 10.0)),
-    (Band(), ":10Hz", (None, 10.0)),
-    (Stretch(), "12s:1.5min", (12.0, 90.0)),
-    (Stretch(), "60:", (60.0, math.inf)),
-    (Time(), "10min", 600.0),
+    (BAND, "0.1:10", (0.1, 10.0)),
+    (BAND, ":10Hz", (None, 10.0)),
+    (STRETCH, "12s:1.5min", (12.0, 90.0)),
+    (STRETCH, "60:", (60.0, math.inf)),
+    (TIME, "10min", 600.0),
     (Whole(), "1:4", (1, 2, 3, 4)),
     (OptimizerChoice(), "amsgrad:step_size=0.001", AMSGrad(step_size=0.001)),
     (OptimizerChoice(), "AMSGrad", "amsgrad"),
     (Choice(["srivc", "least_squares"]), "least-squares", "least_squares"),
 ]
 WRITTEN = [
-    (Band(), "0.1:"),
-    (Stretch(), "12:90"),
-    (Stretch(), "60:"),
+    (BAND, "0.1:"),
+    (STRETCH, "12:90"),
+    (STRETCH, "60:"),
     (Whole(), "2"),
     (Whole(), "2,1"),
     (Seconds(), "0.0:1.0:0.1"),

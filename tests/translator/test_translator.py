@@ -83,6 +83,14 @@ MEANINGS = {
         "    return g(g(x))\ndef f(x: float):\n    return twice(once, x)"
     ),
     "several results": "def both(x):\n    return x, -x\ndef f(x: float):\n    a, b = both(x)\n    return a - b",
+    "tuples of tuples, taken apart and handed on": (
+        "def g(pair, x):\n    inner, scale = pair\n    a, b = inner\n    for i in range(3):\n"
+        "        x += a * scale + b + i\n    return x\n"
+        "def f(x: float):\n    inner = (x, 2.0 * x)\n    pair = (inner, 3.0)\n    other = pair[0]\n"
+        "    inner = (x + 1.0, x)\n    last = inner\n    inner = (5.0, x)\n"
+        "    x += g((other, 1.0), x) + g(((x, x), x), x)\n"
+        "    return g(pair, x) + 7.0 * other[1] + 11.0 * inner[0] + 13.0 * last[0]"
+    ),
     "constants of other modules": "def f(x: float):\n    return x + SCALARS + Doubt.MISSING",
     "numbers that are none": "def f(x: float):\n    return 1.0 if math.isnan(x - x) or math.isinf(x) else np.nan",
     "whole numbers without sign": (

@@ -12,7 +12,7 @@ import numpy as np
 
 from translator import records
 from translator.kinds import RANK, Array, C, Kind, Known, Record, Tuple, UnsupportedError, describe, unify
-from translator.text import bare, product, short
+from translator.text import bare, field, pointer, product, short
 
 if TYPE_CHECKING:
     from translator.program import Program
@@ -40,6 +40,8 @@ class Expressions:
     assigned: set[str]
     roots: dict[str, set[str]]  # by variable: the parameters whose arrays it looks into
     written: set[str]  # parameters whose arrays are written
+    pointed: set[str]  # parameters that are pointers to tuples: a copy costs more than what many functions do
+    aliases: dict[str, str]  # variables that are parts of others
 
     # --- what is known when translating
 
@@ -148,7 +150,8 @@ class Expressions:
     def of_Name(self, node: ast.Name) -> Value:
         if node.id not in self.kinds:
             raise UnsupportedError(f"{node.id} is not known here")
-        return node.id, self.kinds[node.id]
+        code = f"(*{node.id})" if node.id in self.pointed else self.aliases.get(node.id, node.id)
+        return code, self.kinds[node.id]
 
     def of_Attribute(self, node: ast.Attribute) -> Value:
         code, kind = self.expression(node.value)
@@ -234,7 +237,7 @@ class Expressions:
     def _part_of_tuple(self, code: str, kind: Tuple, place: ast.AST) -> Value:
         if isinstance(place, ast.Slice):
             upper = self.known(place.upper) if place.upper else len(kind.parts)
-            return self.tuple_of([(f"{code}.f{i}", part) for i, part in enumerate(kind.parts[:upper])])
+            return self.tuple_of([(field(code, i), part) for i, part in enumerate(kind.parts[:upper])])
         try:
             index = self.known(place)
         except KeyError:
@@ -242,7 +245,7 @@ class Expressions:
             if not isinstance(first, Record) or set(kind.parts) != {first}:
                 raise UnsupportedError("a place in a tuple of other than tables is to be known") from None
             return f"(({self.program.type_of(first)} const *)&{code})[{self.whole(place)}]", first
-        return f"{code}.f{index}", kind.parts[index]
+        return field(code, index), kind.parts[index]
 
     def _place_in(self, code: str, kind: Array, places: list[ast.AST], text: str) -> Value:
         """Return an element, a row or a part of an array; or one lane of all, ``array[:, :, lane]``."""
@@ -314,8 +317,20 @@ class Expressions:
         for parameter, argument in zip(callee.parameters, node.args, strict=True):
             if parameter in callee.written:
                 self.written |= self.roots_of(argument)
-        codes = [code for code, kind in values if not isinstance(kind, Known)]
+        codes = [
+            self.pointer_to(value) if parameter in callee.pointed else value[0]
+            for parameter, value in zip(callee.parameters, values, strict=True)
+            if not isinstance(value[1], Known)
+        ]
         return f"{callee.name}({', '.join(codes)})", callee.returns
+
+    def pointer_to(self, value: Value) -> str:
+        """Return where a tuple is."""
+        return pointer(value[0]) or f"&{self.temporary(value)}"
+
+    def temporary(self, value: Value) -> str:
+        """Keep a value under a name of its own; see `function.Function`."""
+        raise NotImplementedError
 
     def _reshaped(self, whole: ast.expr, axes: list[ast.expr]) -> Value:
         code, kind = self.expression(whole)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from translator.expressions import Expressions, Value
 from translator.kinds import Array, Kind, Known, Record, Tuple, UnsupportedError, describe, unify
-from translator.text import bare, comments_of
+from translator.text import PATH, bare, comments_of, field
 
 if TYPE_CHECKING:
     from translator.program import Program
@@ -36,6 +36,12 @@ class Function(Expressions):
         names = [node for node in ast.walk(tree) if isinstance(node, ast.Name)]
         self.assigned = {node.id for node in names if isinstance(node.ctx, ast.Store)} | set(self.parameters)
         self.loaded = {node.id for node in names if isinstance(node.ctx, ast.Load)}
+        stores = [node.id for node in names if isinstance(node.ctx, ast.Store)]
+        self.stored = {name: stores.count(name) for name in stores}
+        self.pointed = {
+            name for name, kind in self.kinds.items() if isinstance(kind, Tuple) and name not in self.stored
+        }
+        self.aliases: dict[str, str] = {}
         self.returns: Kind | None = None
         self.roots = {name: {name} for name, kind in self.kinds.items() if _has_arrays(kind)}
         self.written: set[str] = set()
@@ -47,6 +53,7 @@ class Function(Expressions):
             self.out: list[str] = []
             self.hoisted: dict[str, Kind] = {}
             self.declared: set[str] = set()
+            self.aliases = {}
             self.depth, self.temporaries, self.line, self.commented = 1, 0, 0, 0
             try:
                 for statement in self.tree.body:
@@ -69,12 +76,16 @@ class Function(Expressions):
     def head(self) -> str:
         """Its declaration."""
         arguments = [
-            f"{self.program.type_of(kind)} {name}"
+            f"{self._passed(name, kind)}{name}"
             for name, kind in zip(self.parameters, self.own_kinds, strict=True)
             if not isinstance(kind, Known)
         ]
         how = self.program.how(self.tree)
         return f"{how} {self.program.type_of(self.returns)} {self.name}({', '.join(arguments) or 'void'})"
+
+    def _passed(self, name: str, kind: Kind) -> str:
+        own = self.program.type_of(kind)
+        return f"const {own} *" if name in self.pointed else f"{own} "
 
     @property
     def text(self) -> str:
@@ -307,10 +318,10 @@ class Function(Expressions):
         elif isinstance(target, ast.Tuple):
             if not isinstance(kind, Tuple) or len(kind.parts) != len(target.elts):
                 raise UnsupportedError(f"{describe(kind)} is taken apart into {len(target.elts)}")
-            whole = code if code.isidentifier() else self.temporary(value)
+            whole = code if PATH.fullmatch(code) else self.temporary(value)
             for index, part in enumerate(target.elts):
                 if not (isinstance(part, ast.Name) and part.id == "_"):
-                    self.store(part, (f"{whole}.f{index}", kind.parts[index]), source)
+                    self.store(part, (field(whole, index), kind.parts[index]), source)
         elif isinstance(target, ast.Subscript | ast.Attribute):
             self.written |= self.roots_of(target.value)
             place, own = self.expression(_loaded(target))
@@ -329,6 +340,9 @@ class Function(Expressions):
             self.roots[name] = self.roots.get(name, set()) | self.roots_of(source)
         if isinstance(kind, Known) or (name not in self.loaded and "(" not in code):
             return
+        if isinstance(own, Tuple) and self._stays(name, code):
+            self.aliases[name] = code
+            return
         text = bare(self.cast(value, own))
         if name in self.parameters or name in self.declared or name in self.hoisted:
             self.emit(f"{name} = {text};")
@@ -338,6 +352,13 @@ class Function(Expressions):
         else:
             self.hoisted[name] = own
             self.emit(f"{name} = {text};")
+
+    def _stays(self, name: str, code: str) -> bool:
+        """Whether a tuple is part of another one, and both are what they are to the end: it needs no copy."""
+        found = PATH.fullmatch(code)
+        if found is None or self.depth > 1 or self.stored.get(name, 0) != 1 or name in self.parameters:
+            return False
+        return self.stored.get(found["root"], 0) <= (found["root"] not in self.parameters)
 
 
 def _has_arrays(kind: Kind | None) -> bool:

@@ -10,6 +10,8 @@
 #define SIDE_BY_SIDE_APART(own)
 typedef double lanes __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
 typedef int64_t lane_bits __attribute__((vector_size(8 * LANES), aligned(8), may_alias));
+typedef int64_t half_bits __attribute__((vector_size(4 * LANES)));
+typedef int64_t quarter_bits __attribute__((vector_size(2 * LANES)));
 
 INLINE lanes broadcast(double a) { return a - (lanes){0}; } /* less nought: a negative nought stays one */
 INLINE lanes choose(lane_bits which, lanes a, lanes b)
@@ -36,8 +38,13 @@ INLINE lanes lanes_root(lanes a)
 }
 INLINE bool all_within(lanes a, double limit)
 {
-    bool within = true;
-    for (int lane = 0; lane < LANES; lane++)
-        within = (bool)(within & (fabs(a[lane]) <= limit));
-    return within;
+    /* halves of halves: a loop over the lanes takes a tenth of a sample */
+    const lane_bits within = lanes_abs(a) <= broadcast(limit);
+    half_bits half[2];
+    quarter_bits quarter[2];
+    memcpy(half, &within, sizeof half);
+    half[0] &= half[1];
+    memcpy(quarter, half, sizeof quarter);
+    quarter[0] &= quarter[1];
+    return (quarter[0][0] & quarter[0][1]) != 0;
 }

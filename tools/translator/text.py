@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 import tokenize
 
 
@@ -37,3 +38,19 @@ def comments_of(source: str) -> dict[int, tuple[str, bool]]:
             text = token.string.lstrip("# ").replace("*/", "* /")
             found[token.start[0]] = text, not token.line[: token.start[1]].strip()
     return found
+
+
+#: A variable, or what a parameter points to; or a part of such a tuple.
+PATH = re.compile(r"(\(\*)?(?P<root>\w+)\)?(?:(?:\.|->)f\d+)*")
+
+
+def field(code: str, index: int) -> str:
+    """Return a part of a tuple."""
+    return f"{code[2:-1]}->f{index}" if code.startswith("(*") and code.endswith(")") else f"{code}.f{index}"
+
+
+def pointer(code: str) -> str:
+    """Return where a tuple is; "" for one that has no place yet."""
+    if code.startswith("(*") and code.endswith(")"):
+        return code[2:-1]
+    return f"&{code}" if PATH.fullmatch(code) or code.startswith("(parts") else ""

@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from replant.arguments import BoolArray
-from replant.cli.terminal import Choice, note
+from replant.cli.terminal import Choice, Parsed, note
 from replant.data.conditioning import STEPS, from_rest
 from replant.errors import InvalidArgumentError
 from replant.log import Log
@@ -19,34 +19,12 @@ from replant.log import Log
 Edges = tuple[float | None, float | None]
 
 
-class Band(click.ParamType[Edges]):
-    """The type of options that are a band of frequencies in Hz, such as 0.1:10; an edge that is left out is open."""
-
-    name = "band"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Edges:
-        """Return the two edges in Hz."""
-        if isinstance(value, tuple):
-            return value
-        low, colon, high = str(value).partition(":")
-        try:
-            edges = _edge(low), _edge(high)
-        except ValueError:
-            edges = None, None
-        if not colon or edges == (None, None):
-            self.fail(f"{value!r} is no band of frequencies; write 0.1:10, 0.1: or :10, in Hz", param, ctx)
-        return edges
-
-    def written(self, band: Edges) -> str:
-        """Return a band as `convert` reads it."""
-        return ":".join("" if edge is None else f"{edge:.12g}" for edge in band)
-
-
-def words_of(low: float | None, high: float | None) -> str:
-    """Return a band in words."""
-    if high is None:
-        return f"{low:g} Hz and more"
-    return f"{high:g} Hz and less" if low is None else f"{low:g} to {high:g} Hz"
+def _band(text: str) -> Edges:
+    low, colon, high = text.partition(":")
+    edges = _edge(low), _edge(high)
+    if not colon or edges == (None, None):
+        raise ValueError(text)
+    return edges
 
 
 def _edge(text: str) -> float | None:
@@ -59,37 +37,53 @@ def _edge(text: str) -> float | None:
     return edge
 
 
+def _band_written(band: Edges) -> str:
+    return ":".join("" if edge is None else f"{edge:.12g}" for edge in band)
+
+
+#: A band of frequencies in Hz, such as 0.1:10; an edge that is left out is open.
+BAND = Parsed("band", _band, "is no band of frequencies; write 0.1:10, 0.1: or :10, in Hz", _band_written)
+
+
+def words_of(low: float | None, high: float | None) -> str:
+    """Return a band in words."""
+    if high is None:
+        return f"{low:g} Hz and more"
+    return f"{high:g} Hz and less" if low is None else f"{low:g} to {high:g} Hz"
+
+
 UNITS = {"": 1.0, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0}
 
 
-class Stretch(click.ParamType[tuple[float, float]]):
-    """The type of options that are a stretch of time, such as 12s:32s; without an end it goes on to the last sample."""
-
-    name = "stretch"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, float]:
-        """Return begin and end in s from the first sample."""
-        if isinstance(value, tuple):
-            return value
-        begin, colon, end = str(value).partition(":")
-        times = _seconds(begin, 0.0), _seconds(end, math.inf)
-        if not colon or math.isnan(times[0]) or not times[0] < times[1]:
-            self.fail(f"{value!r} is no stretch of time; write 12s:32s, from and to after the first sample", param, ctx)
-        return times
-
-    def written(self, stretch: tuple[float, float]) -> str:
-        """Return a stretch as `convert` reads it."""
-        begin, end = stretch
-        return f"{begin:g}:" + (f"{end:g}" if math.isfinite(end) else "")
-
-
-def _seconds(text: str, otherwise: float) -> float:
+def seconds_of(text: str) -> float:
+    """Return a length of time in s, such as 500ms, 60s, 10min or 24h."""
     found = re.fullmatch(r"\s*(\d+(?:\.\d*)?)\s*(ms|s|min|h|d|)\s*", text)
-    return float(found[1]) * UNITS[found[2]] if found else math.nan if text.strip() else otherwise
+    if not found:
+        raise ValueError(text)
+    return float(found[1]) * UNITS[found[2]]
+
+
+def _stretch(text: str) -> tuple[float, float]:
+    begin, colon, end = text.partition(":")
+    times = seconds_of(begin) if begin.strip() else 0.0, seconds_of(end) if end.strip() else math.inf
+    if not colon or not times[0] < times[1]:
+        raise ValueError(text)
+    return times
+
+
+def _stretch_written(stretch: tuple[float, float]) -> str:
+    begin, end = stretch
+    return f"{begin:g}:" + (f"{end:g}" if math.isfinite(end) else "")
+
+
+#: A stretch of time in s from the first sample, such as 12s:32s; without an end it goes on to the last sample.
+STRETCH = Parsed(
+    "stretch", _stretch, "is no stretch of time; write 12s:32s, from and to after the first sample", _stretch_written
+)
 
 
 def _option(name: str, text: str) -> Callable[[Any], Any]:
-    return click.option(name, type=Stretch(), multiple=True, metavar="A:B", help=f"{text}  Repeat it for several.")
+    return click.option(name, type=STRETCH, multiple=True, metavar="A:B", help=f"{text}  Repeat it for several.")
 
 
 STRETCHES = [
@@ -149,7 +143,7 @@ CONDITIONING: list[Callable[[Any], Any]] = [
     ),
     click.option(
         "--band",
-        type=Band(),
+        type=BAND,
         metavar="LOW:HIGH",
         help="Let this band of frequencies count alone, in Hz: both signals pass the same filter, so that G(s) stays.  "
         "0.1: has no upper edge, :10 no lower one.",
@@ -203,7 +197,7 @@ def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
 
 
 def _written(given: Any) -> str:
-    return "" if given is True else f" {Band().written(given)}" if isinstance(given, tuple) else f" {given:g}"
+    return "" if given is True else f" {BAND.written(given)}" if isinstance(given, tuple) else f" {given:g}"
 
 
 def _done(name: str, log: Log, options: dict[str, Any]) -> str:

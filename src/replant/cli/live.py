@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-import re
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from replant.cli.conditioning_options import UNITS
+from replant.cli.conditioning_options import seconds_of
 from replant.cli.option_types import flag, path_option
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
-from replant.cli.terminal import Choice
+from replant.cli.terminal import Choice, Parsed
 from replant.errors import InvalidArgumentError
 from replant.live.observer.view import SignalNames
 from replant.live.run_session import Plan, run
@@ -31,18 +30,14 @@ DEMO = "demo"  # the source that needs no options, because its structure is know
 LOOP = "loop=pi"  # its option for the motor under a controller
 
 
-class Time(click.ParamType[float]):
-    """The type of options that are a length of time, such as 500ms, 60s, 10min or 24h."""
+def _time(text: str) -> float:
+    seconds = seconds_of(text)
+    if not 0.0 < seconds < math.inf:
+        raise ValueError(text)
+    return seconds
 
-    name = "time"
 
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Return the length of time in s."""
-        found = re.fullmatch(r"(\d+(?:\.\d*)?)\s*(ms|s|min|h|d|)", str(value).strip())
-        seconds = float(found[1]) * UNITS[found[2]] if found else math.nan
-        if not 0.0 < seconds < math.inf:
-            self.fail(f"{value!r} is no length of time; write 60s, 10min or 24h", param, ctx)
-        return seconds
+TIME = Parsed("time", _time, "is no length of time; write 60s, 10min or 24h")
 
 
 class SourceCommand(click.Command):
@@ -71,7 +66,7 @@ class SourceCommand(click.Command):
 @click.option(
     "--startup", type=int, default=500, show_default=True, metavar="N", help="Number of samples for the first model."
 )
-@click.option("--for", "seconds", type=Time(), metavar="TIME", help="End after this real time, such as 60s.")
+@click.option("--for", "seconds", type=TIME, metavar="TIME", help="End after this real time, such as 60s.")
 @click.option("--samples", type=click.IntRange(min=1), metavar="N", help="End after N samples.")
 @click.option("--until", type=Choice(["trusted"]), help="End as soon as this is the verdict.")
 @click.option(
@@ -83,9 +78,7 @@ class SourceCommand(click.Command):
 )
 @path_option("--record", "DIR", "Record samples and estimates here (Parquet).")
 @path_option("--checkpoint", "FILE", "Save the state here; resume from it.")
-@click.option(
-    "--every", type=Time(), default="10s", show_default=True, metavar="TIME", help="Time between checkpoints."
-)
+@click.option("--every", type=TIME, default="10s", show_default=True, metavar="TIME", help="Time between checkpoints.")
 @click.option(
     "--dashboard",
     is_flag=False,
@@ -103,7 +96,7 @@ class SourceCommand(click.Command):
 @path_option("--token-file", "FILE", "Read the token from the first line of a file.")
 @click.option(
     "--ttl",
-    type=Time(),
+    type=TIME,
     metavar="TIME",
     help="Time for which an estimate stays trusted without an accepted sample.  [default: 5s, or 10 sampling times "
     "if that is longer]",

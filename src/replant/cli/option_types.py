@@ -13,7 +13,6 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from replant.cli.conditioning_options import Band, Stretch
 from replant.cli.terminal import Choice, did_you_mean
 from replant.errors import InvalidArgumentError, LogError
 from replant.limits import MOST_TRIED
@@ -196,11 +195,9 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
             words += map(str, value if isinstance(value, tuple) else (value,))
         elif value is True:
             words.append(parameter.opts[-1])
-        elif isinstance(parameter.type, Range | OptimizerChoice | Band):
-            words += [parameter.opts[-1], parameter.type.written(value)]
         else:
-            write = parameter.type.written if isinstance(parameter.type, Stretch) else str
-            for entry in value if isinstance(value, tuple) else (value,):
+            write = getattr(parameter.type, "written", str)
+            for entry in value if parameter.multiple and isinstance(value, tuple) else (value,):
                 words += [parameter.opts[-1], write(entry)]
     return shlex.join(words)
 

@@ -160,10 +160,7 @@ def deliver(
             report["advice"] = None if step is None else (step.words, step.command)
             paths.append(write_report(out / "report.html", result, log, command=command_line(), **report))
     if as_json:
-        whole = result_as_json(result) | (more or {})
-        if validations:
-            whole["validations"] = [validation_as_json(each, name) for name, each in validations]
-        click.echo(json.dumps(whole, allow_nan=False))
+        echo_json(result_as_json(result) | (more or {}), validations)
     else:
         console = Console()
         record = record_line(len(log), log.dt, log.duration)
@@ -177,6 +174,13 @@ def deliver(
         if step is not None:
             click.echo(f"\nNext: {step.words}:\n{step.command}")
     check_required(keeping.required, [result.verdict, *(each.verdict for _, each in validations)])
+
+
+def echo_json(whole: dict[str, Any], validations: Sequence[tuple[str, Validation]]) -> None:
+    """Print a result, and its model's validations if there are some, as one JSON object."""
+    if validations:
+        whole = whole | {"validations": [validation_as_json(each, name) for name, each in validations]}
+    click.echo(json.dumps(whole, allow_nan=False))
 
 
 def _next(result: Result, log: Log, keeping: Keeping, *, is_searched: bool) -> NextStep:

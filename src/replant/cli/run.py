@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -26,7 +25,7 @@ from replant.cli.options import (
     search_options,
     structure_of,
 )
-from replant.cli.output import Keeping, check_required, deliver, keeping_options, make_folder
+from replant.cli.output import Keeping, check_required, deliver, echo_json, keeping_options, make_folder
 from replant.cli.terminal import Choice, is_quiet
 from replant.data.logs import Log, Recording
 from replant.data.logs.recording import digest
@@ -39,7 +38,7 @@ from replant.offline.structure_search import SearchResult, search
 from replant.report import terminal_tables as comparison
 from replant.report.programs import fit_as_python
 from replant.report.terminal import print_row, record_line
-from replant.report.terminal_tables import print_validation, validation_as_json
+from replant.report.terminal_tables import print_validation
 from replant.runs.full_trace import FullTrace
 from replant.runs.result import Result, result_of_fit
 from replant.runs.run import run_source
@@ -219,10 +218,8 @@ def _fit_several(as_json: bool, out: Path | None, method: str, keeping: Keeping,
     if keeping.saved is not None:
         model.save(keeping.saved)
     if as_json:
-        whole = model_json.as_object(model) | {"elapsed_seconds": round(time.perf_counter() - begun, 3)}
-        if validations:
-            whole["validations"] = [validation_as_json(each, name) for name, each in validations]
-        click.echo(json.dumps(whole, allow_nan=False))
+        elapsed = round(time.perf_counter() - begun, 3)
+        echo_json(model_json.as_object(model) | {"elapsed_seconds": elapsed}, validations)
     else:
         console = Console()
         samples, seconds = sum(map(len, logs)), sum(each.duration for each in logs)

@@ -6,7 +6,7 @@ import codecs
 import io
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from difflib import get_close_matches
 from typing import Any
 
@@ -64,6 +64,22 @@ class Choice(click.Choice[str]):
             near = f" ({question})" if question else ""
             self.fail(f"{value!r} is not one of {listed}{near}.", param, ctx)
         return found
+
+
+class Parsed(click.ParamType[Any]):
+    """The type of options that a function reads, which raises ValueError for a text that it cannot read."""
+
+    def __init__(self, name: str, read: Callable[[str], Any], wrong: str, written: Callable[[Any], str] = str) -> None:
+        self.name, self._read, self._wrong, self.written = name, read, wrong, written
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return what the option says."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self._read(value)
+        except ValueError:
+            self.fail(f"{value!r} {self._wrong}", param, ctx)
 
 
 QUIET = "replant.quiet"

@@ -6,12 +6,13 @@ column of the names is read, and nothing else; each rig then reads that row grou
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -133,13 +134,12 @@ def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = No
         raise InvalidArgumentError("by is empty; it must be file, folder, or the name of a column (by, --by)")
     if not os.fspath(instance("logs", logs, str, os.PathLike)):
         raise InvalidArgumentError("logs is empty; name a file, a folder or a pattern")
-    root, files = _files(logs, leave_out)
-    if not files:
+    pieces = _pieces(logs, leave_out)
+    if not pieces:
         known = " ".join(FORMATS)
         raise LogError(f"{logs}: no log in it; a log is one of {known}, perhaps with {' '.join(PACKED)}")
-    pieces = [(_piece(each, root), each.problem) for each in files]
     if by == FILE:
-        return sorted((Rig(piece.name, (piece,), problem) for piece, problem in pieces), key=lambda rig: rig.name)
+        return sorted((Rig(piece.name, (piece,), piece.problem) for piece in pieces), key=lambda rig: rig.name)
     grouped: dict[str, list[Piece]] = defaultdict(list)
     problems: dict[str, str] = {}
 
@@ -148,13 +148,13 @@ def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = No
         problems[name] = problems.get(name) or problem
 
     inside = []
-    own = _own_name(root, [piece.name for piece, _ in pieces])
-    for piece, problem in pieces:
+    own = _own_name(pieces)
+    for piece in pieces:
         key = (_folder(piece.name) or own) if by == FOLDER else _hive_key(piece.name, by)
         if key is not None:
-            add(key, piece, problem or (NOBODY.format(piece.path, by) if key == NAMELESS else ""))
-        elif problem:
-            add(piece.name, piece, problem)
+            add(key, piece, piece.problem or (NOBODY.format(piece.path, by) if key == NAMELESS else ""))
+        elif piece.problem:
+            add(piece.name, piece, piece.problem)
         else:
             inside.append(piece)
     for key, piece, problem in rigs_in_columns(inside, by):
@@ -170,8 +170,8 @@ def is_parquet(piece: Piece) -> bool:
     return Path(piece.path).suffix.lower() in PARQUET
 
 
-def _files(logs: str | os.PathLike[str], leave_out: Path | None) -> tuple[Path, list[Found]]:
-    """Return the folder that names count from, and the logs in it, sorted."""
+def _pieces(logs: str | os.PathLike[str], leave_out: Path | None) -> list[Piece]:
+    """Return the logs in a file, a folder or a pattern, sorted, with their names from its fixed part on."""
     given = os.fspath(logs)
     path = Path(given)
     left_out = set() if leave_out is None else {os.path.realpath(leave_out)}
@@ -186,9 +186,9 @@ def _files(logs: str | os.PathLike[str], leave_out: Path | None) -> tuple[Path, 
             raise LogError(f"{given[:SHOWN]}: no such file or folder ({reason_of(error)}); check the path") from error
     else:
         if not stat.S_ISDIR(kind):
-            return path.parent, [looked_at(path)]
+            return [_piece(path, path.parent)]
         _check_root(path, leave_out)
-        return path, sorted(walked(path, is_left_out), key=lambda each: each.path)
+        return sorted(_walked(path, path, is_left_out), key=lambda each: each.name)
     fixed = next(count for count, part in enumerate(path.parts) if _MAGIC & set(part))
     root = Path(*path.parts[:fixed])
     _check_root(root, leave_out)
@@ -196,12 +196,16 @@ def _files(logs: str | os.PathLike[str], leave_out: Path | None) -> tuple[Path, 
         found = set(root.glob(str(Path(*path.parts[fixed:]))))
     except (OSError, ValueError, NotImplementedError) as error:
         raise LogError(f"{logs}: not a pattern that can be used ({error}); write it as in 'logs/**/*.csv'") from error
-    files = {each: looked_at(each) for each in found if not each.is_dir() and is_log(each)}
+    pieces = {each: _piece(each, root) for each in found if not each.is_dir() and is_log(each)}
     for folder in (each for each in found if each.is_dir()):
-        files |= {inner.path: inner for inner in walked(folder, is_left_out)}
+        pieces |= {Path(inner.path): inner for inner in _walked(folder, root, is_left_out)}
     judged: dict[Path, bool] = {root: False}
-    return root, [files[each] for each in sorted(files) if not _is_inside(each.parent, judged, is_left_out)
-                  and not any(part[0] in "._" for part in each.relative_to(root).parts)]  # fmt: skip
+    return [
+        pieces[each]
+        for each in sorted(pieces)
+        if not _is_inside(each.parent, judged, is_left_out)
+        and not any(part[0] in "._" for part in Path(pieces[each].name).parts)
+    ]
 
 
 def _is_inside(folder: Path, judged: dict[Path, bool], is_left_out: Callable[[Path], bool]) -> bool:
@@ -222,21 +226,17 @@ def _check_root(root: Path, leave_out: Path | None) -> None:
         raise LogError(f"{root}: holds the results of a fleet, which are no logs; name the folder of the logs")
 
 
-def _piece(found: Found, root: Path) -> Piece:
-    name = printable(found.path.relative_to(root).as_posix())
-    return Piece(str(found.path.absolute()), name, found.size, found.modified)
-
-
 def _folder(name: str) -> str:
     """Return the folder of a file, from the folder of all logs on; empty for that one itself."""
     folder = Path(name).parent.as_posix()
     return folder if folder != "." else ""
 
 
-def _own_name(root: Path, names: Iterable[str]) -> str:
+def _own_name(pieces: Sequence[Piece]) -> str:
     """Return the name of the folder of all logs as a rig: its own, or a dot where a folder in it has the same."""
-    name = printable(root.resolve().name)
-    return name if name and not any(_folder(each) == name for each in names) else "."
+    inner = next((piece for piece in pieces if not _folder(piece.name)), None)
+    name = "" if inner is None else printable(Path(inner.path).parent.resolve().name)
+    return name if name and not any(_folder(piece.name) == name for piece in pieces) else "."
 
 
 def _hive_key(name: str, column: str) -> str | None:
@@ -248,17 +248,7 @@ def _hive_key(name: str, column: str) -> str | None:
     return None
 
 
-@dataclass(frozen=True)
-class Found:
-    """A log that was found, or a folder that cannot be searched."""
-
-    path: Path
-    size: int = 0  # size, modified: in bytes, and in ns since 1970; 0 where they are not known
-    modified: int = 0
-    problem: str = ""  # why it cannot be read, where that is known without opening it
-
-
-def walked(folder: Path, is_left_out: Callable[[Path], bool]) -> Iterator[Found]:
+def _walked(folder: Path, root: Path, is_left_out: Callable[[Path], bool]) -> Iterator[Piece]:
     """Yield the logs in a folder and in those in it; names that begin with a dot or an underscore are no logs.
 
     A link to a folder that is being searched is not followed: it would lead round for ever.
@@ -276,21 +266,23 @@ def walked(folder: Path, is_left_out: Callable[[Path], bool]) -> Iterator[Found]
             above[inner] = chain | identity
             kept.append(name)
         folders[:] = kept
-        yield from (looked_at(Path(where, name)) for name in names if is_log(Path(name)))
+        yield from (_piece(Path(where, name), root) for name in names if is_log(Path(name)))
     for error in refused:
         path = Path(os.fsdecode(error.filename))
-        yield Found(path, problem=f"{path}: the folder cannot be searched ({error.strerror}); check its permissions")
+        problem = f"{path}: the folder cannot be searched ({error.strerror}); check its permissions"
+        yield _piece(path, root, problem)
 
 
-def looked_at(path: Path) -> Found:
+def _piece(path: Path, root: Path, problem: str = "") -> Piece:
     """Return a log with its size and time; one that is not there is left to the reader to tell."""
-    try:
+    size = modified = 0
+    with contextlib.suppress(OSError):
         about = path.stat()
-    except OSError:
-        return Found(path)
-    if not stat.S_ISREG(about.st_mode):  # reading a pipe would wait for ever
-        return Found(path, problem=f"{path}: no file, but a folder, a pipe or a device; take it out of the logs")
-    return Found(path, about.st_size, about.st_mtime_ns)
+        if not stat.S_ISREG(about.st_mode):  # reading a pipe would wait for ever
+            problem = problem or f"{path}: no file, but a folder, a pipe or a device; take it out of the logs"
+        size, modified = about.st_size, about.st_mtime_ns
+    name = printable(path.relative_to(root).as_posix())
+    return Piece(str(path.absolute()), name, size, modified, problem=problem)
 
 
 def is_log(path: Path) -> bool:

@@ -95,6 +95,7 @@ class Piece:
     column: str = ""
     # the column whose value is ``key`` in the rig's rows; an empty name where all rows are the rig's
     key: str | int | None = None
+    problem: str = ""  # why it cannot be read, where that is known without opening it
 
     @property
     def row_groups(self) -> RowGroups:

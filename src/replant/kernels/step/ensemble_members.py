@@ -143,9 +143,21 @@ def fetch_ahead(s, buffer):
             prefetch(buffer, row, j)
 
 
-def learn(s, theta, memory, settings, buffer, rows, batch):
+@inlined
+def learn(s, estimate, buffer, rows, batch):
     """Let the members' optimizer consume the first ``batch`` of the rows."""
-    loops.learn(s.algorithm, theta, memory, settings, buffer, rows, batch, 0)
+    loops.learn(s.algorithm, estimate[0], estimate[1], estimate[6], buffer, rows, batch, 0)
+
+
+def learn_alike(s, arrays, estimate, batch):
+    """Let level members learn the rows that all of them draw."""
+    learn(s, estimate, vectors(arrays[3]), estimate[7], batch)
+
+
+def learn_drawn(s, work, estimate, batch):
+    """Let members learn the last ``batch`` of the rows that each has drawn."""
+    order = work[2]
+    learn(s, estimate, vectors(work[1]), order[order.size - batch :], batch)
 
 
 def draw_each(ints, reals, live, buffer, newest, apart):
@@ -193,19 +205,19 @@ def learn_each_its_own(arrays, s, apart, work, estimate):
     """Let every member learn the rows that it draws for itself."""
     ints, reals, _, buffer, _ = arrays
     live, drawn, order, picked, spare = work
-    theta, memory, kept_theta, kept_memory, _, _, settings, _ = estimate
-    rows, last, learned = vectors(drawn), order.size - 1, vectors(spare)
-    fewest, most = draw_each(ints, reals, live, buffer, drawn[last], apart)
+    theta, memory, kept_theta, kept_memory, _, _, _, _ = estimate
+    learned = vectors(spare)
+    fewest, most = draw_each(ints, reals, live, buffer, drawn[order.size - 1], apart)
     gather(ints, reals, buffer, drawn, picked, most, apart)
     if fewest < most:  # some buffers are not warm yet: their members learn the newest sample alone
-        learn(s, theta, memory, settings, rows, order[last:], fewest)  # which is one
+        learn_drawn(s, work, estimate, fewest)  # which is one
         for i in range(theta.size):
             learned[i] = theta[i]
             theta[i] = kept_theta[i]
         for i in range(memory.size):
             learned[theta.size + i] = memory[i]
             memory[i] = kept_memory[i]
-    learn(s, theta, memory, settings, rows, order[last + 1 - most :], most)
+    learn_drawn(s, work, estimate, most)
     if fewest < most:
         for lane in range(LANES):
             one = member(ints, reals, lane)
@@ -220,14 +232,14 @@ def update_estimate(arrays, s, apart, shared, work, estimate, target):
     Returns the a-priori errors, scaled, and 0 for members all of whose numbers are finite, else NaN.
     """
     _, _, _, buffer, _ = arrays
-    theta, memory, _, _, _, unit, settings, rows = estimate
+    theta, memory, _, _, _, unit, _, rows = estimate
     if shared:
         stored = vectors(buffer)
         error = keep_and_write(s, stored[s.buffer_head], estimate, target)
         batch = draw_rows(s, rows)
         if s.batch_size > 1:
             fetch_ahead(s, stored)
-        learn(s, theta, memory, settings, stored, rows, batch)
+        learn_alike(s, arrays, estimate, batch)
     else:
         drawn = vectors(work[1])
         error = keep_and_write(s, drawn[s.batch_size - 1], estimate, target)
