@@ -279,7 +279,7 @@ def test_a_record_in_any_layout() -> None:
 
 def test_a_record_of_narrow_numbers() -> None:
     u, y = record(rp.TransferFunction([2.0], [1.0, 1.0]), 1, 200, 0.5)
-    u, y = np.abs(u).round(), np.abs(y * 10).round()
+    u, y = (u + 1.0).round(), (10.0 * (y - y.min())).round()
     for kind in (*WHOLE, np.float32, np.float16, object, bool):
         given = (u.astype(kind), y.astype(kind), np.float32(0.5), rp.Structure(np.uint8(1)))
         found = of(lambda given=given: rp.fit(*given), "u")

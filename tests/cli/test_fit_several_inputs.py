@@ -69,6 +69,40 @@ def test_the_json_is_that_of_the_model(capsys: Any, log: Path) -> None:
     assert whole["delay"] == [0.0, 0.3]
 
 
+def test_one_pass_over_a_log_ends_at_its_fit(capsys: Any, log: Path, tmp_path: Path) -> None:
+    asked = (*NAMED, "-p", "1,1", "--delay", "0,0.3", "--json")
+    ran, fitted = (json.loads(call(capsys, command, log, *asked)[1]) for command in ("run", "fit"))
+    assert ran["provenance"] | {"date": "", "method": ""} == fitted["provenance"] | {"date": "", "method": ""}
+    assert ran["provenance"]["method"] == "recursive srivc"
+    assert ran["verdict"]["status"] == fitted["verdict"]["status"] == "trusted"
+    assert list(ran["parameters"]) == list(fitted["parameters"])
+    for name, entry in ran["parameters"].items():
+        assert entry["value"] == pytest.approx(fitted["parameters"][name]["value"], rel=1e-3)
+    code, out, _ = call(
+        capsys, "run", log, *asked[:-1], "--decimate", "2", "--startup", "400", "--save", tmp_path / "row.json"
+    )
+    assert code == 0
+    assert "From Q2 [%] to T1 [degC]" in out
+    kept = rp.load_model(tmp_path / "row.json")
+    assert (kept.input_hold, kept.output_name) == ("foh", "T1 [degC]")
+    assert kept.transfer_functions[0].dc_gain == pytest.approx(2.0, rel=0.1)
+
+
+@every(
+    "words, asked",
+    [
+        ("several inputs take no --optimizer yet", ["--optimizer", "adam"]),
+        ("several inputs take no --full-trace yet", ["--full-trace", "trace.parquet"]),
+        ("several inputs take no --out yet", ["--out", "plots"]),
+        ("startup must be at least 1", ["--startup", "0"]),
+    ],
+)
+def test_what_a_pass_does_not_take_is_one_line(capsys: Any, log: Path, words: str, asked: list[Any]) -> None:
+    code, out, err = call(capsys, "run", log, *NAMED, "-p", "1,1", *asked)
+    assert (code, out, err.count("\n")) == (2, "", 1), err
+    assert words in err
+
+
 def test_two_logs_give_one_model_and_decimated_inputs_run_straight(capsys: Any, log: Path, tmp_path: Path) -> None:
     other = written(tmp_path / "second.csv", 1)
     code, out, _ = call(capsys, "fit", log, other, *NAMED, "-p", "1,1", "--delay", "0,0.3", "--decimate", "2", "--json")

@@ -54,6 +54,21 @@ def test_a_digest_tells_options_files_and_rigs_apart() -> None:
     assert digest(1) != digest(2)
 
 
+def test_the_tasks_with_the_most_work_are_first() -> None:
+    """Else the last worker would be alone with the largest one."""
+    sizes = [100, 3, 40, 500, 7]
+    rigs = [Rig(str(k), (Piece("a.csv", "a.csv", size=1_000_000 * size, modified=0),)) for k, size in enumerate(sizes)]
+    works = [task.work for task in planned(Job("u", "y", Structure(1)), rigs)]
+    assert works == sorted(map(work_of, rigs), reverse=True)
+    assert work_of(Rig("of two", rigs[0].pieces + rigs[1].pieces)) == work_of(rigs[0]) + work_of(rigs[1]) - work_of(
+        Rig("empty", ())
+    )
+
+
+def test_a_rig_is_printed_without_its_files() -> None:
+    assert repr(Rig("a", (PIECE,))) == "Rig(name='a', problem='')"
+
+
 def test_rigs_of_a_folder(tmp_path: Path) -> None:
     for name in ("b.csv", "a.csv", "notes.md"):
         (tmp_path / name).write_text("t,u,y")

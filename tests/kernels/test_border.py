@@ -54,6 +54,7 @@ def calls() -> list[Call]:
         )  # fmt: skip
         fixed.clone().update_many(u, y)
         rp.Ensemble(fixed, members=8).update_many(u, y)
+        rp.Identifier(poles=(1, 1), dt=0.02, startup=200).update_many(np.column_stack([u, u[::-1]]), y)
         fill_all_pole(np.array([1.0, -0.5]), np.ones((2, 5)), np.zeros((2, 5)), np.zeros(2))
     return list(found.values())
 

@@ -20,6 +20,7 @@ from replant.kernels.filters.series import fill_all_pole, fill_play
 from replant.kernels.monitoring import interruptions, scatter
 from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import LAGS
+from replant.kernels.step.row import REFUSED, learn
 from replant.kernels.step.soundness import is_sound
 from replant.kernels.step.stages import regressors
 from replant.model.transfer_function import TransferFunction
@@ -237,6 +238,27 @@ def check_series() -> None:
 
 
 @once
+def check_row() -> None:
+    """Check the joint update of a row, with a broken past, a missing output, and numbers that leave float64."""
+    rows = np.random.default_rng(5).standard_normal((LAGS + 30, 4))
+    rows[LAGS + 20] = 1e200
+    measured, usual = np.arange(30) % 11 != 5, np.arange(30) % 7 != 3
+
+    def work() -> tuple[Any, ...]:
+        delta, factor, diagonal, squares = np.zeros(3), np.eye(3), np.full(3, 1e3), np.zeros(1)
+        counts, errors, estimates = np.zeros(3, np.int64), np.zeros(30), np.zeros((30, 2))
+        models, powers = np.tril(np.full((LAGS + 1, LAGS + 1), 0.3)), np.linspace(2.0, 1.0, LAGS + 1)
+        learn(
+            rows, measured.astype(np.int64), usual.astype(np.int64), True, 2, models, powers, delta, factor, diagonal,
+            counts, squares, errors, estimates, np.zeros(10),
+        )  # fmt: skip
+        assert counts[REFUSED] == 3  # as the noise model sees it in the two after it, too
+        return delta, factor, diagonal, counts, squares, errors, estimates
+
+    check(work)
+
+
+@once
 def check_simulation(delay: float, straight: bool, regular: bool) -> None:
     """Check the simulation of a model."""
     from replant.model.response import Response
@@ -263,6 +285,7 @@ def test_the_other_kernels_leave_the_same_bits() -> None:
     check_regressors()
     check_model()
     check_series()
+    check_row()
 
 
 @every("delay", [0.0, 0.033])
@@ -286,6 +309,7 @@ def test_every_function_that_is_translated_has_been_compared(monkeypatch: pytest
     check_regressors()
     check_model()
     check_series()
+    check_row()
     check_simulation(0.033, False, False)
     check_simulation(0.033, True, True)
     missing = {function for function, _ in program.functions if function.__code__ not in REACHED}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import io
 from pathlib import Path
 
@@ -25,10 +26,15 @@ U, Y = record()
 R = 50.0 + np.arange(U.size)
 
 
-def learned(r: np.ndarray | None = R) -> rp.Identifier:
+@functools.cache
+def _learned(referenced: bool) -> rp.Identifier:
     identifier = rp.Identifier(**vars(REQUEST))
-    identifier.update_many(U, Y, DT * np.arange(U.size), r)
+    identifier.update_many(U, Y, DT * np.arange(U.size), R if referenced else None)
     return identifier
+
+
+def learned(*, referenced: bool = True) -> rp.Identifier:
+    return _learned(referenced).clone()
 
 
 def seen(identifier: rp.Identifier) -> View:
@@ -95,7 +101,7 @@ def test_a_view_has_the_reference_of_each_sample() -> None:
     assert window.r.shape == window.t.shape == window.u.shape
     assert window.r.size <= POINTS
     assert (window.r.min(), window.r.max()) == (R.min(), R.max())
-    assert seen(learned(None)).window.r.size == 0
+    assert seen(learned(referenced=False)).window.r.size == 0
     assert seen(rp.Identifier(**vars(REQUEST))).to_json()["window"]["r"] == []
 
 
@@ -110,12 +116,12 @@ def test_the_terminal_shows_the_newest_beside_the_output() -> None:
     text = shown(seen(learned()))
     assert f"reference {R[-1]:,.1f}" in text
     assert f"output {Y[-1]:,.1f}" in text
-    assert "reference" not in shown(seen(learned(None)))
+    assert "reference" not in shown(seen(learned(referenced=False)))
 
 
 def test_the_report_names_it() -> None:
     identifier = learned()
     page = report_of(identifier, seen(identifier)).decode()
     assert "reference=" in page
-    identifier = learned(None)
+    identifier = learned(referenced=False)
     assert "reference=" not in report_of(identifier, seen(identifier)).decode()

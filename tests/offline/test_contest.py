@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.stats import f
+from scipy.stats import chi2, f
 
 import replant as rp
 from replant.engine.record import Record
@@ -260,6 +260,22 @@ def test_one_model_of_all_samples_is_as_likely_as_its_most_likely_model() -> Non
     found = decided([replace(one, unserved=0.0), change])
     assert found is not None
     assert found.supposition is Supposition.PART
+
+
+@every("seed", range(3))
+def test_a_change_that_is_noticed_late_is_no_scatter_before_it(seed: int) -> None:
+    """The gain changes 150 samples before the begin: what the stretches before scatter by is chance alone."""
+    late, length = 150, 200
+    u, y = changed("gain", seed, late + length)
+    record = Record(u, y, np.array([DT]))
+    _, found = known(record)  # the estimate rests as the alarm is raised
+    information = np.zeros((found.theta.size, found.theta.size))
+    size = STRUCTURE.coefficients
+    information[:size, :size] = np.linalg.inv(found.covariance[:size, :size])
+    told = Known.before(STRUCTURE, record, BEFORE + late, found.theta, information, found.variance)
+    assert told is not None
+    dispersion, numbers = told.dispersion(record, length)
+    assert dispersion < chi2.ppf(0.999, numbers) / numbers
 
 
 @every("dispersion", [1.0, 4.0])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 import replant as rp
 from replant.statistics.linear_algebra import compose
 from support.builders import binary, is_finite, state
-from support.cases import every
+from support.cases import every, examples
 
 DT = 0.05
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
@@ -29,7 +29,6 @@ KINDS: dict[str, dict[str, Any]] = {
         "instruments": True,
     },
 }
-every_kind = every("kind", KINDS)
 
 
 def made(kind: str = "default", **arguments: Any) -> rp.Identifier:
@@ -58,7 +57,7 @@ def assert_sound(ident: rp.Identifier) -> None:
 # --- spikes
 
 
-@every_kind
+@every("kind", KINDS, quick=2)
 @every("spike", [-10.0, 1e4, 1e6, -1e140], quick=1)
 def test_a_spike_costs_one_sample(kind: str, spike: float) -> None:
     """Without it the estimate has learned one sample more, of N: it moves by a few standard deviations over N.
@@ -82,7 +81,7 @@ def test_a_spike_costs_one_sample(kind: str, spike: float) -> None:
     assert_sound(ident)
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=examples(12, quick=6), deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(
     st.sampled_from(list(KINDS)),
     st.lists(
@@ -136,7 +135,7 @@ def test_what_is_large_but_right_is_learned() -> None:
     assert away(ident) < 0.01
 
 
-@every("kind", KINDS, quick=2)
+@every("kind", KINDS, quick=1)
 def test_chunks_do_not_matter_to_any_of_it(kind: str) -> None:
     """Spikes, a stuck sensor, a plant that jumps: one call, chunks and single updates come to the same bits."""
     u, y = measured(1600)

@@ -107,7 +107,7 @@ def test_without_noise_idle_time_changes_nothing_from_the_first_sample_on() -> N
     assert ident._state.rested > 150_000
 
 
-@every("samples", [200_000, 2_000_000], quick=1)
+@every("samples", [100_000, 200_000, 2_000_000], quick=1)
 @every("name", OPTIMIZERS, quick=1)
 def test_idle_samples_change_nothing(name: str, samples: int) -> None:
     rest(name, samples)

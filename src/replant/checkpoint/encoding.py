@@ -59,6 +59,7 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
 }
 STATE = "_state"  # the attribute that is stored as arrays
 
+ROW = "row"  # the header's entry of an identifier of several inputs, in the place of its attributes
 #: The header's entries.
 HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
 
@@ -82,18 +83,30 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
     written = {name: len(array) for name, array in arrays.items()}
     written["buffer"] = attributes[STATE].buffer_filled  # searching a large buffer for its used rows would be slow
     kept = {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
-    header = _header(
+    return _sealed(
         {
             LAYOUT: layout_of_state(),
             ATTRIBUTE: {name: to_plain("", attributes[name]) for name in ATTRIBUTES},
             PROGRESS: {name: to_plain(f"progress[{name!r}]", value) for name, value in _checked(progress).items()},
             ARRAYS: [[name, _type(name), list(arrays[name].shape), len(kept[name])] for name in arrays],
-        }
+        },
+        {name: np.asarray(array, _type(name)) for name, array in kept.items()},
     )
+
+
+def encode_row(plain: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]], progress: Progress | None) -> bytes:
+    """Return the bytes of an identifier of several inputs: values in terms of JSON, and arrays of any names."""
+    written = {name: np.asarray(array, "<i8" if array.dtype.kind == "i" else FLOAT) for name, array in arrays.items()}
+    shapes = [[name, array.dtype.str, list(array.shape)] for name, array in written.items()]
+    return _sealed({ROW: plain, PROGRESS: _checked(progress), ARRAYS: shapes, LAYOUT: layout_of_state()}, written)
+
+
+def _sealed(content: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]) -> bytes:
+    """Return header, arrays and digest."""
+    header = _header(content)
     if len(header) > LONGEST_HEADER or sum(array.nbytes for array in arrays.values()) > LARGEST:
         raise InvalidArgumentError("this is too large for a checkpoint: use a smaller buffer, or less progress")
-    parts = [START.pack(MAGIC, VERSION, len(header)), header]
-    parts += [np.asarray(array, _type(name)).tobytes() for name, array in kept.items()]
+    parts = [START.pack(MAGIC, VERSION, len(header)), header, *(array.tobytes() for array in arrays.values())]
     digest = hashlib.sha256()
     for part in parts:
         digest.update(part)
@@ -197,6 +210,8 @@ def _finite(text: str) -> float:
 
 def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     """Return the content that header and arrays describe; settings are checked first, then sizes, then numbers."""
+    if ROW in header:
+        return _row(header, body)
     if set(header) != set(HEADER):
         raise DamagedCheckpointError("its header has other entries")
     attributes = {name: from_plain(plain) for name, plain in header[ATTRIBUTE].items()}
@@ -214,6 +229,24 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     attributes |= {STATE: _state(attributes, header[ARRAYS], body), "_mapped": False}  # a callable map is not stored
     progress = {name: from_plain(plain) for name, plain in header[PROGRESS].items()}
     return Contents(attributes, _checked(progress))
+
+
+def _row(header: dict[str, Any], body: memoryview) -> Contents:
+    """Return the content that header and arrays of an identifier of several inputs describe."""
+    if set(header) != {ROW, PROGRESS, ARRAYS, LAYOUT}:
+        raise DamagedCheckpointError("its header has other entries")
+    if header[LAYOUT] != layout_of_state():
+        raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
+    arrays, begin = {}, 0
+    for name, kind, shape in header[ARRAYS]:
+        if kind not in ("<i8", FLOAT) or any(type(size) is not int or size < 0 for size in shape):
+            raise ValueError(f"{name!r:.40} is declared as {kind!r:.40} {shape!r:.60}")
+        end = begin + 8 * math.prod(shape)
+        arrays[str(name)] = np.frombuffer(body[begin:end], kind).reshape(shape).astype(kind[1:])
+        begin = end
+    if begin != len(body):
+        raise DamagedCheckpointError(f"its arrays are declared as {begin} bytes, but it holds {len(body)}")
+    return Contents({ROW: header[ROW], ARRAYS: arrays}, _checked(header[PROGRESS]))
 
 
 def _state(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> State:

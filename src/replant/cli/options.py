@@ -148,6 +148,11 @@ _OTHER_COLUMNS = group(
     ),
 )
 _STRUCTURE = structure_options("Number of poles.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]")
+_EACH = structure_options(
+    "Number of poles; of several inputs of each: 2,1.",
+    "Number of zeros, likewise.  [default: 0]",
+    "Dead time in s, likewise.  [default: 0]",
+)
 _STRUCTURES = structure_options(
     "Number of poles, or a range such as 1:4; of several inputs a number for each, as in 2,1.",
     "Number of zeros, or a range.  [default: 0; with a range of poles, every number below that of the poles]",
@@ -179,11 +184,16 @@ _STRETCHES = group(*STRETCHES)
 
 
 def log_options(
-    several: str, otherwise: Callable[[dict[str, Any]], bool] = lambda given: False, *, is_kept: bool = True
+    several: str,
+    otherwise: Callable[[dict[str, Any]], bool] = lambda given: False,
+    *,
+    is_kept: bool = True,
+    inputs: bool = False,
 ) -> Option:
     """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log."""
     stretches = (_STRETCHES,) if is_kept else ()
-    options = group(_LOGS, _INPUT, _OTHER_COLUMNS, _STRUCTURE, _CONDITION, *stretches, _REST, _OUT)
+    columns, structure = (_INPUTS, _EACH) if inputs else (_INPUT, _STRUCTURE)
+    options = group(_LOGS, columns, _OTHER_COLUMNS, structure, _CONDITION, *stretches, _REST, _OUT)
     return lambda command: options(_checked(command, several, otherwise))
 
 

@@ -29,12 +29,15 @@ from replant.cli.output import Keeping, check_required, deliver, echo_json, keep
 from replant.cli.terminal import Choice, is_quiet
 from replant.data.logs import Log, Recording
 from replant.data.logs.recording import digest
+from replant.engine.dimensions import RECENT
 from replant.errors import InvalidArgumentError
 from replant.identified import model_json
+from replant.identified.row_model import RowModel
 from replant.offline.fit import METHODS, fit
 from replant.offline.fit_result import FitResult
 from replant.offline.samples import Samples
 from replant.offline.structure_search import SearchResult, search
+from replant.online.row_identifier import RowIdentifier
 from replant.report import terminal_tables as comparison
 from replant.report.programs import fit_as_python
 from replant.report.terminal import print_row, record_line
@@ -48,7 +51,7 @@ from replant.simulation.fitted_run import FITTED
 
 
 @click.command(name="run")
-@log_options(several="replant run takes one log, in one pass; replant fit makes one model of several")
+@log_options("replant run takes one log, in one pass; replant fit makes one model of several", inputs=True)
 @OPTIMIZER
 @click.option("--startup", type=int, metavar="N", help="Number of samples for the first model.  [default: a tenth]")
 @path_option("--full-trace", "FILE", "Write the estimate after each sample (.parquet).")
@@ -57,8 +60,14 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
     """Identify G(s) online from LOG (csv, mat, parquet and more; - is standard input), sample by sample in one pass.
 
     Settings that no option gives are chosen from the data, and printed as Python code.  LOG may be larger than memory.
+
+    Several inputs, each with -i, give a transfer function from each, as `replant fit` does: -p 2,1 --delay 0,0.3.
     """
     keeping = Keeping.of(options)
+    if isinstance(options["input_column"], tuple):
+        more = {"out": out, "full_trace": full_trace}
+        _identify_several(_passed_over(startup), as_json, keeping, options | more)
+        return
     with progress_bar(rate=True) as bar:
         task = bar.add_task("checking", total=None)
 
@@ -122,7 +131,7 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
 
     keeping, begun, found = Keeping.of(options), time.perf_counter(), None
     if isinstance(options["input_column"], tuple):
-        _fit_several(as_json, out, method, keeping, options)
+        _identify_several(_fitted, as_json, keeping, options | {"method": method, "out": out})
         return
     check_one_input(options)
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
@@ -197,23 +206,58 @@ def _as_one(logs: list[Log]) -> Log:
 
 
 #: Options that one input takes, and several do not, with what they are without them.
-NOT_YET = {"bias": False, "feedthrough": False, "input_map": "identity", "reference_column": None}
+NOT_YET = {
+    "bias": False, "feedthrough": False, "input_map": "identity", "reference_column": None, "out": None,
+    "method": "auto", "optimizer": "auto", "full_trace": None,
+}  # fmt: skip
+CHUNK = 8192  # samples taken between two marks of progress [samples]
+
+Solver = Callable[[list[Log], dict[str, Any]], RowModel]
 
 
-def _fit_several(as_json: bool, out: Path | None, method: str, keeping: Keeping, options: dict[str, Any]) -> None:
-    """Fit a row of transfer functions, print it, save and validate its model."""
+def _fitted(logs: list[Log], asked: dict[str, Any]) -> RowModel:
+    """Return the model that `fit` makes of logs."""
+    model: RowModel = fit(logs if len(logs) > 1 else logs[0], **asked).model
+    return model
+
+
+def _passed_over(startup: int | None) -> Solver:
+    """Return what makes a model by one pass over a log, as `Identifier` does, and solves it as a whole at the end."""
+
+    def model_of(logs: list[Log], asked: dict[str, Any]) -> RowModel:
+        (log,) = logs
+        count = len(log)
+        first = min(max(count // 10, 1), RECENT) if startup is None else startup
+        hold, names = log.input_hold, log.input_names
+        ident = RowIdentifier(dt=log.dt, startup=first, input_hold=hold, input_names=names, **asked)
+        u, y, t = log.inputs, log.output, log.stamps
+        with progress_bar(rate=True) as bar:
+            task = bar.add_task("identifying", total=count)
+            for begin in range(0, count, CHUNK):
+                rows = slice(begin, begin + CHUNK)
+                ident.update_many(u[rows], y[rows], None if t is None else t[rows])
+                bar.update(task, completed=min(begin + CHUNK, count))
+        if startup is None or not ident.has_model:
+            ident.finish()
+        return ident.model.of_log(log.input_names, log.output_name, log.path.name)
+
+    return model_of
+
+
+def _identify_several(solve: Solver, as_json: bool, keeping: Keeping, options: dict[str, Any]) -> None:
+    """Identify a row of transfer functions, print it, save and validate its model."""
     from rich.console import Console
 
     named, begun = options["input_column"], time.perf_counter()
-    for name, usual in {**NOT_YET, "method": "auto", "out": None}.items():
-        if {**options, "method": method, "out": out}[name] != usual:
+    for name, usual in NOT_YET.items():
+        if options.get(name, usual) != usual:
             raise InvalidArgumentError(f"several inputs take no --{name.removesuffix('_column').replace('_', '-')} yet")
     asked = {name: _of_each(options[name], name, named) for name in ("poles", "zeros", "delay")}
     logs = read_several(options)
     log = logs[0]
-    found = fit(logs if len(logs) > 1 else log, poles=asked["poles"], zeros=asked["zeros"], delay=asked["delay"])
+    model = solve(logs, asked)
     sha256 = digest(log.path) if len(logs) == 1 else ""
-    model = replace(found.model, provenance=replace(found.model.provenance, sha256=sha256))
+    model = replace(model, provenance=replace(model.provenance, sha256=sha256))
     validations = keeping.validated(model)
     if keeping.saved is not None:
         model.save(keeping.saved)

@@ -180,14 +180,10 @@ def _gross(y: FloatArray) -> BoolArray:
 
 
 def _follow(u: FloatArray, found: BoolArray) -> bool:
-    """Return whether samples (K,) are at steps of the input (K,) more often than by chance."""
-    steps = np.abs(np.diff(u, prepend=u[:1])) > JUMP * float(np.ptp(u))
-    steps |= np.roll(steps, 1)
-    return _more_than_chance(int((found & steps).sum()), int(found.sum()), float(steps.mean()))
-
-
-def _more_than_chance(at_steps: int, outliers: int, share: float) -> bool:
-    """Return whether more outliers are at steps than the share of steps among the samples makes by chance."""
+    """Return whether samples (K,) are at steps of the input (K,) more often than the share of steps makes by chance."""
     from scipy import special  # slow to import
 
-    return 2 * at_steps > outliers and float(special.bdtrc(at_steps - 1, outliers, share)) < BY_CHANCE
+    steps = np.abs(np.diff(u, prepend=u[:1])) > JUMP * float(np.ptp(u))
+    steps |= np.roll(steps, 1)
+    at_steps, every, share = int((found & steps).sum()), int(found.sum()), float(steps.mean())
+    return 2 * at_steps > every and float(special.bdtrc(at_steps - 1, every, share)) < BY_CHANCE

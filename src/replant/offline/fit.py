@@ -155,6 +155,7 @@ def fit(
 
     Examples
     --------
+    >>> from replant import TransferFunction
     >>> true = TransferFunction([2.0], [1.0, 0.5])
     >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
     >>> found = fit(u, true.simulate(u, dt=0.1), dt=0.1, poles=1)

@@ -15,7 +15,6 @@ from replant.assessment.assess import MOST_SAMPLES
 from replant.assessment.loop_tests import COPIED, IDLE, Reference, fault_of
 from replant.assessment.other_columns import OtherColumn, other_columns, with_other_columns
 from replant.assessment.verdict import ALPHA
-from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.identified import notation
@@ -28,7 +27,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.offline.change_search import find_change
 from replant.offline.contest import Claim
-from replant.offline.refined import Refined
+from replant.offline.refined import Refined, without_nuisances
 from replant.offline.structure_evidence import is_asked_for, with_fewer_poles
 from replant.regressor.filters import Filter, StateVariableFilter
 from replant.regressor.preprocess import Preprocess
@@ -162,9 +161,8 @@ class FitResult:
     def _change(self) -> Claim | None:
         """What has changed of the plant within the samples that the verdict looks at."""
         assert self.record is not None, "`fit` keeps the record"
-        theta = np.zeros(entries_of(self.structure, refined=True))
-        theta[: self.parameters.size] = self.parameters
-        return find_change(self.structure, self.record.last(MOST_SAMPLES), theta)
+        model = without_nuisances(self.structure, self.parameters)
+        return find_change(self.structure, self.record.last(MOST_SAMPLES), model)
 
     @cached_property
     def model(self) -> Model:

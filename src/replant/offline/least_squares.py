@@ -23,7 +23,7 @@ MOST_SAMPLES = 20_000  # samples looked at for the choice [samples]
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class LeastSquares:
     """The solution of a least-squares problem."""
 
     parameters: FloatArray  # (P,); of least norm in scaled parameters where the data do not determine all of them
@@ -32,19 +32,19 @@ class Solution:
 
 
 @quiet
-def least_squares(phi: FloatArray, target: FloatArray) -> Solution:
+def least_squares(phi: FloatArray, target: FloatArray) -> LeastSquares:
     """Minimise ||target - phi theta|| over the rows that are finite; phi (K, P), target (K,)."""
     kept = np.isfinite(target) & np.isfinite(phi).all(axis=1)
     phi, target = phi[kept], target[kept]
     if phi.shape[0] == 0:
-        return Solution(np.zeros(phi.shape[1]), 0, np.inf)
+        return LeastSquares(np.zeros(phi.shape[1]), 0, np.inf)
     lengths = np.abs(phi).max(axis=0)
     lengths[lengths == 0.0] = 1.0
     lengths *= np.linalg.norm(phi / lengths, axis=0)
     lengths[lengths == 0.0] = 1.0
     scaled, rank, singular = least_norm(phi / lengths, target, RANK_TOLERANCE)
     condition = float(singular[0] / singular[-1]) if singular.size == phi.shape[1] and singular[-1] > 0 else np.inf
-    return Solution(scaled / lengths, rank, condition)
+    return LeastSquares(scaled / lengths, rank, condition)
 
 
 @quiet

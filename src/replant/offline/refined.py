@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.arguments import FloatArray, IntArray
+from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.kernels.schema import FIXED, LAGS, LAGUERRE, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
 from replant.model.structure import Structure
@@ -179,6 +180,13 @@ class Refined:
     def acceptable(self) -> bool:
         """Whether the estimate can start a recursion."""
         return self.settled and self.uncertainty < ACCEPTABLE
+
+
+def without_nuisances(structure: Structure, parameters: FloatArray) -> FloatArray:
+    """Return the model (T,) that has parameters (P,), its nuisances zero."""
+    model = np.zeros(entries_of(structure, refined=True))
+    model[: parameters.size] = parameters
+    return model
 
 
 @quiet

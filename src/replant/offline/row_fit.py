@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from replant.arguments import FloatArray, array_of_reals, iterable, vector
 from replant.assessment import fit_percent
-from replant.assessment.row_tests import controlled, left_out
-from replant.assessment.verdict import Finding, Verdict
+from replant.assessment.row_tests import left_out
+from replant.assessment.verdict import Verdict
 from replant.errors import InvalidArgumentError, shown
 from replant.identified.fields import Provenance
 from replant.identified.row_model import RowModel, one_step_percent
@@ -22,33 +21,12 @@ from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
+from replant.offline.row_solve import RowEstimate, solve_row
 from replant.offline.row_start import start
-from replant.offline.row_steps import refine
 from replant.offline.row_verdict import judged
 from replant.offline.samples import Samples
-from replant.simulation.row import Point, Row, RowRecord, noise_of
-from replant.statistics.autoregression import Autoregression
-from replant.statistics.linear_algebra import chi2_quantile, compose, factor_information, quiet
-from replant.statistics.projections import products
-
-GIVEN_UP = (
-    "the structure leaves slow parts of the output, which a noise model would take for noise: none was used; try more "
-    "poles, or a further input"
-)
-
-ROUNDS = 3  # times that the noise model is estimated [count]
-SHORT = 12  # steps after each [count]
-
-LOUD = 3.0
-"""Power of a residual beside that of the quietest begin, beyond which the begin is not taken [ratio].
-Origin: measured on random rows: whitened steps from a begin that lacks a slow branch leave ten times the power.
-Sensitivity: not measured.
-"""
-
-SAME = 0.99
-"""Level of the test that the estimates with and without the noise model are of one plant [probability].
-Level: 99 %.
-"""
+from replant.simulation.row import Row, RowRecord
+from replant.statistics.linear_algebra import quiet
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -157,35 +135,46 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     if not begins:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
     row = Row(structures, record, inputs, given.input_names)
-    free, point, noise = _likeliest(row, begins, partial(start, structures, record, inputs))
-    covariance, others = _covariance(row, point), list(controlled(row, point, noise))
+    found = solve_row(row, begins, partial(start, structures, record, inputs))
     rest = {name: signal[ready.used] for name, signal in given.others.items() if name not in given.more_inputs}
-    # in feedback the estimate without a noise model is that which is off
-    if not others and _differs(row, free, point):
-        covariance = _covariance(row, free, noise_of(row, free))
-        point, noise = free, Autoregression.white(1.0, row.count)
-        others = [Finding("inconsistent", GIVEN_UP)]
-    others += left_out(row, point, noise, rest)
-    simulated = ready.simulated(row, point, noise)
-    left = max(row.count - size, 1)
+    others = [*found.findings, *left_out(row, found.point, found.noise, rest)]
+    verdict = judged(row, record, found.point, found.noise, found.covariance, others)
+    simulated = ready.simulated(row, found.point, found.noise)
+    fits = fit_percent(output, simulated), one_step_percent(row, found.point)
+    made = Provenance("srivc", given.source, given.sha256, row.count)
+    return RowFit(row_model(row, ready, found, dt, given.output_name, fits, verdict, made), simulated)
+
+
+def row_model(
+    row: Row,
+    ready: RowRecord,
+    found: RowEstimate,
+    dt: float,
+    output_name: str,
+    fits: tuple[float, float],
+    verdict: Verdict,
+    made: Provenance,
+) -> RowModel:
+    """Return what is kept of an estimate; ``fits`` are those of the simulation and one step ahead, in percent."""
+    point, noise = found.point, found.noise
+    left = max(row.count - point.theta.size - row.nuisances, 1)
     levels, level = ready.levels(row, point)
-    model = RowModel(
-        structures,
+    return RowModel(
+        row.structures,
         point.theta,
         dt,
-        covariance=covariance,
+        covariance=found.covariance,
         noise=NoiseModel(noise.coefficients, point.cost / left, point.power / left, dt),
-        input_hold=given.input_hold,
+        input_hold=row.record.input_hold,
         input_names=row.names,
-        output_name=given.output_name,
+        output_name=output_name,
         input_levels=levels,
         output_level=level,
-        simulated_fit=fit_percent(output, simulated),
-        one_step_fit=one_step_percent(row, point),
-        verdict=judged(row, record, point, noise, covariance, others),
-        provenance=Provenance("srivc", given.source, given.sha256, row.count),
+        simulated_fit=fits[0],
+        one_step_fit=fits[1],
+        verdict=verdict,
+        provenance=made,
     )
-    return RowFit(model, simulated)
 
 
 def structures_of(inputs: int, poles: Any, zeros: Any, delay: Any) -> tuple[Structure, ...]:
@@ -220,70 +209,3 @@ def _inputs(u: Any) -> FloatArray:
             f"u must have a column for each input, shape (K, q), got shape {shown(columns.shape)}"
         )
     return columns
-
-
-def _likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> _Estimates:
-    """Return the estimate without a noise model and the likeliest with one.
-
-    The start is made again with the noise model: beside slow noise the first one may lack what is fast.  No estimate is
-    taken whose residual is `LOUD` times the quietest: its noise model has taken a branch for noise.
-    """
-    white = Autoregression.white(1.0, row.count)
-    free = min((refine(row, begin.theta, white, begin) for begin in begins), key=lambda point: point.cost)
-    noise = noise_of(row, free)
-    found = []
-    for begin in [free, *(again(noise) if noise.order else [])]:
-        point, model = refine(row, begin.theta, noise, begin, SHORT), noise
-        for _ in range(ROUNDS - 1):
-            model = noise_of(row, point)
-            point = refine(row, point.theta, model, point, SHORT)
-        found.append(_Estimates(free, point, model))
-    quietest = min(each.point.power for each in found)
-    return min((each for each in found if each.point.power <= LOUD * quietest), key=lambda each: each.point.cost)
-
-
-class _Estimates(NamedTuple):
-    """The estimate without a noise model, that with one, and the model."""
-
-    free: Point
-    point: Point
-    noise: Autoregression
-
-
-def _covariance(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
-    """Return the covariance (P, P) of a point: s^2 M^-1, or M^-1 Q M^-1 where its error has a colour.
-
-    Q is the sum of the squares of the slopes filtered by 1/D backwards in time, times the variance of D e.
-    """
-    size = point.theta.size + row.nuisances * len(row.stretches)
-    inverse = compose(*factor_information(point.information))
-    if colour is None:
-        return np.asarray(inverse * point.cost / max(row.count - size, 1))
-    backwards = [colour.colour(phi[::-1]) for phi in point.phi]
-    squares = np.asarray(sum(products(each, each) for each in backwards))
-    variance = colour.power / max(colour.count - size, 1.0)
-    return np.asarray(variance * inverse @ squares @ inverse)
-
-
-def _differs(row: Row, free: Point, point: Point) -> bool:
-    """Return whether the estimate with a noise model leaves more than chance allows beside that without.
-
-    Both are consistent where the structure is right: beyond the least power the one leaves at most chi-square of the
-    number of parameters, in powers of as many samples as the residual has independent ones.  Where the structure is not
-    right, an autoregression takes what it cannot explain for noise, and with it the slow branches.
-    """
-    independent = row.count / max(_duration(free), 1.0)
-    return point.power > free.power * (1.0 + chi2_quantile(SAME, point.theta.size) / independent)
-
-
-def _duration(point: Point) -> float:
-    """Return the integrated correlation of a residual in samples, up to the first pair of lags that is not positive.
-
-    Source: Geyer (1992), "Practical Markov Chain Monte Carlo", section 3.3.
-    """
-    sums = np.zeros(1 << int(np.ceil(np.log2(2 * max(each.size for each in point.residual)))))
-    for residual in point.residual:
-        sums += np.fft.irfft(np.abs(np.fft.rfft(residual, sums.size)) ** 2, sums.size)
-    pairs = (sums[0 : sums.size // 2 : 2] + sums[1 : sums.size // 2 : 2]) / max(float(sums[0]), 1e-300)
-    positive = int(np.argmax(pairs <= 0.0)) if (pairs <= 0.0).any() else pairs.size
-    return 2.0 * float(pairs[:positive].sum()) - 1.0

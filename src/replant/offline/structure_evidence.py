@@ -28,14 +28,13 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.assessment.assess import MOST_SAMPLES
-from replant.assessment.estimate_tests import MOST_UNCERTAIN
+from replant.assessment.estimate_tests import MOST_UNCERTAIN, without_longer
 from replant.assessment.verdict import Assessment
-from replant.engine.dimensions import entries_of
 from replant.engine.record import Record
 from replant.kernels.schema import LAGS
 from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
-from replant.offline.refined import Refined
+from replant.offline.refined import Refined, without_nuisances
 from replant.offline.srivc import refine
 from replant.simulation.auxiliary_model import AuxiliaryModel, stability_margin
 from replant.statistics.autoregression import Autoregression
@@ -181,16 +180,15 @@ def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: Floa
     if fewer is None:
         return verdict
     reason = f"with fewer poles the record is likelier: ask for {'one pole' if fewer == 1 else f'{fewer} poles'}"
+    verdict = without_longer(verdict)  # of a pole that is not there no record tells more
     reasons = (*verdict.reasons, reason) if verdict.status == "trusted" else (reason, *verdict.reasons)
     return replace(verdict, reasons=reasons)
 
 
 def _fewer_poles(structure: Structure, parameters: FloatArray, record: Record) -> int | None:
     """Return the fewer poles with the most evidence, by the measure of the search; None where the model has more."""
-    theta = np.zeros(entries_of(structure, refined=True))
-    theta[: parameters.size] = parameters
     evidence = Evidence(record, at_rest=not structure.delay)
-    trials = [evidence.of(structure, [theta])]
+    trials = [evidence.of(structure, [without_nuisances(structure, parameters)])]
     for poles in range(1, structure.poles):
         smaller = Structure(poles, min(structure.zeros, poles - 1), structure.delay, structure.bias)
         trials.append(evidence.of(smaller, ()))

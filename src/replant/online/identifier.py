@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from inspect import Signature, signature
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from replant.limits import stamps_of
 from replant.model.structure import Structure
 from replant.online.kept_model import model_of
 from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
+from replant.online.row_identifier import RowIdentifier
 from replant.online.trace import Trace
 from replant.online.turns import Turn, changes, reads
 from replant.optimizers import Optimizer
@@ -58,9 +60,9 @@ class Identifier(Lifecycle):
         Or ``poles``, ``zeros`` and ``delay`` in its place.
     dt : float
         Sampling time in s.
-    poles, zeros : int
-        Number of poles and of zeros.
-    delay : float
+    poles, zeros : int or tuple of int
+        Number of poles and of zeros; of several inputs an entry for each, see `replant.online.row_identifier`.
+    delay : float or tuple of float
         Dead time in s.
     filter : RefinedFilter, StateVariableFilter or "auto"
         "auto" is the refined filter for optimizers that keep a covariance, and else (s + cutoff)^n with the cutoff
@@ -126,15 +128,23 @@ class Identifier(Lifecycle):
     2 / (s + 0.5)
     """
 
+    def __new__(cls, *args: Any, **given: Any) -> Any:
+        """Return an identifier; of several inputs one of its own kind."""
+        orders = (given.get(name) for name in ("poles", "zeros", "delay"))
+        if cls is Identifier and any(isinstance(each, list | tuple) for each in orders):
+            named = zip(("structure", "dt"), args, strict=False)
+            return RowIdentifier(**{name: each for name, each in named if each is not None}, **given)
+        return object.__new__(cls)
+
     @in_our_words
     def __init__(
         self,
         structure: Structure | None = None,
         dt: float | None = None,
         *,
-        poles: int | None = None,
-        zeros: int = 0,
-        delay: float = 0.0,
+        poles: int | tuple[int, ...] | None = None,
+        zeros: int | tuple[int, ...] = 0,
+        delay: float | tuple[float, ...] = 0.0,
         filter: Filter | str = AUTO,  # noqa: A002 - the field's word
         scaling: Scaling | str | None = AUTO,
         optimizer: Optimizer | str = AUTO,
@@ -145,7 +155,8 @@ class Identifier(Lifecycle):
         startup: int = 500,
         history: int = STORED,
     ) -> None:
-        structure = Structure.wanted(structure, poles, zeros, delay)
+        wanted: tuple[Any, Any, Any] = poles, zeros, delay
+        structure = Structure.wanted(structure, *wanted)
         if dt is None:
             raise ArgumentTypeError("give the sampling time in s, dt: Identifier(poles=2, dt=0.01)")
         self._request = Request(
@@ -153,6 +164,9 @@ class Identifier(Lifecycle):
         )
         self._turn = Turn()
         self._begin_again()
+
+    #: That of ``__init__``: what makes several inputs an identifier of their own kind takes the same.
+    __signature__ = Signature([*signature(__init__).parameters.values()][1:])
 
     @changes
     def reset(self) -> None:
@@ -221,10 +235,16 @@ class Identifier(Lifecycle):
         """
         from replant.checkpoint.encoding import decode
 
-        return cls._of(decode(data).attributes)
+        made: Identifier = cls._of(decode(data).attributes)
+        return made
 
     @classmethod
-    def _of(cls, attributes: dict[str, Any]) -> Identifier:
+    def _of(cls, attributes: dict[str, Any]) -> Any:
+        from replant.checkpoint.encoding import ROW
+        from replant.online.row_saving import restored as row
+
+        if ROW in attributes:
+            return RowIdentifier._with(row(attributes))
         (restored := cls.__new__(cls)).__setstate__(attributes)
         return restored
 

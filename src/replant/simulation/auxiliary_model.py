@@ -9,9 +9,11 @@ irregular.
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -112,12 +114,19 @@ class AuxiliaryModel:
         """How many entries a model has, T."""
         return self._state.entries
 
-    def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
-        """Run a model over a record from rest, each part behind a gap anew; see `_of_parts`.
+    @property
+    def arrays(self) -> tuple[np.ndarray[Any, Any], ...]:
+        """Its state."""
+        return self._state.arrays
 
-        Samples that answer to inputs before the record, because of a dead time, say nothing: their rows are zero, and
-        the initial state is that of the first sample after them.
-        """
+    def copy(self) -> AuxiliaryModel:
+        """Return a model in the same state, which goes on by itself."""
+        twin = copy.copy(self)
+        twin._state = self._state.copy()
+        return twin
+
+    def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
+        """Run a model over a record from rest, each part anew; rows that answer to inputs before it are zero."""
         parts = record.parts
         if len(parts) > 1:
             explained = [None if by_reference is None else by_reference[rows] for rows in parts]
@@ -145,11 +154,25 @@ class AuxiliaryModel:
         return done.of(known)
 
     def _run(self, theta: FloatArray, record: Record, by_reference: FloatArray) -> Pass:
+        self.begin(theta)
+        done = self.go_on(theta, record, by_reference)
+        unknown = record.unknown(self._delay)
+        if unknown:
+            done.output[:unknown] = done.output[min(unknown, record.u.size - 1)]
+            for signal in (done.phi, done.zeta, done.target, done.ahead, done.error):
+                signal[:unknown] = 0.0
+        return done
+
+    def begin(self, theta: FloatArray) -> None:
+        """Put a model at rest."""
+        self._state.install(theta)
+        self._state.started = False
+
+    def go_on(self, theta: FloatArray, record: Record, by_reference: FloatArray = NOTHING) -> Pass:
+        """Run a model over samples from where its last run ended."""
         from replant.kernels.step.stages import regressors
 
         state, size, samples = self._state, self.entries, record.u.size
-        state.install(theta)
-        state.started = False
         phi, zeta = np.empty((samples, size)), np.empty((samples, size))
         target, output = np.empty(samples), np.empty(samples)
         regressors(
@@ -158,11 +181,6 @@ class AuxiliaryModel:
         )  # fmt: skip
         ahead = record.y - output
         error = target - phi @ theta if state.serves_reflected else ahead
-        unknown = record.unknown(self._delay)
-        if unknown:
-            output[:unknown] = output[min(unknown, samples - 1)]
-            for signal in (phi, zeta, target, ahead, error):
-                signal[:unknown] = 0.0
         return Pass(phi, zeta, target, output, error, ahead)
 
 

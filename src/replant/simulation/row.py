@@ -18,6 +18,7 @@ from replant.engine.record import Record
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
 from replant.simulation.auxiliary_model import AuxiliaryModel
+from replant.simulation.branches import Branches
 from replant.statistics.autoregression import LEAST, Autoregression, sums_of
 from replant.statistics.linear_algebra import quiet, roots
 from replant.statistics.projections import lengths_of, orthogonal, products
@@ -25,42 +26,19 @@ from replant.statistics.projections import lengths_of, orthogonal, products
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A stretch without a gap; the offset and the initial states in it are its own.
+    """A stretch without a gap; the offset and the initial states in it are its own."""
 
-    Attributes
-    ----------
-    rows : slice
-        Of the whole record.
-    inputs : tuple of Record
-        One per input, whose outputs are zero.
-    y : (K,) array
-        Zero where not measured.
-    measured : (K,) array of bool
-        Which outputs were measured, and answer to inputs of the stretch.
-    known : (K,) array of int
-        Predecessors of each, see `Record.predecessors`.
-    """
-
-    rows: slice
-    inputs: tuple[Record, ...]
-    y: FloatArray
-    measured: BoolArray
-    known: IntArray
+    rows: slice  # of the whole record
+    inputs: tuple[Record, ...]  # one per input, whose outputs are zero
+    y: FloatArray  # (K,): zero where not measured
+    measured: BoolArray  # (K,): which outputs were measured, and answer to inputs of the stretch
+    known: IntArray  # (K,): predecessors of each, see `Record.predecessors`
 
 
 class Row:
-    """The structure of a row, one branch per input, and a record for it.
+    """The structure of a row, one branch per input, and a record for it with its inputs (K, q).
 
-    Attributes
-    ----------
-    structures : tuple of Structure
-    is_common : bool
-        Whether all branches share one denominator: theta then has it once.
-    record : Record
-    inputs : (K, q) array
-    names : tuple of str
-        Of the inputs.
-    stretches : tuple of Stretch
+    Where all branches share one ``common`` denominator, theta has it once.
     """
 
     def __init__(
@@ -75,13 +53,11 @@ class Row:
         self.structures, self.is_common, self.record, self.inputs = structures, common, record, inputs
         self.names = names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
         self.dt = float(np.median(record.intervals[-(record.intervals.size // 2 + 1) :]))
-        self._models = [AuxiliaryModel(each, self.dt, record.input_hold) for each in structures]
+        self._models = Branches(structures, self.dt, record.input_hold)
         self._shared = AuxiliaryModel(replace(structures[0], zeros=structures[0].poles - 1, delay=0.0), self.dt)
         self.nuisances = 1 + sum(each.poles for each in structures)
         self.stretches = tuple(self._stretches())
-        counts = [each.poles for each in structures]
         self._ends = np.cumsum([each.size for each in structures])[:-1].tolist()
-        self._state_ends = np.cumsum(counts)[:-1].tolist()
 
     def _stretches(self) -> Iterator[Stretch]:
         for rows in self.record.parts:
@@ -125,21 +101,18 @@ class Row:
         self, theta: FloatArray, stretch: Stretch, states: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the outputs (K, q) of the branches from rest, the slopes (K, P) and the nuisances (K, N)."""
-        outputs, slopes, free = [], [], [np.ones((stretch.y.size, 1))]
-        parts = zip(
-            self._models, self.structures, self.branches(theta), np.split(states, self._state_ends), stretch.inputs,
-            strict=True,
-        )  # fmt: skip
-        for model, structure, coefficients, state, record in parts:
-            done = model.run(np.concatenate([coefficients, [0.0], state]), record)
-            responses = done.zeta[:, -structure.poles :]
-            outputs.append(done.output - responses @ state)
-            slopes.append(done.zeta[:, : structure.coefficients])
-            free.append(responses)
+        outputs, slopes, free = self._models.run(self.branches(theta), states, stretch.inputs)
+        parts = np.split(states, np.cumsum([each.shape[1] for each in free])[:-1].tolist())
+        outputs = [each - response @ state for each, response, state in zip(outputs, free, parts, strict=True)]
         if self.is_common:
             poles = self.structures[0].poles
             slopes = [np.sum([each[:, :poles] for each in slopes], axis=0), *(each[:, poles:] for each in slopes)]
-        return np.column_stack(outputs), np.hstack(slopes), np.hstack(free)
+        return np.column_stack(outputs), np.hstack(slopes), np.hstack([np.ones((stretch.y.size, 1)), *free])
+
+    def ended(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches:
+        """Return the branches of a model as they are at the end of a stretch."""
+        self._models.run(self.branches(theta), states, stretch.inputs)
+        return self._models.copy()
 
     def whitened(self, noise: Autoregression, signals: FloatArray, stretch: Stretch) -> FloatArray:
         """Return D signals (K, ...) of a stretch; zero where nothing was measured."""
@@ -156,27 +129,14 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A model of a row and what it leaves.
+    """A model of a row and what it leaves, stretch by stretch; zero where nothing was measured."""
 
-    Attributes
-    ----------
-    theta : (P,) array
-    error, phi : list of (K,) and (K, P) arrays
-        Whitened, free of offset and initial states; zero where nothing was measured.
-    residual : list of (K,) arrays
-        Not whitened; zero where nothing was measured.
-    nuisances : list of (N,) arrays
-        Offset and initial states of each stretch.
-    cost : float
-        Sum of squares of ``error``.
-    """
-
-    theta: FloatArray
-    error: list[FloatArray]
-    phi: list[FloatArray]
-    residual: list[FloatArray]
-    nuisances: list[FloatArray]
-    cost: float
+    theta: FloatArray  # (P,)
+    error: list[FloatArray]  # (K,) each: whitened, free of offset and initial states
+    phi: list[FloatArray]  # (K, P) each: the same of the slopes
+    residual: list[FloatArray]  # (K,) each: not whitened
+    nuisances: list[FloatArray]  # (N,) each: offset and initial states
+    cost: float  # sum of squares of ``error``
 
     @property
     def information(self) -> FloatArray:
@@ -235,23 +195,12 @@ def noise_of(row: Row, point: Point) -> Autoregression:
 
 @dataclass(frozen=True, eq=False)
 class RowRecord:
-    """A record of several inputs made ready, and what it was made of.
+    """A record of several inputs made ready, and what it was made of."""
 
-    Attributes
-    ----------
-    record : Record
-        Its input is the first one.
-    inputs : (J, q) array
-    used : (K,) array of bool
-        The rows that have all inputs, from the first output to the last: those of the record.
-    level : float
-        Mean of the output, which was taken off.
-    """
-
-    record: Record
-    inputs: FloatArray
-    used: BoolArray
-    level: float
+    record: Record  # its input is the first one
+    inputs: FloatArray  # (J, q)
+    used: BoolArray  # (K,): the rows that have all inputs, from the first output to the last: those of the record
+    level: float  # mean of the output, which was taken off
 
     @classmethod
     def of(

@@ -7,8 +7,9 @@ import json
 from importlib.resources import files
 
 import jsonschema
+import numpy as np
 
-from replant.live.outputs.message import ENDED, UNKNOWN
+from replant.live.outputs.message import ENDED, UNKNOWN, EstimateMessage
 from support.cases import every
 from support.live_views import estimate
 
@@ -20,6 +21,13 @@ def test_an_estimate_is_flat_json_with_every_digit() -> None:
         "trusted": 0, "excited": 1, "ttl": 0.0, "status": "starting", "verdict": "converging", "sent": None,
     }  # fmt: skip
     assert "sequence" not in json.loads(estimate(None).as_json())
+
+
+def test_of_what_is_not_said_nothing_is_vouched_for() -> None:
+    """Neither that the samples tell anything, nor that the model may be used, however it was judged."""
+    values = np.zeros(1)
+    told = json.loads(EstimateMessage(0.0, None, 1, ("a0",), values, values, "running", "trusted").as_json())
+    assert (told["excited"], told["trusted"], told["ttl"], told["sent"]) == (0, 0, 0.0, None)
 
 
 def test_a_model_is_trusted_while_the_input_rests_and_both_are_told() -> None:

@@ -1,0 +1,91 @@
+r"""The joint update of a row of transfer functions, sample by sample, along filters that rest.
+
+Round the model that the filters are made of, theta_0, the error of a row is linear in what it is off,
+e = e_0 - phi' delta + noise with delta = theta - theta_0.  With D(q) (noise) = w white,
+
+.. math:: \delta \leftarrow \delta + \frac{P\,\psi}{1 + \psi' P\,\psi} (D e_0 - \psi' \delta), \quad \psi = D \varphi,
+
+which is recursive least squares; offset and initial states are among the entries of delta.  Where the past is broken
+only j < p predecessors are known: the best model of order j filters, weighted by the root of V_p / V_j.
+
+Source: Ljung (1999), "System Identification: Theory for the User", sections 7.3 and 11.2.
+"""
+
+import math
+
+import numpy as np
+
+from replant.kernels.native import Ints, Matrix, Reals, kernel
+from replant.kernels.optimizers.covariance import measurement_update, variance_along
+from replant.kernels.schema import LAGS
+
+KNOWN, LEARNED, REFUSED = range(3)
+"""Places in ``counts``: known predecessors of the next sample; samples learned; updates refused [index]."""
+
+
+@kernel(
+    "rows.shape[0] >= LAGS + errors.size and rows.shape[1] >= delta.size + 1",
+    "measured.size >= errors.size and usual.size >= errors.size and 0 <= order <= LAGS",
+    "models.shape[0] > LAGS and models.shape[1] > LAGS and powers.size > LAGS",
+    "factor.shape[0] >= delta.size and factor.shape[1] >= delta.size and diagonal.size >= delta.size",
+    "counts.size >= 3 and 0 <= counts[KNOWN] <= LAGS and squares.size >= 1 and work.size >= 3 * delta.size + 1",
+    "estimates.shape[0] >= errors.size and estimates.shape[1] <= delta.size",
+)
+def learn(
+    rows: Matrix, measured: Ints, usual: Ints, learns: bool, order: int, models: Matrix, powers: Reals,
+    delta: Reals, factor: Matrix, diagonal: Reals, counts: Ints, squares: Reals, errors: Reals, estimates: Matrix,
+    work: Reals,
+):  # fmt: skip
+    """Take K samples.
+
+    Parameters
+    ----------
+    rows : (LAGS + K, T + 1) array
+        phi and e_0 of each sample, behind those of the LAGS before.
+    measured, usual : (K,) arrays
+        Truths: whether there is an output; whether the sample comes one sampling time after the one before.
+    learns : bool
+    order : int
+        Order p of the noise model.
+    models, powers : (LAGS + 1, LAGS + 1) and (LAGS + 1,) arrays
+        The noise models of each order, and V of each.
+    delta, factor, diagonal : (T,), (T, T) and (T,) arrays
+        The estimate less theta_0, and P = U D U'.
+    counts, squares : (3,) and (1,) arrays
+        See `KNOWN`; sum of the squares of the normalised innovations.
+    errors : (K,) array
+        Written: y less the output of the model before, in the unit of y; NaN where there is no output.
+    estimates : (K, P) array
+        Written: the first entries of delta after each sample.
+    work : (3 T + 1,) array
+    """
+    T = delta.size
+    white, projected, gain = work, work[T + 1 :], work[2 * T + 1 :]
+    for k in range(errors.size):
+        row, known = rows[LAGS + k], counts[KNOWN] if usual[k] else 0
+        error = row[T]
+        for i in range(T):
+            error -= row[i] * delta[i]
+        errors[k] = error if measured[k] else np.nan
+        if measured[k] and learns:
+            lags = min(order, known)
+            weight = math.sqrt(powers[order] / powers[lags]) if lags < order else 1.0
+            for i in range(T + 1):
+                total = row[i]
+                for lag in range(1, lags + 1):
+                    total += models[lags, lag] * rows[LAGS + k - lag, i]
+                white[i] = weight * total
+            innovation = white[T]
+            for i in range(T):
+                innovation -= white[i] * delta[i]
+            if math.isfinite(innovation * innovation * (1.0 + variance_along(factor, diagonal, white))):
+                alpha = measurement_update(T, factor, diagonal, white, 1.0, projected, gain)
+                for i in range(T):
+                    delta[i] += gain[i] * innovation / alpha
+                squares[0] += innovation * innovation / alpha
+                counts[LEARNED] += 1
+            else:
+                counts[REFUSED] += 1
+        counts[KNOWN] = min(known + 1, LAGS) if measured[k] else 0
+        for i in range(estimates.shape[1]):
+            estimates[k, i] = delta[i]

@@ -1,0 +1,395 @@
+"""RowIdentifier: several inputs online, each with poles, zeros and a dead time of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from replant.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
+from replant.assessment import fit_percent
+from replant.assessment.verdict import Verdict
+from replant.engine.dimensions import RECENT
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.identified.fields import Provenance
+from replant.identified.row_model import RowModel, one_step_percent
+from replant.limits import duration, stamps_of
+from replant.model.noise import NoiseModel
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.offline.row_fit import row_model, structures_of
+from replant.online.row_state import RowSettings, RowState
+from replant.online.trace import Trace
+from replant.online.turns import Shared, Turn, changes, reads
+from replant.settings import STORED
+
+if TYPE_CHECKING:
+    from replant.checkpoint.encoding import Progress
+    from replant.checkpoint.files import AnyPath
+
+PIECE = 8192  # samples after which Ctrl-C is answered while a chunk is taken [samples]
+LEAST = 4  # outputs for the first model, at the least [count for each unknown]
+
+
+class RowIdentifier(Shared):
+    r"""Identify several inputs online; what `Identifier` makes of an entry of ``poles`` for each.
+
+    .. math:: y = \sum_i \frac{B_i(s)}{A_i(s)} e^{-s\,\mathrm{delay}_i} u_i + \mathrm{offset} + \mathrm{noise}
+
+    Parameters
+    ----------
+    poles, zeros : tuple of int
+        Of each input.
+    delay : tuple of float
+        Dead times in s.
+    dt : float
+        Sampling time in s.
+    startup : int
+        Outputs from which the first model is made.
+    history : int
+        Raw samples kept, from 10000 to 30000: `finish` solves a record that is no longer.
+    input_hold : {"zoh", "foh"}
+        Whether the inputs are held between two samples or go on in a straight line.
+    input_names : tuple of str
+        By default u1, u2, ..
+
+    Raises
+    ------
+    InvalidArgumentError, ArgumentTypeError
+        For an argument that cannot be used; the message names it.
+
+    Notes
+    -----
+    Each time that the record has grown by 1.3, up to 10000 samples, it is solved again as a whole.  In between, and
+    later, a joint update of all coefficients follows the samples.  A sample whose inputs or time are not finite, or
+    larger than 1e150, is rejected; one whose output alone is missing (NaN) moves the model, and nothing is learned from
+    it.  Implausible numbers are not looked for.
+
+    Examples
+    --------
+    >>> from replant import Identifier
+    >>> first, second = TransferFunction([2.0], [1.0, 0.5]), TransferFunction([1.0], [1.0, 3.0], delay=0.3)
+    >>> u = np.random.default_rng(0).choice([-1.0, 1.0], (100, 2)).repeat(10, axis=0)
+    >>> y = first.simulate(u[:, 0].copy(), dt=0.1) + second.simulate(u[:, 1].copy(), dt=0.1)
+    >>> ident = Identifier(poles=(1, 1), delay=(0.0, 0.3), dt=0.1)
+    >>> trace = ident.update_many(u, y)
+    >>> print(*ident.transfer_functions, sep=", ")
+    2 / (s + 0.5), 1 / (s + 3) exp(-0.3 s)
+    """
+
+    def __init__(
+        self, *, poles: Any, zeros: Any = 0, delay: Any = 0.0, dt: float | None = None, startup: int = 500,
+        history: int = STORED, input_hold: str = "zoh", input_names: tuple[str, ...] = (), **others: Any,
+    ) -> None:  # fmt: skip
+        for name in others:
+            raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
+        if dt is None:
+            raise ArgumentTypeError("give the sampling time in s, dt: Identifier(poles=(2, 1), dt=0.01)")
+        structures = structures_of(len(poles) if isinstance(poles, list | tuple) else 1, poles, zeros, delay)
+        least = LEAST * sum(each.size + each.poles + 1 for each in structures)
+        history = whole("history", history, RECENT, STORED)
+        startup = max(whole("startup", startup, 1, history), least)
+        names = tuple(text("input_names", each) for each in input_names)
+        names = names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
+        if len(set(names)) != len(structures) or len(names) != len(structures):
+            raise InvalidArgumentError(
+                f"input_names must be {len(structures)} different names, got {shown(list(names))}"
+            )
+        hold = one_of("input_hold", input_hold, ("zoh", "foh"))
+        settings = RowSettings(structures, duration("dt", dt), startup, history, hold, names)
+        self._turn, self._now = Turn(), RowState.of(settings)
+
+    @changes
+    def reset(self) -> None:
+        """Forget every sample and begin again."""
+        self._now = RowState.of(self._settings)
+
+    @reads
+    def clone(self) -> RowIdentifier:
+        """Return an independent copy in the same state."""
+        return self._with(replace(self._now, kept=self._now.kept.copy()))
+
+    __copy__ = clone
+
+    def __deepcopy__(self, memo: Any) -> RowIdentifier:
+        return self.clone()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_now": self.clone()._now}
+
+    def __setstate__(self, attributes: dict[str, Any]) -> None:
+        self.__dict__.update(attributes | {"_turn": Turn()})
+
+    @classmethod
+    def _with(cls, state: RowState) -> RowIdentifier:
+        (made := cls.__new__(cls)).__setstate__({"_now": state})
+        return made
+
+    @property
+    def _settings(self) -> RowSettings:
+        return self._now.settings
+
+    def save(self, path: AnyPath, progress: Progress | None = None) -> None:
+        """Save the whole state to a file, from which `replant.load` continues to the bit; see `Identifier.save`.
+
+        Parameters
+        ----------
+        path : path
+        progress : dict, optional
+            Of int, float and str, returned by `replant.online.saving.load`.
+
+        Raises
+        ------
+        CheckpointError
+            If the file cannot be written; the one that was there stays.
+        """
+        from replant.checkpoint.files import write
+
+        write(path, self.to_bytes(progress))
+
+    @reads
+    def to_bytes(self, progress: Progress | None = None) -> bytes:
+        """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes.
+
+        Parameters
+        ----------
+        progress : dict, optional
+            As in `save`.
+        """
+        from replant.checkpoint.encoding import encode_row
+        from replant.online.row_saving import parts_of
+
+        return encode_row(*parts_of(self._now), progress)
+
+    def update(self, u: Any, y: float, t: float | None = None, r: None = None) -> float:
+        """Take one sample; return its a-priori output error, in the unit of y.
+
+        NaN stands for "no prediction": the sample was rejected, has no output, or is collected for the start-up.
+
+        Parameters
+        ----------
+        u : sequence of float
+            One per input.
+        y : float
+            NaN: no output.
+        t : float, optional
+            Time stamp in s, given with every sample or with none.  One that does not advance is rejected; after a gap
+            of 20 dt offset and initial states are estimated anew.
+        r : None
+            A reference is not used yet.
+
+        Raises
+        ------
+        InvalidArgumentError, ArgumentTypeError
+            If an argument is not a number; the state stays as it was.
+        """
+        trace = self.update_many([u], [number("y", y)], None if t is None else [number("t", t)], r)
+        return float(trace.errors[0])
+
+    @changes
+    def update_many(self, u: Any, y: Any, t: Any = None, r: None = None) -> Trace:
+        """Take a chunk of samples: equal, to the bit, to a loop of `update`.
+
+        Parameters
+        ----------
+        u : (K, q) array
+            A column per input.
+        y : (K,) array
+        t : (K,) array, optional
+            See `update`.
+        r : None
+
+        Returns
+        -------
+        Trace
+            Error and estimate after each sample.
+
+        Raises
+        ------
+        InvalidArgumentError, ArgumentTypeError
+            If shapes or types do not fit; the state stays as it was.
+        """
+        columns, output, stamps = self._checked(u, y, t, r)
+        size = output.size
+        trace = Trace(self.names, self.parameters, np.empty((size, self._settings.size)), np.full(size, np.nan), stamps)
+        taken = 0
+        while taken < size:
+            some = slice(taken, taken + PIECE)
+            stamped = None if stamps is None else stamps[some]
+            self._now, count = self._now.take(
+                columns[some], output[some], stamped, trace.errors[some], trace.parameters[some]
+            )
+            taken += count
+        return trace
+
+    def _checked(self, u: Any, y: Any, t: Any, r: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        if r is not None:
+            raise InvalidArgumentError("several inputs take no reference yet: leave out r")
+        columns, output, count = array_of_reals("u", u), vector("y", y), len(self.structures)
+        if columns.shape != (output.size, count):
+            raise InvalidArgumentError(
+                f"u must be a number for each of {count} inputs, (K, {count}) of K samples; got shape "
+                f"{shown(columns.shape)} for {output.size} outputs"
+            )
+        stamped = self._now.stamped
+        if output.size and stamped is not None and stamped != (t is not None):
+            raise InvalidArgumentError("give t with every sample, or with none")
+        return columns, output, None if t is None else stamps_of(t, output.size)
+
+    @changes
+    def finish(self) -> None:
+        """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
+
+        The estimate stays where it is frozen, and where older samples are no longer kept.  Samples may follow.
+        """
+        now = self._now
+        if now.kept.measured:
+            done = now.solved()
+            # it is solved again when it would have been, or sooner where this was the first model
+            self._now = done if now.recursion is None else replace(done, solve_at=now.solve_at)
+
+    @changes
+    def freeze(self) -> None:
+        """Stop adapting: the filters still take samples, the estimate stays.
+
+        Raises
+        ------
+        InvalidArgumentError
+            During start-up, when there is no estimate yet.
+        """
+        if self._now.recursion is None:
+            raise InvalidArgumentError(
+                "freezing needs a model, and the samples for the first one are still being collected: try again later"
+            )
+        # a later solution would learn the samples that come while frozen
+        self._now = replace(self._now, adapts=False, solve_at=0)
+
+    @changes
+    def resume(self) -> None:
+        """Adapt again after `freeze`."""
+        self._now = replace(self._now, adapts=True)
+
+    @property
+    def structures(self) -> tuple[Structure, ...]:
+        """That of each input."""
+        return self._settings.structures
+
+    @property
+    def dt(self) -> float:
+        """Sampling time in s."""
+        return self._settings.dt
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in their order, each with that of its input: a0.u1, b0.u1, a0.u2, .."""
+        pairs = zip(self._settings.input_names, self.structures, strict=True)
+        return tuple(f"{parameter}.{name}" for name, each in pairs for parameter in each.names)
+
+    @property
+    def has_model(self) -> bool:
+        """Whether there is an estimate."""
+        return self._now.recursion is not None
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The estimate (P,) in physical units, in the order of `names`; zero while there is none."""
+        return self._now.parameters
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (P, P) of the estimate in physical units; NaN while there is none."""
+        known, size = self._now.recursion, self._settings.size
+        return np.full((size, size), np.nan) if known is None else known.covariance
+
+    @property
+    def transfer_functions(self) -> tuple[TransferFunction, ...]:
+        """G(s) from each input."""
+        return tuple(structure.transfer_function(theta) for structure, theta, _ in self._parts())
+
+    @property
+    def uncertainty(self) -> tuple[Uncertainty, ...]:
+        """Standard deviations of each G(s): of its parameters, poles, gain and response."""
+        return tuple(Uncertainty(*each) for each in self._parts())
+
+    def _parts(self) -> Iterator[tuple[Structure, FloatArray, FloatArray]]:
+        """Yield structure, parameters and covariance of each input."""
+        begin, parameters, covariance = 0, self.parameters, self.covariance
+        for each in self.structures:
+            rows = slice(begin, begin + each.size)
+            yield each, parameters[rows], covariance[rows, rows]
+            begin += each.size
+
+    @property
+    def noise(self) -> NoiseModel | None:
+        """The model of the residual's noise; None during start-up."""
+        return None if self._now.recursion is None else self._now.recursion.noise_model
+
+    @property
+    def samples(self) -> int:
+        """Accepted samples."""
+        return self._now.samples
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Rejected samples by reason; those without an output count as accepted, too."""
+        return dict(self._now.rejected)
+
+    @property
+    def taken(self) -> int:
+        """Samples given so far, rejected ones included: where to go on after an interrupt."""
+        state = self._now
+        return state.samples + sum(state.rejected.values()) - state.rejected["no output"]
+
+    @property
+    def adapting(self) -> bool:
+        """Whether the estimate follows the samples, or is frozen."""
+        return self._now.adapts
+
+    @property
+    def status(self) -> str:
+        """One of "starting", "running", or "diverged": an update was undone because it would have left float64."""
+        known = self._now.recursion
+        return "starting" if known is None else "diverged" if known.counts[2] else "running"
+
+    @property
+    def model(self) -> RowModel:
+        """What is worth keeping: each G(s) with working point, joint uncertainty, noise model, fit and verdict.
+
+        Fit and working point are those of the newest samples, at most 10000.
+
+        Raises
+        ------
+        InvalidArgumentError
+            While there is no estimate; see `has_model`.
+        """
+        state = self._now
+        found = state.newest()
+        if found is None:
+            raise InvalidArgumentError(f"there is no model of the newest samples: {self.assess().reasons[0]}")
+        ready, row, estimate, verdict = found
+        simulated = ready.simulated(row, estimate.point, estimate.noise)
+        fits = fit_percent(state.kept.values[-RECENT:, -2], simulated), one_step_percent(row, estimate.point)
+        made = Provenance("recursive srivc", samples=state.samples)
+        return row_model(row, ready, estimate, self.dt, "y", fits, verdict, made)
+
+    def assess(self) -> Verdict:
+        """Return the verdict: whether to trust the estimate, and why in plain words.
+
+        It is made from the newest samples, at most 10000; the state stays as it is.
+        """
+        state = self._now
+        found = state.newest()
+        if found is not None:
+            return found[-1]
+        reason = f"starting: {state.kept.measured} of the {state.solve_at} outputs for the first model"
+        if self.has_model:
+            reason = "the newest samples have too few outputs"
+        return Verdict("converging", (reason if state.samples else "no sample yet",))
+
+    def __repr__(self) -> str:
+        pairs = zip(self._settings.input_names, self.transfer_functions, strict=True) if self.has_model else ()
+        lines = [f"\n  {name}: {g}" for name, g in pairs]
+        return f"<Identifier of {len(self.structures)} inputs, {self.samples:,} samples, {self.status}{''.join(lines)}>"

@@ -1,0 +1,114 @@
+"""The checkpoint of an identifier of several inputs: its settings, samples and recursion, to the bit."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from replant.arguments import FloatArray, one_of
+from replant.assessment.verdict import STATUSES, Finding
+from replant.checkpoint.encoding import ARRAYS, ROW
+from replant.errors import DamagedCheckpointError
+from replant.kernels.schema import LAGS
+from replant.limits import duration
+from replant.model.structure import Structure
+from replant.online.row_recursion import RowRecursion
+from replant.online.row_state import RowHistory, RowSettings, RowState
+from replant.simulation.branches import Branches
+from replant.statistics.autoregression import Autoregression
+
+#: The fields of a recursion that are arrays, and those that are numbers.
+VECTORS = "theta", "weights", "scale", "origin", "tail", "delta", "factor", "diagonal", "counts", "squares"
+NUMBERS = "dt", "size", "power", "level", "waits"
+#: The same of a noise model.
+OF_NOISE = "coefficients", "models", "powers", "sums"
+HOLDS = "zoh", "foh"
+COUNTS = "samples", "solve_at", "afresh_at"
+
+
+def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return settings and state as values of JSON, and as arrays."""
+    structures, dt, startup, history, hold, names = state.settings
+    plain: dict[str, Any] = {
+        "structures": [[each.poles, each.zeros, each.delay] for each in structures],
+        "dt": dt, "startup": startup, "history": history, "hold": hold, "names": names,
+        "rejected": state.rejected, "stamped": state.stamped, "adapts": state.adapts,
+        "findings": [[each.status, each.reason] for each in state.findings],
+        **{name: getattr(state, name) for name in COUNTS},
+    }  # fmt: skip
+    arrays, known = {"kept": state.kept.values}, state.recursion
+    if known is not None:
+        arrays |= {name: getattr(known, name) for name in VECTORS}
+        arrays["numbers"] = np.array([getattr(known, name) for name in NUMBERS])
+        arrays |= {f"noise.{name}": getattr(known.noise, name) for name in OF_NOISE}
+        arrays["noise"] = np.array([known.noise.power, known.noise.count])
+        arrays |= {f"{name}.{i}": each for i, states in enumerate(known.models.arrays) for name, each in states.items()}
+    return plain, arrays
+
+
+def restored(attributes: dict[str, Any]) -> RowState:
+    """Return the state in the content of a checkpoint, checked."""
+    try:
+        return _restored(attributes[ROW], attributes[ARRAYS])
+    except DamagedCheckpointError:
+        raise
+    except Exception as error:  # a forged header fails with almost any exception
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise DamagedCheckpointError(f"it does not describe an identifier of this version ({reason[:120]})") from error
+
+
+def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
+    structures = tuple(Structure(*each) for each in plain["structures"])
+    hold, names = one_of("input_hold", plain["hold"], HOLDS), tuple(map(str, plain["names"]))
+    settings = RowSettings(structures, duration("dt", plain["dt"]), plain["startup"], plain["history"], hold, names)
+    kept, state = arrays.pop("kept"), RowState.of(settings)
+    _check("kept", kept, (len(kept), len(structures) + 2))
+    counts = [settings.startup, settings.history, *(plain[name] for name in COUNTS), *plain["rejected"].values()]
+    if any(type(each) is not int or each < 0 for each in counts) or set(plain["rejected"]) != set(state.rejected):
+        raise DamagedCheckpointError("its counts are not valid")
+    if len(kept) > settings.history or any(status not in STATUSES for status, _ in plain["findings"]):
+        raise DamagedCheckpointError("its samples or findings are not valid")
+    return replace(
+        state, kept=RowHistory(kept, settings.history, 0, len(kept)), rejected=plain["rejected"],
+        stamped=plain["stamped"], adapts=bool(plain["adapts"]), **{name: plain[name] for name in COUNTS},
+        findings=tuple(Finding(*map(str, each)) for each in plain["findings"]),
+        recursion=_recursion(structures, hold, arrays) if arrays else None,
+    )  # fmt: skip
+
+
+def _recursion(structures: tuple[Structure, ...], hold: str, arrays: dict[str, FloatArray]) -> RowRecursion:
+    coefficients, states = sum(each.size for each in structures), 1 + sum(each.poles for each in structures)
+    size, lags = coefficients + states, LAGS + 1
+    shapes = {
+        "theta": (coefficients,), "weights": (states,), "scale": (coefficients,), "origin": (len(structures),),
+        "tail": (LAGS, size + 1), "delta": (size,), "factor": (size, size), "diagonal": (size,), "counts": (3,),
+        "squares": (1,), "numbers": (len(NUMBERS),), "noise.models": (lags, lags), "noise.powers": (lags,),
+        "noise.sums": (lags, lags), "noise": (2,),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        _check(name, arrays[name], shape)
+    if arrays["counts"].dtype.kind != "i" or not 0 <= arrays["counts"][0] <= LAGS:
+        raise DamagedCheckpointError("its counts are not valid")
+    order = arrays["noise.coefficients"].size - 1
+    if not 0 <= order <= LAGS or not (arrays["diagonal"] >= 0.0).all():
+        raise DamagedCheckpointError("its numbers are not valid")
+    numbers = dict(zip(NUMBERS, arrays["numbers"].tolist(), strict=True))
+    models = Branches(structures, numbers["dt"], hold)
+    for i, each in enumerate(models.arrays):
+        for name, fresh in each.items():
+            given = arrays[f"{name}.{i}"]
+            _check(name, given, fresh.shape)
+            fresh[:] = given
+    if not models.are_sound:
+        raise DamagedCheckpointError("its state points outside of its arrays")
+    power, count = arrays["noise"].tolist()
+    noise = Autoregression(power=power, count=count, **{name: arrays[f"noise.{name}"] for name in OF_NOISE})
+    fields: dict[str, Any] = {**numbers, **{name: arrays[name] for name in VECTORS}}
+    return RowRecursion(noise=noise, models=models, **fields)
+
+
+def _check(name: str, array: FloatArray, shape: tuple[int, ...]) -> None:
+    if array.shape != shape:
+        raise DamagedCheckpointError(f"its {name} have the shape {array.shape}, and its settings need {shape}")

@@ -1,0 +1,263 @@
+"""What an identification of several inputs knows, and how samples change it.
+
+Each time that the record has grown by `GROWTH` it is solved again as a whole; in between a recursion follows.  Nothing
+is changed in place: a sample makes another state, so that whoever is interrupted has the state before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from replant.arguments import BoolArray, FloatArray
+from replant.assessment.row_tests import controlled
+from replant.assessment.verdict import Finding, Verdict
+from replant.engine.dimensions import RECENT
+from replant.kernels.schema import LARGEST
+from replant.model.structure import Structure
+from replant.offline.row_solve import RowEstimate, solve_row
+from replant.offline.row_start import start
+from replant.offline.row_verdict import judged
+from replant.online.row_recursion import RowRecursion
+from replant.simulation.row import Point, Row, RowRecord, evaluate
+from replant.statistics.autoregression import Autoregression
+from replant.statistics.linear_algebra import quiet
+
+GROWTH = 1.3
+"""Growth of the record after which it is solved again [ratio of lengths].
+Origin: two heaters with time constants of 196 and 679 s; at 2 a slow branch was lost beside correlated inputs and noise
+with a pole at .9.
+Sensitivity: see origin; halved, it takes twice the time.
+"""
+
+AFRESH = 3000
+"""Samples up to which a solution begins afresh, too, each time that they have doubled [samples].
+Origin: of random rows none needed a start after as many: the present estimate is then the best begin.
+Sensitivity: not measured.
+"""
+
+REASONS = "not finite", "too large", "not later", "no output"
+ROOM = 256  # rows that there is room for at first [samples]
+
+
+class RowSettings(NamedTuple):
+    """The settings of an identification: sampling time in s; outputs for the first model; raw samples kept; names."""
+
+    structures: tuple[Structure, ...]
+    dt: float
+    startup: int
+    history: int
+    input_hold: str
+    input_names: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """How many parameters there are."""
+        return sum(each.size for each in self.structures)
+
+
+@dataclass(frozen=True, eq=False)
+class RowHistory:
+    """The newest samples, at most ``most``; rows behind ``end`` belong to whoever appends to the newest history.
+
+    Attributes
+    ----------
+    rows : (R, q + 2) array
+        Inputs, output, time in s.
+    begin, end, most : int
+    """
+
+    rows: FloatArray
+    most: int
+    begin: int = 0
+    end: int = 0
+
+    @property
+    def values(self) -> FloatArray:
+        """The rows (K, q + 2)."""
+        return self.rows[self.begin : self.end]
+
+    @property
+    def measured(self) -> int:
+        """How many of them have an output."""
+        return int(np.isfinite(self.values[:, -2]).sum())
+
+    def with_more(self, rows: FloatArray) -> RowHistory:
+        """Return the history with further rows (K, q + 2)."""
+        room, begin, end = self.rows, self.begin, self.end
+        if end + len(rows) > len(room):
+            room = np.empty((max(ROOM, 2 * (end - begin + len(rows))), room.shape[1]))
+            room[: end - begin] = self.values
+            begin, end = 0, end - begin
+        room[end : end + len(rows)] = rows
+        end += len(rows)
+        return RowHistory(room, self.most, max(begin, end - self.most), end)
+
+    def copy(self) -> RowHistory:
+        """Return a history that is appended to by itself."""
+        return RowHistory(self.values.copy(), self.most, 0, self.end - self.begin)
+
+
+@dataclass(frozen=True, eq=False)
+class RowState:
+    """All that an identification knows.
+
+    Attributes
+    ----------
+    settings : RowSettings
+    kept : RowHistory
+    samples : int
+        Accepted so far.
+    solve_at : int
+        Samples, at first outputs, at which the record is solved again; 0: never.
+    afresh_at : int
+        Samples from which on a solution begins afresh, too.
+    rejected : dict
+    stamped : bool or None
+        Whether samples come with a time stamp; None before the first.
+    adapts : bool
+    recursion : RowRecursion or None
+        None before the first model.
+    findings : tuple of Finding
+        Of the last solution.
+    """
+
+    settings: RowSettings
+    kept: RowHistory
+    solve_at: int
+    samples: int = 0
+    afresh_at: int = 0
+    rejected: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
+    stamped: bool | None = None
+    adapts: bool = True
+    recursion: RowRecursion | None = None
+    findings: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(cls, settings: RowSettings) -> RowState:
+        """Return the state before the first sample."""
+        rows = np.empty((0, len(settings.structures) + 2))
+        return cls(settings, RowHistory(rows, settings.history), settings.startup)
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The estimate (P,); zero while there is none."""
+        return np.zeros(self.settings.size) if self.recursion is None else self.recursion.parameters
+
+    @quiet
+    def take(
+        self, u: FloatArray, y: FloatArray, t: FloatArray | None, errors: FloatArray, estimates: FloatArray
+    ) -> tuple[RowState, int]:
+        """Take samples up to one at which the record is to be solved; return the state after it and how many they were.
+
+        ``errors`` (K,), which are NaN, and ``estimates`` (K, P) are written.
+        """
+        usable, reasons = self._screened(u, y, t)
+        counted = usable & np.isfinite(y) if self.recursion is None else usable
+        before = self.kept.measured if self.recursion is None else self.samples
+        reached = np.flatnonzero(np.cumsum(counted) >= self.solve_at - before) if self.solve_at else np.zeros(0, int)
+        end = int(reached[0]) + 1 if reached.size else y.size
+        rows = np.flatnonzero(usable[:end])
+        rejected = {name: self.rejected[name] + int(each[:end].sum()) for name, each in reasons.items()}
+        clock = np.zeros(rows.size) if t is None else t[rows]
+        kept = self.kept.with_more(np.column_stack([u[rows], y[rows], clock]))
+        stamped = t is not None if rows.size else self.stamped
+        new = replace(self, kept=kept, samples=self.samples + rows.size, rejected=rejected, stamped=stamped)
+        estimates[:end] = self.parameters
+        if self.recursion is not None and rows.size:
+            last = self.kept.values[-1:, -1]
+            intervals = np.full(rows.size, self.settings.dt) if t is None else np.diff(clock, prepend=last)
+            recursion, errors[rows], after = self.recursion.take(u[rows], y[rows], intervals, learns=self.adapts)
+            newest = np.cumsum(usable[:end]) - 1  # the estimate after a sample is that after the last usable one
+            estimates[:end][newest >= 0] = after[newest[newest >= 0]]
+            new = replace(new, recursion=recursion)
+        if reached.size:
+            new = new.solved()
+            estimates[end - 1] = new.parameters
+        return new, end
+
+    def _screened(self, u: FloatArray, y: FloatArray, t: FloatArray | None) -> tuple[BoolArray, dict[str, BoolArray]]:
+        """Return which samples (K,) can be used, and which each reason turns away."""
+        missing, clock = np.isnan(y), np.zeros(y.size) if t is None else t
+        signals = np.column_stack([u, np.where(missing, 0.0, y)])
+        finite = np.isfinite(signals).all(axis=1) & np.isfinite(clock)
+        small = (np.abs(signals) <= LARGEST).all(axis=1)
+        usable, late = finite & small, np.zeros(y.size, bool)
+        if t is not None:
+            last = self.kept.values[-1, -1] if self.samples else -math.inf
+            newest = np.maximum.accumulate(np.concatenate([[last], np.where(usable, t, -math.inf)]))[:-1]
+            late = usable & ~(t > newest)
+            usable = usable & ~late
+        return usable, dict(zip(REASONS, (~finite, finite & ~small, late, usable & missing), strict=True))
+
+    def solved(self) -> RowState:
+        """Return the state after the record is solved, where that is possible, and when that is due again."""
+        whole, starting = self.samples <= len(self.kept.values), self.recursion is None
+        later = math.ceil(GROWTH * (self.kept.measured if starting else self.samples))
+        new = replace(self, solve_at=later if later <= min(RECENT, self.settings.history) or starting else 0)
+        if not (self.adapts and whole):
+            return new
+        ready, row = self.record()
+        if row.count <= row.nuisances + self.settings.size:
+            return new
+        again: Callable[..., list[Point]] = _nothing
+        if starting or self.afresh_at <= self.samples <= AFRESH:
+            new = replace(new, afresh_at=2 * self.samples)
+
+            def again(noise: Autoregression | None = None) -> list[Point]:
+                return start(row.structures, row.record, row.inputs, noise)
+
+        present = []
+        if self.recursion is not None and row.is_stable(self.parameters):
+            present = [evaluate(row, self.parameters, self.recursion.noise)]
+        begins = [*again(), *present]
+        if not begins:
+            return new
+        found = solve_row(row, begins, lambda noise: [*again(noise), *present])
+        return replace(new, recursion=self._behind(ready, row, found), findings=found.findings)
+
+    def _behind(self, ready: RowRecord, row: Row, found: RowEstimate) -> RowRecursion:
+        """Return the recursion that has taken what is behind the last stretch of a record, too."""
+        recursion = RowRecursion.of(row, found, ready.level)
+        end = int(np.flatnonzero(ready.used)[row.stretches[-1].rows.stop - 1]) + 1
+        rest = self.kept.values[end:]
+        if not len(rest):
+            return recursion
+        intervals = np.diff(self.kept.values[end - 1 :, -1]) if self.stamped else np.full(len(rest), self.settings.dt)
+        return recursion.take(rest[:, :-2], rest[:, -2], intervals)[0]
+
+    def record(self, most: int | None = None) -> tuple[RowRecord, Row]:
+        """Return the samples kept, or the newest of them, as a record."""
+        values = self.kept.values if most is None else self.kept.values[-most:]
+        u, y, stamps = values[:, :-2].copy(), values[:, -2].copy(), values[:, -1].copy() if self.stamped else None
+        settings = self.settings
+        ready = RowRecord.of(u, y, settings.dt, stamps, settings.input_hold)
+        return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names)
+
+    @quiet
+    def newest(self) -> tuple[RowRecord, Row, RowEstimate, Verdict] | None:
+        """Return the newest samples, what the estimate is over them, and the verdict; None where they are too few."""
+        known = self.recursion
+        if known is None:
+            return None
+        if np.isfinite(self.kept.values[-RECENT:, -2]).sum() <= known.delta.size:
+            return None
+        ready, row = self.record(RECENT)
+        if row.count <= row.nuisances:
+            return None
+        point = evaluate(row, known.parameters, known.noise)
+        point = evaluate(row, known.parameters, known.noise, point)  # with the initial states of the first
+        # without a noise model the error has a colour, and inputs seem to answer to it
+        findings = [*(self.findings or controlled(row, point, known.noise))]
+        if known.counts[2]:
+            findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
+        found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
+        return ready, row, found, judged(row, ready.record, point, known.noise, known.covariance, list(found.findings))
+
+
+def _nothing(noise: Any = None) -> list[Any]:
+    return []

@@ -1,0 +1,222 @@
+"""`Identifier` of several inputs: each transfer function has poles and a dead time of its own."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from offline.test_several_inputs import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
+from replant.arguments import FloatArray
+from replant.statistics.linear_algebra import chi2_quantile
+from support.cases import every
+
+SAMPLES = 1500
+
+
+def begun(**more: Any) -> Any:
+    return rp.Identifier(**ASKED, dt=DT, **more)
+
+
+def record(seed: int, samples: int = SAMPLES, pole: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    u = toggling(seed, samples=samples)
+    return u, noisy(seed, row_of(u, FAST, SLOW), pole)
+
+
+def distance(found: Any, true: FloatArray = TRUE) -> float:
+    error = found.parameters - true
+    return float(error @ np.linalg.solve(found.covariance, error))
+
+
+def test_a_row_without_noise_is_found_exactly() -> None:
+    u = toggling(0, samples=SAMPLES)
+    ident = begun()
+    trace = ident.update_many(u, row_of(u, FAST, SLOW))
+    assert ident.parameters == pytest.approx(TRUE, rel=1e-6)
+    assert ident.names == trace.names == ("a1.u1", "a0.u1", "b0.u1", "a0.u2", "b0.u2")
+    assert np.abs(trace.errors[600:]).max() < 1e-5
+    assert np.isnan(trace.errors[:500]).all()
+    assert not trace.parameters[:499].any()
+
+
+@every("pole", [0.0, 0.9])
+def test_between_two_solutions_the_recursion_is_what_a_solution_would_be(pole: float) -> None:
+    """They differ by the colour that the newest samples add, and by the curvature: by little beside the deviation."""
+    u, y = record(1, pole=pole)
+    ident = begun()
+    ident.update_many(u, y)
+    fitted = rp.fit(u, y, DT, **ASKED)
+    std = np.sqrt(np.diag(fitted.covariance))
+    assert np.abs((ident.parameters - fitted.parameters) / std).max() < 0.5
+    assert np.sqrt(np.diag(ident.covariance)) == pytest.approx(std, rel=0.2)
+    assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
+    assert ident.noise.order == fitted.noise.order == (pole > 0.0)
+    ident.finish()
+    assert np.abs((ident.parameters - fitted.parameters) / std).max() < 0.02
+
+
+def test_of_a_long_record_the_newest_samples_are_learned_though_it_is_not_solved(monkeypatch: Any) -> None:
+    monkeypatch.setattr("replant.online.row_state.RECENT", 2000)
+    u, y = record(2, 5000)
+    ident = begun()
+    ident.update_many(u, y)
+    fitted = rp.fit(u, y, DT, **ASKED)
+    assert np.sqrt(np.diag(ident.covariance)) == pytest.approx(np.sqrt(np.diag(fitted.covariance)), rel=0.3)
+    assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
+
+
+@pytest.fixture(scope="module")
+def awkward() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Outputs and inputs that are missing, a gap, stamps that jitter and one that does not advance."""
+    u, y = record(3, 1200)
+    t = DT * np.arange(1200) + 0.2 * DT * np.random.default_rng(3).uniform(size=1200)
+    y[[0, 3, 560, 561, 900]], u[[40, 700], [0, 1]], t[800] = np.nan, np.inf, t[799]
+    t[1000:] += 30.0
+    return u, y, t
+
+
+@every("stamped", [False, True])
+def test_chunks_of_any_size_give_the_same_bits(awkward: Any, stamped: bool) -> None:
+    u, y, t = awkward
+    whole, chunks, single = begun(), begun(), begun()
+    trace = whole.update_many(u, y, t if stamped else None)
+    parts = [slice(begin, begin + 97) for begin in range(0, 1200, 97)]
+    joined = [chunks.update_many(u[rows], y[rows], t[rows] if stamped else None) for rows in parts]
+    errors = [single.update(tuple(u[k]), y[k], t[k] if stamped else None) for k in range(1200)]
+    assert whole.to_bytes() == chunks.to_bytes() == single.to_bytes()
+    assert np.array_equal(np.concatenate([each.errors for each in joined]), trace.errors, equal_nan=True)
+    assert np.array_equal(np.array(errors), trace.errors, equal_nan=True)
+    assert np.array_equal(np.concatenate([each.parameters for each in joined]), trace.parameters)
+
+
+def test_what_cannot_be_used_is_counted_and_changes_nothing(awkward: Any) -> None:
+    u, y, t = awkward
+    ident = begun()
+    ident.update_many(u, y, t)
+    assert ident.rejected == {"not finite": 2, "too large": 0, "not later": 1, "no output": 5}
+    assert (ident.samples, ident.taken) == (1197, 1200)
+    before = ident.to_bytes()
+    for sample in (((1.0, np.nan), 2.0, 1e3), ((1.0, 2.0), np.inf, 1e3), ((1.0, 2.0), 2.0, np.nan), ((1, 1), 2, 0.0)):
+        assert np.isnan(ident.update(*sample))
+    ident.update((1e200, 0.0), 1.0, 1e3)
+    assert ident.rejected == {"not finite": 5, "too large": 1, "not later": 2, "no output": 5}
+    restored = rp.Identifier.from_bytes(before)
+    assert (restored.parameters == ident.parameters).all()
+    assert (restored.covariance == ident.covariance).all()
+
+
+def test_behind_a_gap_the_state_is_estimated_anew() -> None:
+    u, y = record(4, 2000)
+    t = DT * np.arange(2000)
+    kept = np.r_[0:800, 1200:2000]
+    ident = begun(startup=700)  # solved again with 910 samples
+    ident.update_many(u[kept][:900], y[kept][:900], t[kept][:900])
+    fitted = rp.fit(u[kept][:900], y[kept][:900], DT, t=t[kept][:900], **ASKED)
+    std = np.sqrt(np.diag(fitted.covariance))
+    assert np.abs((ident.parameters - fitted.parameters) / std).max() < 0.5
+    trace = ident.update_many(u[kept][900:], y[kept][900:], t[kept][900:])
+    assert np.nanstd(trace.errors[-300:]) < 1.2 * np.sqrt(ident.noise.residual_variance)
+    assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
+
+
+def test_a_checkpoint_goes_on_to_the_bit(tmp_path: Path) -> None:
+    u, y = record(5)
+    whole, ident = begun(), begun()
+    whole.update_many(u, y)
+    for cut in ((0, 300), (300, 620), (620, 1400)):
+        ident.update_many(u[slice(*cut)], y[slice(*cut)])
+        ident.save(tmp_path / "row", {"sequence": cut[1]})
+        ident = rp.load(tmp_path / "row")
+    twins = copy.deepcopy(ident), ident.clone(), pickle.loads(pickle.dumps(ident))
+    for each in (ident, *twins):
+        each.update_many(u[1400:], y[1400:])
+        assert each.to_bytes() == whole.to_bytes()
+    damaged = bytearray(whole.to_bytes())
+    damaged[len(damaged) // 2] ^= 1
+    with pytest.raises(rp.DamagedCheckpointError, match="checksum"):
+        rp.Identifier.from_bytes(bytes(damaged))
+
+
+def test_the_model_is_that_of_the_samples_so_far() -> None:
+    u, y = record(6)
+    ident = begun()
+    assert (ident.status, ident.has_model, ident.assess().status) == ("starting", False, "converging")
+    with pytest.raises(rp.InvalidArgumentError, match="no sample yet"):
+        _ = ident.model
+    ident.update_many(u[:100], y[:100])
+    assert "100 of the 500 outputs" in ident.assess().reasons[0]
+    ident.update_many(u[100:], y[100:])
+    model = ident.model
+    assert (model.parameters == ident.parameters).all()
+    assert model.verdict.status == ident.assess().status == "trusted"
+    assert (model.covariance == ident.covariance).all()
+    assert model.simulated_fit == pytest.approx(rp.fit(u, y, DT, **ASKED).fit, abs=0.1)
+    assert rp.RowModel.from_json(model.to_json()) == model
+    assert [str(g) for g in ident.transfer_functions] == [str(g) for g in model.transfer_functions]
+    assert ident.uncertainty[1].std == pytest.approx(np.sqrt(np.diag(ident.covariance))[3:])
+    assert "u2: " in repr(ident)
+    assert model.provenance.samples == SAMPLES
+
+
+def test_a_frozen_estimate_rests_and_reset_forgets() -> None:
+    u, y = record(7)
+    ident = begun()
+    with pytest.raises(rp.InvalidArgumentError, match="freezing needs a model"):
+        ident.freeze()
+    ident.update_many(u[:600], y[:600])
+    ident.freeze()
+    before = ident.parameters
+    ident.update_many(u[600:1000], y[600:1000])
+    assert (ident.parameters == before).all()
+    assert not ident.adapting
+    ident.resume()
+    ident.update_many(u[1000:], y[1000:])
+    assert (ident.parameters != before).all()
+    ident.reset()
+    assert ident.to_bytes() == begun().to_bytes()
+
+
+def test_an_input_that_rests_is_named() -> None:
+    u = toggling(8, samples=SAMPLES)
+    u[:, 1] = 3.0
+    ident = begun()
+    ident.update_many(u, noisy(8, row_of(u[:, :1], FAST)))
+    assert ident.assess().status == "not excited"
+
+
+@every(
+    "call, words",
+    [
+        (lambda: rp.Identifier(poles=(1, 1)), "give the sampling time"),
+        (lambda: rp.Identifier(poles=1, zeros=(0, 0), dt=DT), "poles has 1 entry|give the number of poles of each"),
+        (lambda: rp.Identifier(poles=(1, 1), delay=(0.1,), dt=DT), "delay has 1 entry and u 2 inputs"),
+        (lambda: rp.Identifier(poles=(6, 6), dt=DT), "at most 10 in all, got 12"),
+        (lambda: rp.Identifier(poles=(1, 1), dt=DT, optimizer="adam"), "several inputs take no optimizer yet"),
+        (lambda: rp.Identifier(poles=(1, 1), dt=DT, history=100), "history must be at least 10000"),
+        (lambda: begun(input_names=("Q1", "Q1")), "input_names must be 2 different names"),
+        (lambda: begun(input_hold="spline"), "input_hold must be one of"),
+        (lambda: begun().update(1.0, 2.0), r"u must be a number for each of 2 inputs"),
+        (lambda: begun().update((1.0, 2.0, 3.0), 2.0), "a number for each of 2 inputs"),
+        (lambda: begun().update((1.0, "x"), 2.0), "u must hold real numbers"),
+        (lambda: begun().update((1.0, 1.0), 2.0, r=1.0), "several inputs take no reference yet"),
+        (lambda: begun().update_many(np.zeros((3, 2)), np.zeros(2)), "of 2 samples|for 2 outputs"),
+    ],
+)
+def test_what_does_not_match_is_named_in_a_line(call: Any, words: str) -> None:
+    with pytest.raises(rp.ReplantError, match=words) as caught:
+        call()
+    assert "\n" not in str(caught.value)
+
+
+def test_stamps_come_with_every_sample_or_with_none() -> None:
+    ident = begun()
+    ident.update((1.0, 2.0), 3.0)
+    before = ident.to_bytes()
+    with pytest.raises(rp.InvalidArgumentError, match="give t with every sample"):
+        ident.update((1.0, 2.0), 3.0, 0.1)
+    assert ident.to_bytes() == before
