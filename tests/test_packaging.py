@@ -287,7 +287,12 @@ def installed_by(requirement: str, found: dict[str, metadata.Distribution]) -> N
                 installed_by(line, found)
 
 
-@every("extra", EXTRAS)
+def test_what_developers_install_has_all_extras_but_the_peers() -> None:
+    (everything,) = [Requirement(line) for line in EXTRAS["dev"] if line.startswith("replant[")]
+    assert set(everything.extras) == set(EXTRAS) - {"dev", "peers"}
+
+
+@every("extra", ["dev", "peers"])
 def test_the_licence_of_all_that_an_extra_installs_is_known(extra: str) -> None:
     found: dict[str, metadata.Distribution] = {}
     try:

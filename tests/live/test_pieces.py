@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import replant as rp
 from replant.live.dashboard.app import python_of
 from replant.live.dashboard.hub import Hub
 from replant.live.observer.make_view import EstimateHistory, bode_of, make_view, step_of, truth_of
@@ -105,6 +106,12 @@ def test_progress_through_a_checkpoint() -> None:
     assert again == Progress(taken=3, at=0.5, sequence=7, earlier={"lost": 1})
     assert Progress(earlier={"lost": 2, "duplicate": 1}).counted({"lost": 3}) == {"lost": 5, "duplicate": 1}
     assert resume(Path("no-such-file.replant"), Request(Structure(1), dt=0.1)) is None
+
+
+def test_a_checkpoint_of_several_inputs_is_refused_in_a_line(tmp_path: Path) -> None:
+    rp.Identifier(poles=(1, 1), dt=0.1).save(tmp_path / "row")
+    with pytest.raises(rp.InvalidArgumentError, match=r"row: the checkpoint is of several inputs"):
+        resume(tmp_path / "row", Request(Structure(1), dt=0.1))
 
 
 def test_the_lag_is_the_age_of_the_oldest_sample() -> None:

@@ -27,9 +27,9 @@ from replant.assessment.estimate_tests import (
     movement_findings,
     uncertainty_findings,
 )
-from replant.assessment.evidence import FEWEST, LEAST_POWER, PER_COEFFICIENT, RESTING, Evidence
+from replant.assessment.evidence import FEWEST, LEAST_POWER, PER_COEFFICIENT, RESTING, Evidence, moving
 from replant.assessment.judge import POOREST_FIT, judge
-from replant.assessment.record_tests import REFUSED, Excitation, clock_finding, guard_findings, level_finding
+from replant.assessment.record_tests import REFUSED, Excitation, clock_finding, guard_findings, level_finding, rested
 from replant.assessment.verdict import Assessment, Finding, conclude, duration, percent
 from replant.engine.covariance import covariance, slowness
 from replant.engine.dimensions import FEWEST_JUDGED, RECENT
@@ -78,7 +78,10 @@ def assess_record(
     ('trusted', 100.0)
     """
     irregular = record.intervals.size > 1
-    looked_at = record.last(MOST_SAMPLES).answering(structure.delay)
+    rest = 0 if record.u.size <= MOST_SAMPLES else record.u.size - moving(record.u)
+    rest = rest if rest > MOST_SAMPLES // 2 else 0  # of a long rest half of what is looked at is enough
+    end = min(record.u.size - rest + MOST_SAMPLES // 2, record.u.size)
+    looked_at = record.first(end).last(MOST_SAMPLES).answering(structure.delay)
     evidence = Evidence(
         structure,
         dt,
@@ -97,7 +100,10 @@ def assess_record(
         since_change=since_change,
         usual_interval=usual_interval or (float(np.median(record.intervals[1:])) if irregular else 0.0),
     )
-    return judge(evidence)
+    verdict = judge(evidence)
+    if not rest:
+        return verdict
+    return replace(verdict, excited=False, reasons=(*verdict.reasons, rested(record.last(rest).span)))
 
 
 def assess_running(state: State, settings: Settings, history: int) -> Assessment:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from replant.arguments import FloatArray
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.newton_step import Distance, gain_findings, output_frequency
 from replant.assessment.newton_step import distance as distance_of
-from replant.assessment.verdict import ALPHA, MATTERS, Finding, figure, percent
+from replant.assessment.verdict import ALPHA, MATTERS, Assessment, Finding, figure, percent
 from replant.model.shared_root import cancelled_pole
 from replant.statistics.autoregression import one_step
 from replant.statistics.linear_algebra import chi2_quantile, inverse_of, roots
@@ -43,7 +43,7 @@ FARTHEST = 0.5 * math.sqrt(MATTERS)  # distance from what the samples give that 
 SUSPECT = 0.05  # chance of a distance by chance, of an estimate that noise biases: how much is asked [probability]
 INTEGRATOR_SIGMAS = 3.0  # distance from the origin below which a pole may be an integrator's [standard deviations]
 
-LONGER = re.compile(r"(?:record [\d.]+ times as long|take more samples), (?:or )?")  # as `_more` says it
+LONGER = re.compile(r"(?:(?:record|repeat it) [\w. ]+? times(?: as long)?|take more samples), (?:or )?")  # see `longer`
 
 
 @dataclass(frozen=True)
@@ -87,11 +87,14 @@ class Certainty:
         figures = {
             "uncertainty": uncertainty if cancelled is None else math.inf, "movement": sigmas, "distance": distance
         }  # fmt: skip
-        more = "take more samples" if not evidence.finished else ""
-        findings = uncertainty_findings(uncertainty, most, math.inf if closed else scatter, cancelled, slow, more)
+        more = "" if evidence.finished else "take more samples"
+        times = "repeat it {} times" if evidence.moving < evidence.samples / 2 else "record {} times as long"
+        findings = uncertainty_findings(
+            uncertainty, most, math.inf if closed else scatter, cancelled, slow, more, times
+        )
         if not scatter <= MOST_SCATTER:
             reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
-            reason += f": {more or longer(scatter, MOST_SCATTER)}, or move the input more"
+            reason += f": {more or longer(scatter, MOST_SCATTER, times)}, or move the input more"
             findings.append(Finding("converging", reason))
         if cancelled is None or _shows(runs):
             findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
@@ -169,19 +172,27 @@ def _scatter(
     return math.sqrt(max(made, 0.0)) / float(size.std()) if size.std() > 0.0 else math.inf
 
 
-def longer(uncertainty: float, most: float) -> str:
-    """Return in words how long another record has to be: a standard deviation falls as 1/sqrt(N)."""
-    return f"record {figure((uncertainty / most) ** 2)} times as long"
+def longer(uncertainty: float, most: float, times: str) -> str:
+    """Return in words how much of the same another record has to hold: a standard deviation falls as 1/sqrt(N).
+
+    Where the input rests for most of the record, more rest tells nothing: it is to be repeated.
+    """
+    return times.format(figure((uncertainty / most) ** 2))
+
+
+def without_longer(verdict: Assessment) -> Assessment:
+    """Return a verdict that does not ask for more of the same, where that would not help."""
+    return replace(verdict, reasons=tuple(LONGER.sub("", reason) for reason in verdict.reasons))
 
 
 def uncertainty_findings(
-    uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str, more: str
+    uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str, more: str, times: str = ""
 ) -> list[Finding]:
     """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
     if uncertainty <= most and cancelled is None:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
-    advice = f"{more or longer(uncertainty, most)}, move the input more, or ask for fewer poles and zeros"
+    advice = f"{more or longer(uncertainty, most, times)}, move the input more, or ask for fewer poles and zeros"
     if cancelled is not None:
         real = cancelled.real + 0.0  # not -0
         pole = f"a zero may cancel the pole near {real:.3g}"

@@ -163,10 +163,8 @@ class Evidence:
 
     @property
     def moving(self) -> int:
-        """Samples before the input came to rest: what follows stays within a hundredth of its amplitude."""
-        away = np.abs(self.record.u - self.record.u[-1])
-        far = np.flatnonzero(away > math.sqrt(LEAST_POWER * max(self.largest_power, float(np.var(self.record.u)))))
-        return int(far[-1]) + 1 if far.size else 0
+        """Samples before the input came to rest."""
+        return moving(self.record.u, self.largest_power)
 
     @property
     def was_trusted(self) -> bool:
@@ -234,6 +232,12 @@ class Runs:
             return largest
         made = np.abs(step[n:]) * self.now.zeta[:, n:].std(axis=0) / output
         return max(largest, 0.5 * float(made.max()))
+
+
+def moving(u: FloatArray, power: float = 0.0) -> int:
+    """Return how many samples (K,) come before an input stays within a hundredth of its amplitude."""
+    far = np.flatnonzero(np.abs(u - u[-1]) > math.sqrt(LEAST_POWER * max(power, float(np.var(u)))))
+    return int(far[-1]) + 1 if far.size else 0
 
 
 def _power_of_two(signal: FloatArray) -> float:

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from replant.assessment import record_tests
-from replant.assessment.estimate_tests import Certainty, slow_noise
+from replant.assessment.estimate_tests import Certainty, slow_noise, without_longer
 from replant.assessment.evidence import LEAST_POWER, RESTING, Evidence, Runs
 from replant.assessment.input_faults import actuator_findings, dead_time_findings, hold_findings
 from replant.assessment.loop_tests import COLOURED, Loop, Reference, unexplained_by_reference
@@ -102,7 +102,9 @@ def _judged(evidence: Evidence) -> Assessment:
             in_favour = _in_favour(evidence, loop, figures)
     findings += _of_guard(evidence)
     figures["excited"] = not _lacks_excitation(findings)
-    return Assessment(*conclude(findings, in_favour), **figures)
+    verdict = Assessment(*conclude(findings, in_favour), **figures)
+    # more samples do not make a model right that they speak against
+    return without_longer(verdict) if verdict.status == "inconsistent" else verdict
 
 
 def _lacks_excitation(findings: list[Finding]) -> bool:
@@ -118,8 +120,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
     if np.ptp(whole) <= RESTING * np.abs(whole).max():
         reason = "the input is constant: move it"
         if evidence.largest_power > (RESTING * float(np.abs(u).max())) ** 2:
-            rested = duration(evidence.seconds(evidence.samples))
-            reason = f"the input has rested for the last {rested} and more: move it to learn more"
+            reason = record_tests.rested(evidence.seconds(evidence.samples))
         return [*findings, Finding("not excited", reason)]
     if evidence.counted < evidence.enough:
         since = "" if evidence.in_sample else " (since the last interruption)"

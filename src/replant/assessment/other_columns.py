@@ -22,7 +22,7 @@ import numpy as np
 
 from replant.arguments import FloatArray
 from replant.assessment.assess import MOST_SAMPLES
-from replant.assessment.estimate_tests import LONGER
+from replant.assessment.estimate_tests import without_longer
 from replant.assessment.evidence import Evidence, Runs
 from replant.assessment.loop_tests import Reference, answer
 from replant.assessment.score_test import Explained, Part, Residual, dynamics, known_columns, power_of, residual_of
@@ -189,7 +189,7 @@ def with_other_columns(verdict: Assessment, found: tuple[OtherColumn, ...]) -> A
     if not found:
         return verdict
     named = [each.reason for each in found]
-    reasons = tuple(LONGER.sub("", reason) for reason in verdict.reasons)
+    reasons = without_longer(verdict).reasons
     if any(each.bias > MATTERS for each in found) and verdict.status in ("trusted", "converging"):
         return replace(verdict, status="inconsistent", reasons=(*named, *reasons))
     leading = 1 if verdict.status == "trusted" else 0

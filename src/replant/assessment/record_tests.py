@@ -99,6 +99,11 @@ def guard_findings(missing: float, stuck: bool, grown: float, undecided: bool, t
     return findings
 
 
+def rested(seconds: float) -> str:
+    """Return what is said of an input that moved before so long a rest."""
+    return f"the input has rested for the last {duration(seconds)} and more: move it to learn more"
+
+
 def clock_finding(usual: float, dt: float) -> list[Finding]:
     """Return a finding if time stamps that are ``usual`` s apart contradict the sampling time ``dt``."""
     if abs(usual / dt - 1.0) <= MOST_UNCERTAIN:  # the coefficients are off by as much

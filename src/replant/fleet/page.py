@@ -7,7 +7,6 @@ import json
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
 from replant.fleet.work import Watched, one_thread, opened, result_of
 from replant.plotting.numbers import number
-from replant.report.page import asset, heading, icon, script, section, style, today, words
+from replant.report.page import asset, filled, heading, icon, page, script, section, words
 from replant.report.result_page import write_report
 
 WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and of the part for its axis [px]
@@ -97,24 +96,25 @@ def write_page(fleet: Fleet, compare: Fleet | None = None) -> Path:
     table = fleet.table()
     drift = None if compare is None else drift_between(compare, fleet)
     found = oddness_of(table, fleet.structure)
-    title = Path(fleet.logs).name or Path(fleet.logs).resolve().name or fleet.logs
-    page = Template(asset("fleet.html")).substitute(
-        title=html.escape(title),
-        heading=heading(title),
-        lede=html.escape(_lede(fleet, table)),
-        css=style() + asset("fleet.css"),
-        verdicts=_verdicts(fleet.verdicts),
-        odd=_odd(fleet, table, found),
-        drift="" if drift is None or compare is None else _drift(drift, compare),
-        histograms=_histograms(fleet, table),
-        table_note=html.escape(_table_note(table.num_rows)),
+    body = {
+        "verdicts": _verdicts(fleet.verdicts),
+        "odd": _odd(fleet, table, found),
+        "drift": "" if drift is None or compare is None else _drift(drift, compare),
+        "histograms": _histograms(fleet, table),
+        "table_note": html.escape(_table_note(table.num_rows)),
+    }
+    written = page(
+        title=Path(fleet.logs).name or Path(fleet.logs).resolve().name or fleet.logs,
+        eyebrow="Fleet",
+        lede=_lede(fleet, table),
+        body=filled("fleet.html", body),
+        css=asset("fleet.css"),
         data=_data(fleet, table, found),
-        script=script("format.js", "fleet.js"),
-        date=today(),
+        scripts=[script("format.js", "fleet.js")],
     )
     path = fleet.folder / PAGE
     with replacing(path) as new:
-        new.write_text(page, encoding="utf-8")
+        new.write_text(written, encoding="utf-8")
     return path
 
 
@@ -230,8 +230,8 @@ def _table_note(rows: int) -> str:
     )
 
 
-def _data(fleet: Fleet, table: Any, found: Oddness) -> str:
-    """Return the rows of the table as JSON that may stand in a page."""
+def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
+    """Return the rows of the table for the page's script."""
     order = found.order[:MOST_ROWS]
     verdicts, reasons = (table.column(name).to_pylist() for name in ("verdict", "reasons"))
     why = [
@@ -253,7 +253,7 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> str:
         path = report_path(rigs[row])
         link = path if rank <= MOST_LISTED and (fleet.folder / path).exists() else ""
         rows.append([rigs[row], rank, verdicts[row], distance[row], why[row], *(of[row] for of in rounded), link])
-    return json.dumps({"columns": columns, "rows": rows}, separators=(",", ":")).replace("<", "\\u003c")
+    return {"columns": columns, "rows": rows}
 
 
 def _rounded(values: FloatArray) -> list[float | None]:

@@ -65,8 +65,8 @@ def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     """Return the estimate that begins lead to; ``again`` gives those to begin at with a noise model."""
     free, point, noise = _likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
-    # in feedback the estimate without a noise model is that which is off
-    if findings or not (_differs(row, free, point) or any(lacking(row, point, noise))):
+    # without a noise model the two are the same; in feedback the estimate without one is that which is off
+    if findings or not noise.order or not (_differs(row, free, point) or any(lacking(row, point, noise))):
         return RowEstimate(point, noise, _covariance(row, point), findings)
     white = Autoregression.white(1.0, row.count)
     return RowEstimate(free, white, _covariance(row, free, noise_of(row, free)), (Finding("inconsistent", GIVEN_UP),))

@@ -28,7 +28,7 @@ import numpy as np
 
 from replant.arguments import BoolArray, FloatArray
 from replant.assessment.assess import MOST_SAMPLES
-from replant.assessment.estimate_tests import MOST_UNCERTAIN
+from replant.assessment.estimate_tests import MOST_UNCERTAIN, without_longer
 from replant.assessment.verdict import Assessment
 from replant.engine.record import Record
 from replant.kernels.schema import LAGS
@@ -180,6 +180,7 @@ def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: Floa
     if fewer is None:
         return verdict
     reason = f"with fewer poles the record is likelier: ask for {'one pole' if fewer == 1 else f'{fewer} poles'}"
+    verdict = without_longer(verdict)  # of a pole that is not there no record tells more
     reasons = (*verdict.reasons, reason) if verdict.status == "trusted" else (reason, *verdict.reasons)
     return replace(verdict, reasons=reasons)
 

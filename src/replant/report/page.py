@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import html
 import importlib.util
+import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import cache
 from importlib import resources
 from pathlib import Path
 from string import Template
+from typing import Any
 
 from replant.errors import MissingDependencyError
 
@@ -72,34 +74,42 @@ def script(*names: str) -> str:
     return f'(() => {{\n"use strict";\n{text}}})();\n'
 
 
-def style() -> str:
-    """Return the style sheet of every page."""
-    return asset("palette.css") + asset("report.css")
-
-
-def today() -> str:
-    """Return date and time for the foot of a page."""
-    return datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z")
-
-
 def heading(title: str) -> str:
     """Return an escaped title that may break after underscores: it is usually the name of a file."""
     return html.escape(title).replace("_", "_<wbr>")
 
 
-def write_page(path: Path, *, title: str, eyebrow: str, lede: str, body: str) -> Path:
-    """Write a page without scripts into one self-contained file, and return its path."""
-    page = Template(asset("page.html")).substitute(
-        title=html.escape(title),
-        heading=heading(title),
-        eyebrow=html.escape(eyebrow),
-        lede=html.escape(lede),
-        body=body,
-        css=style(),
-        date=today(),
-    )
+def filled(name: str, fields: Mapping[str, str]) -> str:
+    """Return a template in ``report/assets`` with its fields, which are HTML."""
+    return Template(asset(name)).substitute(fields)
+
+
+def page(
+    *, title: str, eyebrow: str, lede: str, body: str, css: str = "", data: Any = None, scripts: Sequence[str] = ()
+) -> str:
+    """Return a page that stands alone: ``data`` are for its scripts, which follow in their order."""
+    parts = [text.replace("</script", "<\\/script") for text in scripts]
+    told = json.dumps(data, separators=(",", ":")).replace("<", "\\u003c")
+    given = f'<script type="application/json" id="data">{told}</script>\n' if scripts else ""
+    fields = {
+        "title": html.escape(title),
+        "heading": heading(title),
+        "eyebrow": html.escape(eyebrow),
+        "lede": html.escape(lede),
+        "body": body,
+        "css": asset("palette.css") + asset("report.css") + css,
+        "policy": "script-src 'unsafe-inline';" if scripts else "",
+        "scripts": given + "".join(f"<script>\n{text}</script>\n" for text in parts),
+        "date": datetime.now().astimezone().strftime("%Y-%m-%d %H:%M %Z"),
+    }
+    return filled("page.html", fields)
+
+
+def write_page(path: Path, **parts: Any) -> Path:
+    """Write a page into one self-contained file, and return its path."""
+    text = page(**parts)
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
+    path.write_text(text, encoding="utf-8")
     return path
 
 

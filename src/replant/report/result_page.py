@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import html
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from string import Template
 from typing import Any
 
 import numpy as np
@@ -23,8 +21,7 @@ from replant.report import material as tables
 from replant.report import page_figures
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
 from replant.report.material import Material
-from replant.report.page import asset, code, folded, heading, icon, script, table, today, uplot, words
-from replant.report.page import style as page_style
+from replant.report.page import code, filled, folded, icon, script, table, uplot, words, write_page
 from replant.report.programs import run_as_python
 from replant.runs.result import Result
 from replant.settings import Settings
@@ -94,7 +91,8 @@ def write_report(
         python = python or run_as_python(result, log)
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     with np.errstate(all="ignore"):  # figures that are not finite are reported in words
-        fields = _fields(material, title or log.path.name or "Simulated record", command, python)
+        plots = page_figures.charts(material)
+        fields = _fields(material, plots, command, python)
         fields["verdict"] = _verdict(findings(result, len(log)), advice)
     fields["candidates"] = ""
     if candidates is not None:
@@ -104,22 +102,22 @@ def write_report(
         fields["candidates"] = folded("Structures tried", tried)
     with page_figures.look(), np.errstate(all="ignore"):
         fields["other_logs"] = section(validations)
-    page = Template(asset("report.html")).substitute(fields)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
-    return path
+    library, css = uplot()
+    return write_page(
+        path,
+        title=title or log.path.name or "Simulated record",
+        eyebrow="Identified model",
+        lede=_lede(material),
+        body=filled("report.html", fields),
+        css=css,
+        data=plots,
+        scripts=(library, script("format.js", "chart.js", "report.js")),
+    )
 
 
-def _fields(material: Material, title: str, command: str, python: str) -> dict[str, str]:
-    found = findings(material.result, len(material.log))
-    library, style_sheet = uplot()
-    plots = page_figures.charts(material)
+def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command: str, python: str) -> dict[str, str]:
     return {
-        "title": html.escape(title),
-        "heading": heading(title),
-        "lede": html.escape(_lede(material)),
-        "date": today(),
-        "model_note": _note(found),
+        "model_note": _note(findings(material.result, len(material.log))),
         "long": " long" if material.result.structure.poles > BESIDE else "",
         "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
@@ -128,11 +126,6 @@ def _fields(material: Material, title: str, command: str, python: str) -> dict[s
         "pole_table": tables.poles(material),
         "reproduce": folded("How to reproduce this", _reproduce(command, python)),
         "origin": folded("Record and versions", tables.origin(material)),
-        "uplot_css": style_sheet,
-        "css": page_style(),
-        "uplot_js": library.replace("</script", "<\\/script"),
-        "js": script("format.js", "chart.js", "report.js"),
-        "data": json.dumps(plots).replace("<", "\\u003c"),
     }
 
 

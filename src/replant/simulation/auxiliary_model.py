@@ -126,11 +126,7 @@ class AuxiliaryModel:
         return twin
 
     def run(self, theta: FloatArray, record: Record, by_reference: FloatArray | None = None) -> Pass:
-        """Run a model over a record from rest, each part behind a gap anew; see `_of_parts`.
-
-        Samples that answer to inputs before the record, because of a dead time, say nothing: their rows are zero, and
-        the initial state is that of the first sample after them.
-        """
+        """Run a model over a record from rest, each part anew; rows that answer to inputs before it are zero."""
         parts = record.parts
         if len(parts) > 1:
             explained = [None if by_reference is None else by_reference[rows] for rows in parts]

@@ -26,42 +26,19 @@ from replant.statistics.projections import lengths_of, orthogonal, products
 
 @dataclass(frozen=True, eq=False)
 class Stretch:
-    """A stretch without a gap; the offset and the initial states in it are its own.
+    """A stretch without a gap; the offset and the initial states in it are its own."""
 
-    Attributes
-    ----------
-    rows : slice
-        Of the whole record.
-    inputs : tuple of Record
-        One per input, whose outputs are zero.
-    y : (K,) array
-        Zero where not measured.
-    measured : (K,) array of bool
-        Which outputs were measured, and answer to inputs of the stretch.
-    known : (K,) array of int
-        Predecessors of each, see `Record.predecessors`.
-    """
-
-    rows: slice
-    inputs: tuple[Record, ...]
-    y: FloatArray
-    measured: BoolArray
-    known: IntArray
+    rows: slice  # of the whole record
+    inputs: tuple[Record, ...]  # one per input, whose outputs are zero
+    y: FloatArray  # (K,): zero where not measured
+    measured: BoolArray  # (K,): which outputs were measured, and answer to inputs of the stretch
+    known: IntArray  # (K,): predecessors of each, see `Record.predecessors`
 
 
 class Row:
-    """The structure of a row, one branch per input, and a record for it.
+    """The structure of a row, one branch per input, and a record for it with its inputs (K, q).
 
-    Attributes
-    ----------
-    structures : tuple of Structure
-    is_common : bool
-        Whether all branches share one denominator: theta then has it once.
-    record : Record
-    inputs : (K, q) array
-    names : tuple of str
-        Of the inputs.
-    stretches : tuple of Stretch
+    Where all branches share one ``common`` denominator, theta has it once.
     """
 
     def __init__(
@@ -152,27 +129,14 @@ class Row:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A model of a row and what it leaves.
+    """A model of a row and what it leaves, stretch by stretch; zero where nothing was measured."""
 
-    Attributes
-    ----------
-    theta : (P,) array
-    error, phi : list of (K,) and (K, P) arrays
-        Whitened, free of offset and initial states; zero where nothing was measured.
-    residual : list of (K,) arrays
-        Not whitened; zero where nothing was measured.
-    nuisances : list of (N,) arrays
-        Offset and initial states of each stretch.
-    cost : float
-        Sum of squares of ``error``.
-    """
-
-    theta: FloatArray
-    error: list[FloatArray]
-    phi: list[FloatArray]
-    residual: list[FloatArray]
-    nuisances: list[FloatArray]
-    cost: float
+    theta: FloatArray  # (P,)
+    error: list[FloatArray]  # (K,) each: whitened, free of offset and initial states
+    phi: list[FloatArray]  # (K, P) each: the same of the slopes
+    residual: list[FloatArray]  # (K,) each: not whitened
+    nuisances: list[FloatArray]  # (N,) each: offset and initial states
+    cost: float  # sum of squares of ``error``
 
     @property
     def information(self) -> FloatArray:
@@ -231,23 +195,12 @@ def noise_of(row: Row, point: Point) -> Autoregression:
 
 @dataclass(frozen=True, eq=False)
 class RowRecord:
-    """A record of several inputs made ready, and what it was made of.
+    """A record of several inputs made ready, and what it was made of."""
 
-    Attributes
-    ----------
-    record : Record
-        Its input is the first one.
-    inputs : (J, q) array
-    used : (K,) array of bool
-        The rows that have all inputs, from the first output to the last: those of the record.
-    level : float
-        Mean of the output, which was taken off.
-    """
-
-    record: Record
-    inputs: FloatArray
-    used: BoolArray
-    level: float
+    record: Record  # its input is the first one
+    inputs: FloatArray  # (J, q)
+    used: BoolArray  # (K,): the rows that have all inputs, from the first output to the last: those of the record
+    level: float  # mean of the output, which was taken off
 
     @classmethod
     def of(

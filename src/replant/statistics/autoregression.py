@@ -87,10 +87,7 @@ class Autoregression:
 
     @classmethod
     def of_covariances(cls, covariances: FloatArray) -> Autoregression:
-        """Return the model of order LAGS with these sums (LAGS + 1,) of e_k e_{k-lag}, by Levinson's recursion.
-
-        The ends of the sums' window leak: good for a residual that is nearly white, not for a smooth one.
-        """
+        """Return the model of order LAGS of sums (LAGS + 1,) of e_k e_{k-lag}, by Levinson; poor of a smooth one."""
         from replant.kernels.monitoring import scatter
 
         size = covariances.size
@@ -135,11 +132,6 @@ class Autoregression:
 
         A sample with j < p known predecessors is filtered by the best model of order j, whose residual has the larger
         variance V_j, and weighted by the root of V_p / V_j: the likelihood of an autoregression with a missing past.
-
-        >>> noise = np.random.default_rng(0).standard_normal(5000)
-        >>> model = Autoregression.of(np.convolve(noise, 0.9 ** np.arange(100)))
-        >>> model.whiten_known(np.ones(3), np.array([0, 1, 2])).round(1)
-        array([0.4, 0.1, 0.1])
         """
         if self.order == 0:
             return signals
@@ -153,11 +145,7 @@ class Autoregression:
         return np.asarray(result)
 
     def colour(self, signals: FloatArray) -> FloatArray:
-        """Return x / D(q) of ``signals`` (K, ...) along the first axis, from rest: (K, ...).
-
-        Least squares does not keep the roots of D inside the unit circle: those outside are mirrored, which leaves the
-        spectrum as it is.
-        """
+        """Return x / D(q) of ``signals`` (K, ...) from rest; roots of D outside the unit circle are mirrored."""
         from replant.kernels.filters.series import all_pole
 
         model, gain = _mirrored(self.coefficients)
@@ -191,10 +179,6 @@ def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
 
     Each is whitened by a noise model of its own: K / 2 log(power of the other / power of the one).  It does not depend
     on the unit; a residual that leaves float64 is the less likely one.
-
-    >>> white = np.random.default_rng(0).standard_normal(1000)
-    >>> round(likelihood_ratio(white, 1.1 * white), 4), round(1000 * math.log(1.1), 4)
-    (95.3102, 95.3102)
     """
     held, other_held = bool(np.isfinite(error).all()), bool(np.isfinite(other).all())
     if not (held and other_held):

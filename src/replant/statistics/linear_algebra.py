@@ -32,24 +32,14 @@ def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
 
 @quiet
 def real_coefficients(denominator: FloatArray, least: float) -> FloatArray:
-    """Return the coefficients (n,) of prod(s + abs(pole)).
-
-    It is the size that those of the denominator would have if all poles were real.
-
-    >>> real_coefficients(np.array([0.2, 4.0]), 0.1).round(9)
-    array([4., 4.])
-    """
+    """Return the coefficients (n,) of prod(s + abs(pole)): the size of a denominator's if all poles were real."""
     magnitudes = np.abs(roots(np.concatenate([[1.0], denominator])))
     return np.asarray(np.poly(-np.maximum(magnitudes, least))[1:])
 
 
 @quiet
 def eigenvalues(symmetric: FloatArray) -> FloatArray:
-    """Return the eigenvalues (T,) of a symmetric matrix (T, T), ascending; NaN where the matrix is not finite.
-
-    >>> eigenvalues(np.diag([2.0, 1.0])), eigenvalues(np.array([[np.inf]]))
-    (array([1., 2.]), array([nan]))
-    """
+    """Return the eigenvalues (T,) of a symmetric matrix (T, T), ascending; NaN where the matrix is not finite."""
     if not np.isfinite(symmetric).all():
         return np.full(len(symmetric), np.nan)
     try:
@@ -85,9 +75,6 @@ def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tup
     """Return the least-squares solution of least norm (P,), the rank, and the singular values of the columns.
 
     Without a solution these are zeros, 0, and an empty array.
-
-    >>> least_norm(np.array([[1.0, 1.0], [1.0, 1.0]]), np.array([2.0, 2.0]), 1e-12)[:2]
-    (array([1., 1.]), 1)
     """
     nothing = np.zeros(columns.shape[1]), 0, np.zeros(0)
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
@@ -114,12 +101,7 @@ def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
 
 @quiet
 def inverse_of(matrix: FloatArray) -> FloatArray:
-    """Return the inverse of a square matrix (T, T) whose rows and columns have units of their own; NaN if singular.
-
-    >>> inverse_of(np.array([[2.0, 0.0], [0.0, 1e-9]]))
-    array([[5.e-01, 0.e+00],
-           [0.e+00, 1.e+09]])
-    """
+    """Return the inverse of a square matrix (T, T) whose rows and columns have units of their own; NaN if singular."""
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[~(size > 0.0)] = 1.0
     scales = np.outer(size, size)
@@ -140,10 +122,6 @@ def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]
     factored by Cholesky's L D L'.  A direction that the data do not determine has a pivot that is rounding error: the
     pivot is floored, and the entries below it, rounding errors as well, are taken as zero.  The direction then has a
     large, finite variance.  The factors are not finite where the information is not.
-
-    >>> upper, diagonal = factor_information(np.array([[2.0, 1.0], [1.0, 2.0]]))
-    >>> np.allclose((upper * diagonal) @ upper.T, np.linalg.inv([[2.0, 1.0], [1.0, 2.0]]))
-    True
     """
     size = information.shape[-1]
     scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 0.0))
@@ -174,23 +152,13 @@ def _inverse(lower: FloatArray) -> FloatArray:
 
 @quiet
 def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
-    """Return U D U' (..., T, T) of U (..., T, T) and D (..., T).
-
-    >>> compose(np.eye(2), np.array([1.0, 4.0]))
-    array([[1., 0.],
-           [0., 4.]])
-    """
+    """Return U D U' (..., T, T) of U (..., T, T) and D (..., T)."""
     return np.asarray((upper * diagonal[..., None, :]) @ upper.swapaxes(-2, -1))
 
 
 @quiet
 def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return U and D with U D U' = covariance (T, T).
-
-    >>> upper, diagonal = factor_covariance(np.array([[2.0, 1.0], [1.0, 2.0]]))
-    >>> np.allclose(compose(upper, diagonal), [[2.0, 1.0], [1.0, 2.0]])
-    True
-    """
+    """Return U and D with U D U' = covariance (T, T)."""
     size = covariance.shape[0]
     scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
     rest = covariance / np.outer(scale, scale)
@@ -208,9 +176,7 @@ def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
 def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
     """Return the covariance of an estimate under coloured noise, with at least the variances under white noise.
 
-    Where the residual is white both agree; where they differ, the larger variance is the safe one.  A coloured variance
-    of zero, relative to the white one, means that the autoregression explains the residual to rounding; the white
-    covariance is then returned.
+    A coloured variance of zero means that the autoregression explains the residual to rounding: it is then the white.
     """
     if not (np.diag(coloured) > np.finfo(float).eps * np.diag(white)).all():
         return white

@@ -253,6 +253,10 @@ def resume(path: Path, request: Request) -> Loaded | None:
         loaded = load(path)
     except MissingCheckpointError:
         return None
+    if not isinstance(loaded.identifier, Identifier):
+        raise InvalidArgumentError(
+            f"{path}: the checkpoint is of several inputs, and replant live takes one; move it away to start anew"
+        )
     stored = loaded.identifier.request
     for entry in fields(Request):
         before, now = getattr(stored, entry.name), getattr(request, entry.name)
