@@ -142,7 +142,7 @@ class Observer:
         self._restarts, self._pause = 0, PAUSES[0]
         self._commands: list[str] = []
         self.url = ""
-        self._busy = self._knows_state = False
+        self._busy = self._knows_state = self._answered = False
         self._handed = self._due = 0.0  # time of the last handover; earliest time of the next handover or restart
         self._process = ObserverProcess(options)
         self._alive = True
@@ -203,7 +203,9 @@ class Observer:
             case View() | Told("no view"):
                 now = time.monotonic()
                 self._busy = False
-                self._due = max(self._due, now + (now - self._handed))  # the process is busy at most half of its time
+                if self._answered:  # the first answer took as long as the start
+                    self._due = max(self._due, now + (now - self._handed))  # it is busy at most half of its time
+                self._answered = True
                 if isinstance(message, View):
                     self._view, self._viewed = message, now
             case Told("command", name):
@@ -271,7 +273,7 @@ class Observer:
     def _restart(self) -> None:
         try:
             self._process, self._alive = ObserverProcess(self._options), True
-            self._busy = self._knows_state = False
+            self._busy = self._knows_state = self._answered = False
             self._handed = self._due = 0.0
         except Exception as error:  # no memory, file descriptors or processes left; there may be some later
             reason = refusal(error) or one_line(error)
