@@ -31,10 +31,15 @@ INLINE lanes lanes_if(bool first, lanes a, lanes b)
 }
 INLINE lanes lanes_root(lanes a)
 {
-    lanes result = a;
+    double each[LANES];
+    memcpy(each, &a, sizeof each);
+#ifdef PRAGMA
+    PRAGMA(omp simd) /* gcc takes them one by one in large functions */
+#endif
     for (int lane = 0; lane < LANES; lane++)
-        result[lane] = sqrt(a[lane]);
-    return result;
+        each[lane] = sqrt(each[lane]);
+    memcpy(&a, each, sizeof each);
+    return a;
 }
 INLINE bool all_within(lanes a, double limit)
 {

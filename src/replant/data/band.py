@@ -20,10 +20,7 @@ from replant.errors import InvalidArgumentError
 from replant.log import Log
 from replant.regressor.preprocess import accepted
 
-ORDER = 2
-"""Poles of the filter at each edge of the band [count].
-Derivation: the fewest of which a straight drift leaves nothing.
-"""
+ORDER = 2  # poles at each edge of the band: the fewest of which a straight drift leaves nothing [count]
 
 FORGOTTEN = 0.01  # part of its beginning that the filter may still remember where outputs count again [number]
 

@@ -19,10 +19,7 @@ from replant.limits import duration, increasing
 from replant.log import Log
 from replant.regressor.preprocess import accepted
 
-BEFORE = 1.0
-"""Time at rest that is put before a log [duration of the log].
-Derivation: a plant that has not forgotten its initial state by then is slower than the record, and not known from it.
-"""
+BEFORE = 1.0  # rest put before a log: a plant that has not settled by then is slower than it [duration of the log]
 
 
 def from_rest(log: Log) -> Log:
@@ -84,10 +81,7 @@ def from_rest(log: Log) -> Log:
     return changed(log, held, output, time=time)
 
 
-HALF_LENGTH = 10
-"""Half the length of the filter before samples are left out [new sampling times].
-Derivation: with `ATTENUATION` the edge of its passband is then 0.13 new sampling rates wide.
-"""
+HALF_LENGTH = 10  # half the length of the filter: its edge is then 0.13 new rates wide [new sampling times]
 
 ATTENUATION = 60.0  # attenuation of what would be aliased [dB]
 
@@ -95,15 +89,9 @@ CUTOFF = 0.8  # frequency at which the filter has fallen to a half [new Nyquist 
 
 LONGEST_GAP = 3.0  # distance of two stamps from which on the samples between them are taken for lost [usual intervals]
 
-FINEST = 0.5
-"""Shortest new sampling time [usual intervals].
-Derivation: twice as many samples as were measured; more of them would make standard deviations far too small.
-"""
+FINEST = 0.5  # shortest new sampling time: twice as many samples as were measured [usual intervals]
 
-MOST_ROWS = 100.0
-"""New samples beyond which nearly all lie in gaps [samples of the log].
-Derivation: beside a gap of a year the new samples would not fit into memory.
-"""
+MOST_ROWS = 100.0  # new samples beyond which nearly all lie in gaps [samples of the log]
 
 SAME = 1e-9  # part of an interval that rounding makes [intervals]
 

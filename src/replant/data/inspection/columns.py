@@ -153,12 +153,8 @@ def _one_by_one(table: Table, most: int) -> tuple[dict[int, FloatArray], bool, d
 
 
 GAP = 1.5  # interval of a steady clock from which on a sample is lost [usual intervals]
-LOST = 3.5
-"""The same of a clock that jitters: samples are lost for certain [usual intervals].
-Derivation: GAP of `replant.engine.record`, from which on a fit takes the state for unknown.
-"""
-STEADY = 0.2
-"""Deviation of an interval up to which a rising column without a telling name may be a time [part of the median]."""
+LOST = 3.5  # the same of a clock that jitters, as GAP of `replant.engine.record` [usual intervals]
+STEADY = 0.2  # deviation of an interval up to which an unnamed column may be a time [part of the median]
 MOSTLY = 0.95  # part of its intervals that must be steady [part]
 FEWEST = 20  # rows from which on a rising column without a telling name may be a time [rows]
 

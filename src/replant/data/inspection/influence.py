@@ -26,10 +26,7 @@ SPREAD = 20.0  # distance from the median beyond which a value is cut off [range
 CEILING = 10.0  # largest measure: a residual of 1/150 of the other is a rounding error [number]
 CHANCE = 4.5  # correlation that is no chance at any of thousands of lags [standard deviations]
 WHITENING = 8  # order of the autoregression that whitens the input [count]
-ROUNDING = 1e-9
-"""Change of a prepared input that is rounding [its standard deviation].
-Derivation: some million times the precision of float64.
-"""
+ROUNDING = 1e-9  # change of a prepared input that is rounding [its standard deviation]
 
 
 def prepared(values: FloatArray) -> FloatArray:

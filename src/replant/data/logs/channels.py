@@ -32,8 +32,7 @@ TIME = 1  # kind of a group's master channel that is time; others are angle, dis
 
 _MAGIC = (b"MDF     ", b"UnFinMF ")
 _REMEDY = "copy it again, or export it as CSV"
-_COPIES = 4
-"""Arrays held at once, each beside a column as float64: asammdf's bytes, stamps and values, and ours [count]."""
+_COPIES = 4  # arrays held beside a column: asammdf's bytes, stamps and values, and ours [count]
 
 
 def read_mdf(path: Path) -> Table:

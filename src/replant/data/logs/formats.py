@@ -33,12 +33,8 @@ STANDARD_INPUT = Path("-")  # what stands for standard input
 _KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}
 SUFFIXES = tuple(_KINDS)
 _BLOCK_BYTES = 1 << 20  # bytes unpacked at a time [bytes]
-_ZSTD_BYTES = 1 << 10
-"""Bytes of a Zstandard file taken at a time; each block of 4 bytes may stand for 128 kB, so that these yield at most
-32 MB [bytes].
-"""
-LARGEST_WINDOW = 1 << 27
-"""Memory that unpacking a Zstandard file may take: what zstd itself takes unless it is told otherwise [bytes]."""
+_ZSTD_BYTES = 1 << 10  # bytes taken at a time: of 4 may come 128 kB, so these yield 32 MB at the most [bytes]
+LARGEST_WINDOW = 1 << 27  # memory that unpacking a Zstandard file may take, as by zstd itself [bytes]
 HEAD_BYTES = 1 << 25  # unpacked bytes after which text is looked at, before the rest is unpacked [bytes]
 MOST_OF_DISK = 0.8  # part of the disk's free space that an unpacked file may take [part]
 

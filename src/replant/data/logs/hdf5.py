@@ -197,8 +197,7 @@ def _values(file: Any, signal: _Signal, rows: slice, *, matlab: bool) -> NDArray
 
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
-_HEADER_BYTES = 512 + len(_HDF5_MAGIC)
-"""Text that names the version, and, in a v7.3 file, the magic number after 512 bytes of it [bytes]."""
+_HEADER_BYTES = 512 + len(_HDF5_MAGIC)  # text with the version, and in a v7.3 file the magic number [bytes]
 _SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
 _COMPRESSED = 15  # kind of an element of a file that holds another one, compressed [code]
 _FIRST_ELEMENT = 128  # place of the first element [bytes]

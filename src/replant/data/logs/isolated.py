@@ -31,10 +31,7 @@ from replant import errors
 from replant.data.logs.table import Table
 from replant.errors import LogError, ReplantError
 
-MEMORY = 128 << 20
-"""Memory that the reading process may take for any file, beside its libraries [bytes].
-Derivation: with the libraries, some 100 MB, and what the calling process takes, it stays below the 300 MB promised.
-"""
+MEMORY = 128 << 20  # for any file, beside the libraries: with these and the caller below 300 MB [bytes]
 SECONDS = 9  # processor time that it may take for any file [s]
 HELD = 2  # memory for samples that a reader holds: as the file has them, and as float64 [times their size as float64]
 SECONDS_PER_BYTE = 1e-6  # further processor time for each byte: parsers in Python read some 5 MB in a second [s]

@@ -24,10 +24,7 @@ from replant.errors import LogError, shown
 
 FloatArray = NDArray[np.float64]
 
-ROUNDING = 4.0
-"""Difference up to which two stamps are the same: rounding of computed stamps, as 3 * 0.1 and 0.3 [spacings of float64
-at the latest stamp].
-"""
+ROUNDING = 4.0  # difference of equal stamps, as 3 * 0.1 and 0.3 [spacings of float64 at the latest stamp]
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,11 +89,7 @@ def _changes(values: FloatArray) -> NDArray[np.bool_]:
     return np.concatenate([np.zeros(min(values.size, 1), np.bool_), ~same])
 
 
-MOST_MISSING = 0.2
-"""Share of merged rows without an output beyond which they are refused: estimators then lose inputs with the missing
-outputs, and give another plant [share of rows].
-Derivation: that up to which offline/bridging fills missing outputs in.
-"""
+MOST_MISSING = 0.2  # rows without an output, as many as a fit fills in [share of rows]
 _KEPT = 4  # channels of a table that are held in memory [count]
 TIME = "time"  # name of the column of merged stamps
 

@@ -93,8 +93,7 @@ def digest(path: Path) -> str:
         return ""
 
 
-ROUND_OFF = 1e-6
-"""Distance beyond an end up to which a stamp still belongs to it, besides round-off [part of an interval]."""
+ROUND_OFF = 1e-6  # distance beyond an end up to which a stamp belongs to it [part of an interval]
 
 
 def check_range(begin: float | None, end: float | None) -> tuple[float, float]:

@@ -20,8 +20,7 @@ from replant.limits import duration
 from replant.time_stamps import TOLERANCE, StampResolution, is_regular_interval
 
 CHECKED = 1 << 18  # stamps that the usual interval is taken from [samples]
-FINE = 1e-4
-"""Rounding error of the difference of two stamps up to which digits below it are left out [part of the interval]."""
+FINE = 1e-4  # rounding error of an interval from which on its digits are left out [part of the interval]
 
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 _UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0}

@@ -112,8 +112,7 @@ MOST_LINES_ABOVE = 100_000  # lines without data above the first row, or between
 
 _SAMPLE_ROWS = 100  # rows that the layout is detected from [rows]
 
-_SAMPLE_CHARACTERS = 1 << 18
-"""Characters that the layout is detected from; they bound the cost for files with very wide rows [characters]."""
+_SAMPLE_CHARACTERS = 1 << 18  # characters that the layout is detected from, of very wide rows [characters]
 
 _HEAD_BYTES = 1 << 16  # beginning of a file that its layout is detected from [bytes]
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))

@@ -130,15 +130,9 @@ def speed_of(address: Address, default: float) -> float:
     return address.positive("speed") or default
 
 
-_LOOP_BLOCK = 1 << 12
-"""Samples simulated at once: each block has its own set-point, load and noise, a function of the seed and its number
-alone [samples].
-"""
+_LOOP_BLOCK = 1 << 12  # samples simulated at once: what acts on them follows from seed and number [samples]
 
-PROPORTIONAL = 0.3
-"""Proportional gain of the controller [V per rad/s].
-Derivation: with the integral part it cancels the slow pole; the loop's poles are then at -7 and -43 rad/s.
-"""
+PROPORTIONAL = 0.3  # gain of the controller: the loop's poles are at -7 and -43 rad/s [V per rad/s]
 INTEGRAL = 0.6  # integral gain of the controller [V per rad]
 LOWEST, HIGHEST = 30.0, 70.0  # range of the set-point [rad/s]
 SHORTEST, LONGEST = 50, 400  # shortest and longest step of the set-point [samples]
@@ -196,16 +190,11 @@ def _one_block(rig: Rig, r: FloatArray, state: FloatArray, draw: int) -> tuple[F
     return np.array(voltages), np.array(speeds), np.array([first, second, load, integral])
 
 
-BLOCK = 1 << 16
-"""Samples simulated at once: each block has its own input and noise, a function of the seed and its number alone
-[samples].
-"""
+BLOCK = 1 << 16  # samples simulated at once: input and noise follow from seed and number [samples]
 
 PART = 1 << 12  # samples handed over at once at the most [samples]
-LONGEST_STEP = 4000
-"""Longest step of the demo's voltage: whoever watches sees the slow mode within seconds, too [samples]."""
-FLUTTER = 0.2
-"""Flutter of the demo's voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]."""
+LONGEST_STEP = 4000  # longest step of the voltage: the slow mode is seen within seconds [samples]
+FLUTTER = 0.2  # of the voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]
 FLUTTER_HOLD = 20  # samples that each value of it lasts [samples]
 LOOPS = (
     "none",
