@@ -23,15 +23,15 @@ import numpy as np
 import replant as rp
 from compiled import compiled
 from kernels import DT, FLAGS, SAME, chunks, describe_machine, distance
-from replant.engine.dimensions import Dimensions
-from replant.engine.state import State
+from replant.estimation.engine.dimensions import Dimensions
+from replant.estimation.engine.state import State
+from replant.estimation.optimizers import Optimizer
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, reference, whitening
 from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance
 from replant.kernels.schema import StateArrays
-from replant.optimizers import Optimizer
 
 CHUNK, REPETITIONS = 2_000, 101
 LIMIT = 1.25

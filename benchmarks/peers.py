@@ -24,9 +24,9 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_
 import numpy as np
 
 import replant as rp
-from replant.engine.record_regressors import regressors
+from replant.estimation.engine.record_regressors import regressors
 from replant.kernels.optimizers.memory import draw_below
-from replant.regressor.preprocess import Preprocess
+from replant.model.preprocess import Preprocess
 
 DT = 1e-3
 STRUCTURE = rp.Structure(poles=3, zeros=1)

@@ -16,10 +16,10 @@ from rich.table import Table
 
 import replant as rp
 from accuracy.rigs import TCLAB, data_folder
-from replant.assessment import simulate
-from replant.data.logs import read_log
-from replant.runs.run import run_online
-from replant.settings import Request
+from replant.estimation.settings import Request
+from replant.logs import read_log
+from replant.online.runs.run import run_online
+from replant.verdict import simulate
 
 MOST = 1.0  # points of fit by which `run` may fall below `fit`
 BALL, MOTOR, HEATER = "ayala_ballhoop", "un_dcmotor", "un_thermal"

@@ -22,13 +22,13 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from replant.data.logs import open_recording
+from replant.estimation.settings import Request
+from replant.estimation.simulation.fitted_run import FITTED
+from replant.logs import open_recording
+from replant.model.preprocess import Preprocess
 from replant.model.response import Response
-from replant.regressor.preprocess import Preprocess
-from replant.runs.run import CHUNK, run_source
-from replant.runs.thinning import Arrays
-from replant.settings import Request
-from replant.simulation.fitted_run import FITTED
+from replant.online.runs.run import CHUNK, run_source
+from replant.online.runs.thinning import Arrays
 
 DT = 0.01
 PLANT = rp.TransferFunction([2.0, 6.0], [1.0, 2.0, 5.0])

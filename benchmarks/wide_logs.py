@@ -13,7 +13,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from replant.data.logs import read_columns
+from replant.logs import read_columns
 
 FEW, MANY, LIMIT = 10_000, 100_000, 40.0
 HEADERS = {"numbers": "{}", "quoted": '"{}"', "names": "c{}", "none": ""}

@@ -30,14 +30,14 @@ from fuzz.public import FUNCTIONS as FUNCTIONS_OF_ALL
 from fuzz.public import classes, folder, missing
 from fuzz.trial import FindingError
 from replant import signals
-from replant.checkpoint.settings_json import KINDS
-from replant.engine.dimensions import Dimensions
 from replant.errors import LONGEST
+from replant.estimation.engine.dimensions import Dimensions
+from replant.estimation.settings import Request, Settings
+from replant.fitting.fields import ModelFields, Provenance, RowFields
 from replant.fleet.job import Job
-from replant.identified.fields import ModelFields, Provenance, RowFields
 from replant.model.response import Response
+from replant.online.checkpoint.settings_json import KINDS
 from replant.rigs import Rig
-from replant.settings import Request, Settings
 from replant.sklearn import TransferFunctionRegressor
 from support.builders import engine_state, identifier, record, state
 from support.cases import every

@@ -18,7 +18,7 @@ ROWS = [line.split("|")[1].strip() for line in (ROOT / "docs" / "verdict.md").re
 
 
 PACKAGE = ROOT / "src" / "replant"
-SOURCES = [*sorted((PACKAGE / "assessment").glob("*.py")), PACKAGE / "offline" / "structure_evidence.py"]
+SOURCES = [*sorted((PACKAGE / "verdict").glob("*.py")), PACKAGE / "fitting" / "structure_evidence.py"]
 ADVICE = {"ADVICE", "REMEDY"}  # constants that stand within reasons
 UNKNOWN = "@"  # a figure, or words that are made elsewhere
 

@@ -30,20 +30,20 @@ OF_EVERY_OPTIMIZER = {"begins_with", "check", "memory", "settings", "suggested"}
 MODULES = ("replant.examples", "replant.report.figures", "replant.rigs", "replant.signals")
 #: Public classes that are results of public functions, or stand in a module of their own.
 CLASSES = (
-    "replant.assessment.verdict.Assessment",
-    "replant.assessment.verdict.Verdict",
-    "replant.identified.responses.Bode",
-    "replant.identified.responses.ImpulseResponse",
-    "replant.identified.responses.Nyquist",
-    "replant.identified.responses.PoleMap",
-    "replant.identified.responses.StepResponse",
-    "replant.identified.validation.ErrorByFrequency",
+    "replant.verdict.verdict.Assessment",
+    "replant.verdict.verdict.Verdict",
+    "replant.fitting.responses.Bode",
+    "replant.fitting.responses.ImpulseResponse",
+    "replant.fitting.responses.Nyquist",
+    "replant.fitting.responses.PoleMap",
+    "replant.fitting.responses.StepResponse",
+    "replant.fitting.validation.ErrorByFrequency",
     "replant.model.mode.Mode",
-    "replant.offline.structure_search.Candidate",
-    "replant.offline.structure_search.SearchResult",
-    "replant.runs.result.History",
-    "replant.runs.result.Result",
-    "replant.settings.Settings",
+    "replant.fitting.structure_search.Candidate",
+    "replant.fitting.structure_search.SearchResult",
+    "replant.online.runs.result.History",
+    "replant.online.runs.result.Result",
+    "replant.estimation.settings.Settings",
 )
 
 

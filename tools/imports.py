@@ -16,12 +16,13 @@ from architecture import Package
 
 #: Read and write files, and speak to the person at the terminal: these and nothing else.
 OUTSIDE = {
-    "operating_system",
-    "checkpoint.files",
-    "identified.model_file",
-    "data",
+    "numerics.operating_system",
+    "online.checkpoint.files",
+    "fitting.inspect",
+    "fitting.model_file",
+    "logs",
     "examples",
-    "runs.full_trace",
+    "online.runs.full_trace",
     "report",
     "fleet",
     "live",
@@ -29,7 +30,6 @@ OUTSIDE = {
     "paper",
     "cli",
     "__main__",
-    "log",  # it names its file
     "plotting.figure",  # PNG in memory
 }
 #: Of Python's own, what kernels may import.

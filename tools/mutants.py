@@ -38,13 +38,17 @@ EQUIVALENT = ROOT / "tools/equivalent_mutants.toml"
 #: Folders of the source that are drawn from, the folders of tests that have to notice, and those that use the code.
 AREAS = {
     "core": (
-        ["arguments.py", "engine", "model", "online", "regressor", "statistics", "assessment", "simulation"],
+        ["numerics", "model", "estimation", "online", "verdict"],
         ["{folder}"],
-        ["offline", "online", "assessment"],
+        ["fitting", "online", "verdict"],
     ),
-    "kernels": (["kernels"], ["kernels", "optimizers", "engine", "online/test_identifier.py"], ["online"]),
-    "logs": (["data/logs", "data/inspection"], ["data/logs", "data/inspection"], ["cli"]),
-    "streams": (["data/streams"], ["data/streams"], ["live"]),
+    "kernels": (
+        ["kernels"],
+        ["kernels", "estimation/optimizers", "estimation/engine", "online/test_identifier.py"],
+        ["online"],
+    ),
+    "logs": (["logs"], ["logs"], ["cli"]),
+    "streams": (["live/streams"], ["live/streams"], ["live"]),
     "live": (["live"], ["live"], []),
     "fleet": (["fleet"], ["fleet", "cli/test_fleet.py"], []),
 }

@@ -13,7 +13,7 @@ import numpy as np
 
 import replant as rp
 from accuracy.methods import QUANTILE, Figures
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 
 TRUSTED = "trusted"  # the figure that is 1 where the verdict is this
 FAR_OFF = 10.0  # %: an estimate with a coefficient farther off is wrong

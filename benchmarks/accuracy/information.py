@@ -6,7 +6,7 @@ import numpy as np
 
 import replant as rp
 from accuracy.loops import discretised
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 
 
 def cramer_rao(plant: rp.TransferFunction, u: FloatArray, dt: float, decibels: float, colour: float) -> FloatArray:

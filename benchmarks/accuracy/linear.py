@@ -11,13 +11,13 @@ from accuracy.experiment import Experiment, Method, truth_of
 from accuracy.information import cramer_rao
 from accuracy.methods import Offline, Online
 from accuracy.records import PLANT_A, PLANT_B, Excited, Irregular
-from replant.optimizers import (
+from replant.estimation.filters import StateVariableFilter
+from replant.estimation.optimizers import (
     OPTIMIZERS,
     Adam,
     AMSGrad,
     RecursiveLeastSquares,
 )
-from replant.regressor.filters import StateVariableFilter
 from replant.signals import prbs
 
 DEFAULT, OFFLINE, LEAST_SQUARES = "default", "offline SRIVC", "offline least squares"

@@ -14,7 +14,7 @@ import numpy as np
 import replant as rp
 from accuracy.methods import Figures
 from accuracy.records import Measured
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.signals import prbs
 
 Polynomials = tuple[FloatArray, FloatArray]  # numerator and denominator, in powers of 1/z

@@ -14,8 +14,8 @@ import numpy as np
 
 import replant as rp
 from accuracy.records import Measured
-from replant.arguments import FloatArray
 from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 
 Figures = dict[str, tuple[float, float]]

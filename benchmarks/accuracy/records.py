@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import replant as rp
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.signals import prbs
 
 #: Scenario A, with two real poles.

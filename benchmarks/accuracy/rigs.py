@@ -17,10 +17,10 @@ from accuracy.linear import DEFAULT, LEAST_SQUARES, OFFLINE, buffered, same
 from accuracy.methods import Article, Figures, Offline, Online, Tracked
 from accuracy.records import Measured
 from accuracy.tracking import DT, Varying
-from replant.assessment import simulate
-from replant.data.logs import read_log
-from replant.optimizers import KalmanTracking
+from replant.estimation.optimizers import KalmanTracking
+from replant.logs import read_log
 from replant.rigs import deap_rig, deap_voltage
+from replant.verdict import simulate
 
 # C. What an engineer knows beforehand: a1 goes through a range of 40 in 1000 s, a0 through one of 180 in 500 s, and
 # b0 stands still.  q is the square of a quarter of the range over the time it takes.

@@ -13,8 +13,8 @@ import numpy as np
 
 from accuracy.records import Measured, random_binary
 from compiled import compiled
-from replant.arguments import FloatArray
 from replant.kernels.native import Matrix, Reals, kernel
+from replant.numerics.arguments import FloatArray
 
 DT, DURATION = 0.01, 1000.0
 SAMPLES = round(DURATION / DT) + 1

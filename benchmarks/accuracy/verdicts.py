@@ -13,7 +13,7 @@ import numpy as np
 
 import replant as rp
 from accuracy.records import PLANT_A, PLANT_B, noise, random_binary
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 
 CASES = 30  # of each

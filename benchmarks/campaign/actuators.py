@@ -10,7 +10,7 @@ import numpy as np
 import replant as rp
 from campaign.outcome import GOOD, explained
 from campaign.plants import drawn_plant, structure_of
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.signals import multisine, random_steps
 
 SAMPLES = 6000

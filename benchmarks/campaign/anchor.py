@@ -25,7 +25,7 @@ from scipy.optimize import least_squares
 
 from campaign.exact import Clock, forced, free, poles_apart
 from campaign.field import FieldRecord
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 
 GAP = 3.5  # sampling times without a row behind which the state is another one
 STEPS = 60  # evaluations, beside those for derivatives, of a start

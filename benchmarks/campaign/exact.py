@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray, IntArray
+from replant.numerics.arguments import FloatArray, IntArray
 
 ComplexArray = npt.NDArray[np.complex128]
 APART = 1e-6  # least distance of two poles, as a part of their size: partial fractions lose so many digits

@@ -14,7 +14,7 @@ import numpy as np
 import replant as rp
 from campaign.exact import Clock, forced, poles_apart
 from campaign.plants import structure_of
-from replant.arguments import BoolArray, FloatArray
+from replant.numerics.arguments import BoolArray, FloatArray
 
 ORDERS = {1: 0.15, 2: 0.4, 3: 0.25, 4: 0.2}  # their shares
 DAMPING = (0.01, 0.3)

@@ -10,8 +10,8 @@ import numpy as np
 import replant as rp
 from accuracy.information import cramer_rao
 from campaign.plants import Experiment
-from replant.arguments import FloatArray
 from replant.errors import ReplantError
+from replant.numerics.arguments import FloatArray
 
 GOOD = 90.0  # %: a model that explains at least so much of the output without noise is a good one
 WORST = -100.0  # %: fits below are all alike

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import replant as rp
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.signals import chirp, multisine, prbs, random_steps
 
 ORDERS = (1, 2, 3, 4, 5)

@@ -28,7 +28,7 @@ import replant as rp
 from fleet.generate import DT, kind_of, name_of, record, write
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.oddness import oddness_of
-from replant.runs.run_log import AT_REST
+from replant.online.runs.run_log import AT_REST
 
 ALONE = 6  # rigs that update_many is measured with
 EVERY = 0.2  # s between two looks at the memory

@@ -26,13 +26,13 @@ from public_logs import anchor
 from public_logs.anchor import FloatArray, OutputError
 from public_logs.records import Data, how_to_clone, read
 from public_logs.table import LOGS, Log
-from replant.assessment import simulate
 from replant.errors import ReplantError
-from replant.offline.fit import RawRecord
-from replant.offline.srivc import refine
-from replant.runs.run import run_online
-from replant.settings import Request
-from replant.simulation.model_run import runs_away
+from replant.estimation.settings import Request
+from replant.estimation.simulation.model_run import runs_away
+from replant.estimation.solver.srivc import refine
+from replant.fitting.fit import RawRecord
+from replant.online.runs.run import run_online
+from replant.verdict import simulate
 
 CLOSE, FAR = 1.0, 5.0  # points below the anchor: as good as it; far too low to be trusted
 CACHE = Path("out/public_logs.json")

@@ -61,7 +61,7 @@ def _content(folder: Path, commit: str, path: str) -> bytes:
 
 
 def _column(content: bytes, path: str, name: str) -> FloatArray:
-    """Return a column: of text by its number, of a .mat file by variable, field and column: ``data.InputData,0``."""
+    """Return a column: of text by its number, of a .mat file by variable, field and column: ``logs.InputData,0``."""
     variable, _, number = name.rpartition(",") if "," in name else (name, "", "")
     if not path.endswith(".mat"):
         return _of_text(content.decode("utf-8-sig"), int(name))

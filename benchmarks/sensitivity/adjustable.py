@@ -29,7 +29,7 @@ def value(name, usual):
 
 
 def make_copy(source: Path, target: Path, values: Mapping[str, Any]) -> None:
-    """Copy the package ``source`` to ``target``/src with constants, as "assessment.verdict.ALPHA", adjustable."""
+    """Copy the package ``source`` to ``target``/src with constants, as "numerics.levels.ALPHA", adjustable."""
     copy, unwanted = target / "src" / "replant", shutil.ignore_patterns("__pycache__", "compiled")
     shutil.copytree(source, copy, ignore=unwanted)
     shutil.copytree(source.parents[1] / "tools" / "translator", target / "tools" / "translator", ignore=unwanted)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from soak.rig import Rig
 
 Samples = tuple[FloatArray, FloatArray, FloatArray]

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import signal
 
 from replant import Structure, TransferFunction
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 
 DT = 1.0 / 64.0  # s; a power of two, so that time stamps are multiples of it to the bit
 SLOWEST, FASTEST = 0.3, 6.0  # rad/s, of the poles

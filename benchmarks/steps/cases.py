@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 import replant as rp
 from campaign.exact import Clock, forced, poles_apart
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 
 APART = 6.0  # nats
 SAMPLES = (100, 500)

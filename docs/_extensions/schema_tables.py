@@ -108,7 +108,7 @@ def row_of(cells: list[nodes.Node]) -> nodes.row:
 
 
 class SchemaTable(Directive):
-    """`{schema-table} identified/schema/model-1.json`: a file of the package."""
+    """`{schema-table} fitting/schema/model-1.json`: a file of the package."""
 
     required_arguments = 1
 

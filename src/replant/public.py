@@ -1,6 +1,6 @@
 """The public names of `replant`, imported from their modules; `replant` imports this module at the first use of one."""
 
-from replant.assessment import fit_percent as fit_percent
+from replant.verdict import fit_percent as fit_percent
 from replant.online.resume import load as load
 from replant.online.ensemble import Ensemble as Ensemble
 from replant.errors import (
@@ -17,19 +17,19 @@ from replant.errors import (
     SystemRefusedError as SystemRefusedError,
     UnsupportedDependencyError as UnsupportedDependencyError,
 )
-from replant.regressor.filters import RefinedFilter as RefinedFilter, StateVariableFilter as StateVariableFilter
+from replant.estimation.filters import RefinedFilter as RefinedFilter, StateVariableFilter as StateVariableFilter
 from replant.online.identifier import Identifier as Identifier
-from replant.data.band import bandpass as bandpass
-from replant.data.conditioning import decimate as decimate, detrend as detrend, resample as resample
-from replant.data.conditioning import from_rest as from_rest
-from replant.data.logs import Log as Log, read_log as read_log
-from replant.identified.model import Model as Model
-from replant.identified.row_model import RowModel as RowModel, load_model as load_model
-from replant.identified.validation import Validation as Validation
-from replant.offline.fit import fit as fit
-from replant.offline.row_fit import RowFit as RowFit
-from replant.offline.fit_result import FitResult as FitResult
-from replant.optimizers import (
+from replant.logs.band import bandpass as bandpass
+from replant.logs.conditioning import decimate as decimate, detrend as detrend, resample as resample
+from replant.logs.conditioning import from_rest as from_rest
+from replant.logs import Log as Log, read_log as read_log
+from replant.fitting.model import Model as Model
+from replant.fitting.row_model import RowModel as RowModel, load_model as load_model
+from replant.fitting.validation import Validation as Validation
+from replant.fitting.fit import fit as fit
+from replant.fitting.row_fit import RowFit as RowFit
+from replant.fitting.fit_result import FitResult as FitResult
+from replant.estimation.optimizers import (
     AdaDelta as AdaDelta,
     AdaGrad as AdaGrad,
     Adam as Adam,
@@ -41,17 +41,17 @@ from replant.optimizers import (
     RecursiveLeastSquares as RecursiveLeastSquares,
     RMSProp as RMSProp,
 )
-from replant.regressor.preprocess import Preprocess as Preprocess
+from replant.model.preprocess import Preprocess as Preprocess
 from replant.model.noise import NoiseModel as NoiseModel
-from replant.optimizers.optimizer import Replay as Replay
-from replant.regressor.scaling import Scaling as Scaling
+from replant.estimation.optimizers.optimizer import Replay as Replay
+from replant.estimation.scaling import Scaling as Scaling
 from replant.model.structure import Structure as Structure
 from replant.online.trace import Trace as Trace
 from replant.model.transfer_function import TransferFunction as TransferFunction
 from replant.model.uncertainty import Uncertainty as Uncertainty
-from replant.offline.structure_search import search as search
+from replant.fitting.structure_search import search as search
 from replant.report import figures as figures
 from replant.report.models_page import ModelComparison as ModelComparison, compare as compare
-from replant.runs.run_log import run as run
+from replant.online.runs.run_log import run as run
 from replant import examples as examples
 from replant import fleet as fleet

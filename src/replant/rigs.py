@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import (
+from replant.model.preprocess import Preprocess
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import (
     FloatArray,
     finite,
     instance,
@@ -15,9 +17,7 @@ from replant.arguments import (
     one_of,
     vector,
 )
-from replant.limits import count, duration
-from replant.model.transfer_function import TransferFunction
-from replant.regressor.preprocess import Preprocess
+from replant.numerics.limits import count, duration
 from replant.signals import random_steps, white_noise
 
 #: The article's G1, (20).

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from replant.arguments import (
+from replant.errors import InvalidArgumentError, shown
+from replant.numerics.arguments import (
     FloatArray,
     between,
     finite,
@@ -14,8 +15,7 @@ from replant.arguments import (
     vector,
     whole,
 )
-from replant.errors import InvalidArgumentError, shown
-from replant.limits import count, duration
+from replant.numerics.limits import count, duration
 
 # Feedback taps (stages counted from 1) with which a shift register runs through all 2^n - 1 states.  SciPy's own taps
 # give other sequences of the same length; these stay so that a seed keeps its sequence.

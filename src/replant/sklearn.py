@@ -13,16 +13,16 @@ from typing import Any, Self
 import numpy as np
 from numpy.exceptions import ComplexWarning
 
-from replant.arguments import FloatArray, one_of, whole
-from replant.assessment import fit_percent, simulate
 from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
-from replant.limits import duration
+from replant.fitting.fit import fit
+from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.offline.fit import fit
+from replant.numerics.arguments import FloatArray, one_of, whole
+from replant.numerics.limits import duration
+from replant.numerics.linear_algebra import quiet
 from replant.online.identifier import Identifier
-from replant.regressor.preprocess import Preprocess
-from replant.statistics.linear_algebra import quiet
+from replant.verdict import fit_percent, simulate
 
 try:
     from sklearn.base import BaseEstimator, RegressorMixin

@@ -20,9 +20,9 @@ from scipy.integrate import solve_ivp
 from scipy.stats import chi2
 
 import replant as rp
-from replant.engine.record import Record
-from replant.offline.srivc import refine
-from replant.statistics.robust import LEAST_BLOCKS
+from replant.estimation.engine.record import Record
+from replant.estimation.solver.srivc import refine
+from replant.numerics.robust import LEAST_BLOCKS
 from support.cases import every
 from support.places import ROOT
 

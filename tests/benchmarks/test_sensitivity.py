@@ -33,20 +33,20 @@ def said(**changes: object) -> str:
 def test_a_copy_takes_a_constant_wherever_it_is_used(tmp_path: Path) -> None:
     make_copy(ROOT / "src" / "replant", tmp_path, measurable())
     look = """
-from replant.assessment import estimate_tests
+from replant.verdict import estimate_tests
 from replant.kernels.monitoring import outliers
-from replant.offline import structure_evidence
+from replant.fitting import structure_evidence
 from replant.online import revision
 print(estimate_tests.MOST_UNCERTAIN, structure_evidence.MOST_UNCERTAIN)
 print(revision.GROWTH, outliers.GATE)
 """
     seen = []
-    for changed in ({}, {"assessment.estimate_tests.MOST_UNCERTAIN": 0.3, "kernels.monitoring.outliers.GATE": 2064.0}):
+    for changed in ({}, {"verdict.estimate_tests.MOST_UNCERTAIN": 0.3, "kernels.monitoring.outliers.GATE": 2064.0}):
         environment = os.environ | {"PYTHONPATH": str(tmp_path / "src"), "ADJUSTED_CONSTANTS": json.dumps(changed)}
         run = subprocess.run([sys.executable, "-c", look], env=environment, capture_output=True, text=True, check=True)
         seen.append([float(word) for word in run.stdout.translate(str.maketrans("", "", "(),")).split()])
     usual, other = seen
-    assert usual[:2] == [measurable()["assessment.estimate_tests.MOST_UNCERTAIN"]] * 2
+    assert usual[:2] == [measurable()["verdict.estimate_tests.MOST_UNCERTAIN"]] * 2
     assert other[:2] == [0.3] * 2
     assert other[2:-1] == usual[2:-1] == [measurable()["online.revision.GROWTH"]]
     assert (usual[-1], other[-1]) == (measurable()["kernels.monitoring.outliers.GATE"], 2064.0)

@@ -11,7 +11,7 @@ import pytest
 import replant as rp
 from replant.cli import main
 from replant.cli.option_types import OptimizerChoice
-from replant.optimizers import OPTIMIZERS
+from replant.estimation.optimizers import OPTIMIZERS
 from replant.signals import prbs
 from support.cases import every
 

@@ -55,7 +55,7 @@ def test_a_person_reads_columns_clock_and_guesses(capsys, log: Path) -> None:
 def test_of_a_long_log_the_beginning_is_looked_at_and_that_is_said(
     capsys, log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("replant.data.inspection.columns.MOST_ROWS", 500)
+    monkeypatch.setattr("replant.logs.columns.MOST_ROWS", 500)
     _, out, _ = call(capsys, "look", log)
     assert out.startswith(f"{log}: the first 500 of about ")
     assert json.loads(call(capsys, "look", log, "--json")[1])["complete"] is False

@@ -13,9 +13,9 @@ import pytest
 
 import replant as rp
 from cli.test_commands import call
-from replant.assessment.verdict import Assessment
 from replant.cli import next_step, output
-from replant.runs.result import Result
+from replant.online.runs.result import Result
+from replant.verdict.verdict import Assessment
 from support.builders import binary
 from support.cases import every
 from support.places import ROOT

@@ -13,7 +13,7 @@ from replant.cli.live import TIME, address_of, demo_rig, demo_signals, looped
 from replant.cli.next_step import _is_step_test
 from replant.cli.option_types import OptimizerChoice, Seconds, Whole
 from replant.cli.terminal import Choice, did_you_mean, is_quiet, to_ascii
-from replant.optimizers import AMSGrad, Gradient
+from replant.estimation.optimizers import AMSGrad, Gradient
 from support.cases import every
 
 READ = [

@@ -14,9 +14,9 @@ import replant as rp
 from replant.cli import main, options
 from replant.cli import run as fit_command
 from replant.cli import run as run_command
-from replant.data.logs import open_recording
-from replant.runs import run as online_run
-from replant.runs import run_log
+from replant.logs import open_recording
+from replant.online.runs import run as online_run
+from replant.online.runs import run_log
 from support.cases import every
 
 pytestmark = pytest.mark.usefixtures("unrendered")

@@ -16,8 +16,8 @@ import pytest
 import replant as rp
 from replant.cli import main, options
 from replant.cli import run as run_command
-from replant.data.logs import open_recording, read_columns
-from replant.runs import run as online_run
+from replant.logs import open_recording, read_columns
+from replant.online.runs import run as online_run
 
 DT = 0.05
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
@@ -142,9 +142,9 @@ def test_mistakes_are_said_in_one_line(capsys: pytest.CaptureFixture[str], log: 
 PEAK = """
 import sys
 from pathlib import Path
-from replant.data.logs import open_recording
-from replant.runs.run import run_source
-from replant.settings import Request
+from replant.logs import open_recording
+from replant.online.runs.run import run_source
+from replant.estimation.settings import Request
 import replant as rp
 
 QUICK = {"filter": rp.StateVariableFilter(2.0), "optimizer": rp.Gradient(0.1), "scaling": None, "replay": None}

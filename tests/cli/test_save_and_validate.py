@@ -16,7 +16,7 @@ from support.cases import every
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
-SCHEMA = json.loads(files("replant.identified").joinpath("schema/model-1.json").read_text())
+SCHEMA = json.loads(files("replant.fitting").joinpath("schema/model-1.json").read_text())
 COLUMNS = ("--input", "voltage [V]", "--output", "speed")
 
 

@@ -92,14 +92,14 @@ def prepare(model: list[str]) -> None:
     import uvicorn.protocols.websockets.websockets_sansio_impl  # noqa: F401
 
     import replant.cli.live
-    import replant.data.logs.csv
-    import replant.data.logs.read
     import replant.live.dashboard.app
     import replant.live.dashboard.server
+    import replant.logs.csv
+    import replant.logs.read
     from replant import Identifier
-    from replant.data.streams import lines
     from replant.live.observer.make_view import EstimateHistory, make_view
     from replant.live.observer.view import SessionInfo
+    from replant.live.streams import lines
 
     context = replant.cli.live.live_command.make_context("live", ["-", *model])
     request = replant.cli.live._request(context.params)

@@ -9,10 +9,10 @@ import pyarrow
 import pytest
 from pyarrow import parquet
 
-from replant.data.logs import arrow as reader
 from replant.errors import LogError
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.job import Job, planned, work_of
+from replant.logs import arrow as reader
 from replant.model.structure import Structure
 from support.fleets import as_csv, as_parquet, as_table, recorded
 

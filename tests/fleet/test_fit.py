@@ -18,13 +18,13 @@ from pyarrow import parquet
 
 import replant as rp
 from replant.errors import InvalidArgumentError, LogError, SystemRefusedError
+from replant.estimation.settings import Request
 from replant.fleet import work
 from replant.fleet.job import Job
 from replant.fleet.store import Store
-from replant.operating_system import ENDING
-from replant.runs.run import run_source
-from replant.runs.thinning import Arrays
-from replant.settings import Request
+from replant.numerics.operating_system import ENDING
+from replant.online.runs.run import run_source
+from replant.online.runs.thinning import Arrays
 from support.cases import every
 from support.fleets import DT, as_csv, as_parquet, as_table, recorded, small_fleet
 from support.full_disk import full_disk

@@ -14,7 +14,7 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.job import Job, report_path
 from replant.fleet.store import Store
-from replant.operating_system import ENDING
+from replant.numerics.operating_system import ENDING
 from support.cases import every
 from support.fleets import as_csv, as_parquet, as_table, recorded, small_fleet
 

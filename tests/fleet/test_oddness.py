@@ -13,13 +13,13 @@ import pytest
 from pyarrow import parquet
 
 import replant as rp
-from replant.assessment.verdict import Verdict
 from replant.errors import InvalidArgumentError
 from replant.fleet.job import report_path
 from replant.fleet.oddness import drift_between, oddness_of
 from replant.fleet.page import write_page
 from replant.fleet.statistics import figures_of, limit_of, located
 from replant.fleet.store import FAILED, Movement, Row, table_of
+from replant.verdict.verdict import Verdict
 from support.browsing import chromium, contrast, new_page
 from support.cases import every
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.checkpoint.encoding import (
+from replant.online.checkpoint.encoding import (
     DIGEST,
     MAGIC,
     START,
@@ -136,10 +136,10 @@ def _fitted(header: Any, body: bytearray) -> tuple[Any, bytearray]:
     """Declare arrays as the settings need them, cut off or filled up by zeros; the whole numbers as they follow."""
     import warnings
 
-    from replant.checkpoint.content_check import DECIDED, sizes_of
-    from replant.checkpoint.settings_json import from_plain
-    from replant.engine.state import State
+    from replant.estimation.engine.state import State
     from replant.kernels.schema import StateSlots
+    from replant.online.checkpoint.content_check import DECIDED, sizes_of
+    from replant.online.checkpoint.settings_json import from_plain
 
     try:
         with warnings.catch_warnings():

@@ -40,7 +40,7 @@ def _check(array: np.ndarray, index: Any) -> None:
 
 def make_plain() -> None:
     """Let this process interpret its kernels, with checked arrays."""
-    from replant.engine import dispatch
+    from replant.estimation.engine import dispatch
     from replant.kernels import native
     from replant.online import begin_recursion, lifecycle, startup
 

@@ -216,8 +216,8 @@ def zipped(content: bytes) -> bytes:
 
 def model() -> bytes:
     from replant import NoiseModel, Structure
-    from replant.identified import model_json
-    from replant.identified.fields import ModelFields
+    from replant.fitting import model_json
+    from replant.fitting.fields import ModelFields
 
     covariance = np.diag([1e-4, 4e-4, 1e-6])
     noise = NoiseModel([1.0, -0.5], 1e-3, 2e-3, 0.1)

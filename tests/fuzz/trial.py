@@ -13,7 +13,7 @@ import numpy as np
 import replant as rp
 from fuzz.mutation import mutant
 from fuzz.seeds import record, reference, seed, seeds
-from replant.engine.state import State
+from replant.estimation.engine.state import State
 
 ZONE = 4096  # numbers before and behind each array that nothing may touch
 CANARY = {"i": np.int64(0x5AFE5AFE5AFE5AFE), "f": np.float64(1.2345678912345e-123)}

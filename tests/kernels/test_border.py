@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine.state import State
+from replant.estimation.engine.state import State
 from replant.kernels import native
 from replant.kernels.filters import bank, simulate
 from replant.kernels.filters.series import fill_all_pole, nested_models

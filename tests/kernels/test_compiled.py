@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine.dispatch import step_kernels
-from replant.engine.state import State
+from replant.estimation.engine.dispatch import step_kernels
+from replant.estimation.engine.state import State
 from replant.kernels.filters import bank, chain, series
 from replant.kernels.filters.series import fill_all_pole, fill_play
 from replant.kernels.monitoring import interruptions, scatter

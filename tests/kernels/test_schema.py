@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.engine.dimensions import Dimensions
-from replant.engine.state import State
+from replant.estimation.engine.dimensions import Dimensions
+from replant.estimation.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.slot_tables import Block, Choice, Flag, Integer, Nested, Part, Real, Table
 from support.cases import every

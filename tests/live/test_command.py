@@ -20,7 +20,7 @@ import pytest
 
 import replant as rp
 from replant.cli import main
-from replant.data.streams.demo import controlled
+from replant.live.streams.demo import controlled
 from replant.online import saving
 from replant.rigs import deap_rig
 from support.cases import every

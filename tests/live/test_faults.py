@@ -14,13 +14,13 @@ import pytest
 from scipy.signal import cont2discrete, tf2ss
 
 import replant as rp
-from replant.data.streams import Batch, open_source
-from replant.data.streams.demo import demo_voltage
+from replant.estimation.settings import Request
 from replant.live.outputs.message import EstimateMessage
 from replant.live.session.progress import Limits
+from replant.live.streams import Batch, open_source
+from replant.live.streams.demo import demo_voltage
 from replant.online import saving
 from replant.rigs import deap_rig
-from replant.settings import Request
 from support.live_command import ReplayingPeer, lines, wait_for
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record
 

@@ -18,10 +18,10 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.data.streams import Batch
-from replant.data.streams.parser import BY_WIDTH, FIELDS, MAGIC, LineSplitter, Parser, Payloads
-from replant.data.streams.reader import Reader
-from replant.settings import Request
+from replant.estimation.settings import Request
+from replant.live.streams import Batch
+from replant.live.streams.parser import BY_WIDTH, FIELDS, MAGIC, LineSplitter, Parser, Payloads
+from replant.live.streams.reader import Reader
 from support.builders import engine_state
 from support.cases import every
 from support.live_fakes import DT, PLANT, JudgingObserver, make, record
@@ -117,7 +117,7 @@ class Format:
     bare: bool = False
 
 
-#: Every format of `replant.data.streams`: lines as over TCP, a pipe or a serial port, payloads as over UDP and MQTT.
+#: Every format of `replant.live.streams`: lines as over TCP, a pipe or a serial port, payloads as over UDP and MQTT.
 FORMATS = {
     "csv": Format(csv),
     "csv over serial": Format(csv, replays=False),

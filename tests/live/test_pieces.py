@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.estimation.settings import Request
 from replant.live.dashboard.app import python_of
 from replant.live.dashboard.hub import Hub
 from replant.live.observer.make_view import EstimateHistory, bode_of, make_view, step_of, truth_of
@@ -21,7 +22,6 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.online.identifier import Identifier
-from replant.settings import Request
 
 UNKNOWN = Uncertainty(Structure(1), np.array([2.0, 4.0]), np.full((2, 2), np.nan))
 PLANT = TransferFunction([4.0], [1.0, 2.0])

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.data.streams import Batch
 from replant.live.outputs import sinks as publisher_module
 from replant.live.outputs.message import ENDED, UNKNOWN, WAITING, EstimateMessage, Notices, time_to_live
 from replant.live.outputs.sinks import LineSink, Publisher
+from replant.live.streams import Batch
 from support.cases import every
 from support.live_command import wait_for
 from support.live_fakes import DT, FakeObserver, FakeSink, FakeSource, JudgingObserver, make, record

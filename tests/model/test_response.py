@@ -160,6 +160,6 @@ def test_a_response_that_has_died_out_has_no_more_rows() -> None:
 def test_a_record_and_its_builder_agree() -> None:
     plant = TransferFunction([1.0, 4.0], [1.0, 2.0, 5.0], 0.12)
     u, y, t = irregular_record(plant, 7, 600, 0.05, jitter=0.4)
-    simulated = rp.assessment.simulate(plant, u[100:], y[100:] + 3.0, 0.05, t=t[100:])
+    simulated = rp.verdict.simulate(plant, u[100:], y[100:] + 3.0, 0.05, t=t[100:])
     assert simulated.offset == pytest.approx(3.0, abs=1e-9)
     assert simulated.fit > 99.999999

@@ -12,8 +12,8 @@ from scipy.stats import chi2
 
 import replant as rp
 from replant.kernels.filters import bank as bk
+from replant.numerics.linear_algebra import compose
 from replant.signals import prbs
-from replant.statistics.linear_algebra import compose
 from support.builders import AWKWARD, DT, binary, random_plant, record, state, true_parameters, two_modes
 from support.cases import every
 from support.inside import factors_of, set_covariance, state_of

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine import state_lanes
+from replant.estimation.engine import state_lanes
 from replant.kernels import schema as at
 from replant.online import company
 from support.builders import G2

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.arguments import FloatArray
-from replant.assessment import simulate
-from replant.engine.record import Record
-from replant.simulation.model_run import prediction_error
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.model_run import prediction_error
+from replant.numerics.arguments import FloatArray
+from replant.verdict import simulate
 from support.cases import every
 
 DT = 0.05
@@ -132,7 +132,7 @@ def test_the_verdict_does_not_count_outputs_that_nobody_can_know(share: float) -
     ident = rp.Identifier(structure, DT)
     ident.update_many(u, y)
     ident.finish()
-    assert rp.assessment.simulate(fitted.transfer_function, u, y, DT).fit == pytest.approx(fitted.simulation.fit)
+    assert rp.verdict.simulate(fitted.transfer_function, u, y, DT).fit == pytest.approx(fitted.simulation.fit)
     if ident.assess().held_out == 0:
         assert ident.assess().fit == pytest.approx(fitted.simulation.fit, abs=1.0)
     assert ident.assess().status != "inconsistent"

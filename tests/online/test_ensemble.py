@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.engine import vector_blocks
+from replant.estimation.engine import vector_blocks
+from replant.estimation.optimizers import OPTIMIZERS
 from replant.kernels import schema as at
 from replant.kernels.lanes import LANES
 from replant.online import company
-from replant.optimizers import OPTIMIZERS
 from support.builders import G2, identifier
 from support.cases import every, examples
 

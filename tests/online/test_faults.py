@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.statistics.linear_algebra import compose
+from replant.numerics.linear_algebra import compose
 from support.builders import binary, is_finite, state
 from support.cases import every, examples
 
@@ -342,7 +342,7 @@ def test_after_a_gap_learning_goes_on_at_once(plant: rp.TransferFunction, kind: 
 
 def test_the_last_entries_begin_anew_and_the_others_keep_their_covariance() -> None:
     from replant.kernels.optimizers.covariance import begin_last
-    from replant.statistics.linear_algebra import factor_covariance
+    from replant.numerics.linear_algebra import factor_covariance
 
     root = np.random.default_rng(0).standard_normal((5, 9))
     covariance = root @ root.T

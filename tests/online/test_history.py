@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine.dimensions import FIRST_ROOM, room_for
-from replant.settings import STORED
+from replant.estimation.engine.dimensions import FIRST_ROOM, room_for
+from replant.estimation.settings import STORED
 from support.cases import every
 
 DT = 0.1

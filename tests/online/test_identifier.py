@@ -15,8 +15,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.engine.state import REASONS, State
-from replant.optimizers import OPTIMIZERS
+from replant.estimation.engine.state import REASONS, State
+from replant.estimation.optimizers import OPTIMIZERS
 from support.builders import (
     G1,
     G2,

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.assessment.judge import BEFORE
-from replant.statistics.linear_algebra import compose
+from replant.numerics.linear_algebra import compose
+from replant.verdict.judge import BEFORE
 from support.builders import DT, identifier, is_finite, record, true_parameters, two_modes
 from support.cases import every
 

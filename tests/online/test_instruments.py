@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.optimizers import OPTIMIZERS
+from replant.estimation.optimizers import OPTIMIZERS
 from replant.signals import prbs
 from support.builders import DT, binary, true_parameters, two_modes
 from support.cases import every

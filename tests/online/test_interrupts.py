@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.online import company, revision
 from support.interrupts import interrupt
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine.state import GAP
+from replant.estimation.engine.state import GAP
 from replant.online.estimate import REASONS
 from support.builders import AWKWARD, DT, identifier, irregular_record, record, state, true_parameters, two_modes
 from support.cases import every

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.online.startup import next_provisional
 from support.cases import every
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.data.streams.demo import demo_voltage
+from replant.live.streams.demo import demo_voltage
 from replant.rigs import deap_rig
 from support.builders import true_parameters
 from support.cases import every

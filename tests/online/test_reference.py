@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine.dimensions import RECENT
 from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.estimation.engine.dimensions import RECENT
 from replant.kernels.schema import LARGEST
 from replant.online.ensemble import Ensemble
 from support.cases import every

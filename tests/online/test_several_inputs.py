@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from offline.test_several_inputs import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
 
 import replant as rp
-from offline.test_several_inputs import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
-from replant.arguments import FloatArray
-from replant.statistics.linear_algebra import chi2_quantile
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import chi2_quantile
 from support.cases import every
 
 SAMPLES = 1500

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.arguments import BoolArray, FloatArray
-from replant.settings import STORED
+from replant.estimation.settings import STORED
+from replant.numerics.arguments import BoolArray, FloatArray
 from support.builders import state
 from support.cases import every
 

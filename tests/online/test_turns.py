@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.online.turns import Turn
 from support.waiting import PATIENCE
 

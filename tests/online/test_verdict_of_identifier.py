@@ -14,12 +14,12 @@ import pytest
 from scipy.signal import lfilter
 
 import replant as rp
-from replant.assessment import Assessment
-from replant.data.logs import read_log
-from replant.optimizers import OPTIMIZERS
-from replant.runs.result import result_of_fit
-from replant.runs.run import run_online
-from replant.settings import Request
+from replant.estimation.optimizers import OPTIMIZERS
+from replant.estimation.settings import Request
+from replant.logs import read_log
+from replant.online.runs.result import result_of_fit
+from replant.online.runs.run import run_online
+from replant.verdict import Assessment
 from support import live_fakes
 from support.builders import AWKWARD, DT, binary, irregular_record, state
 from support.cases import every

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from support.cases import every
 
 DT = 0.02
@@ -98,9 +98,7 @@ def test_nonlinear_plants_do_not_end_behind_fit(seed: int) -> None:
     ident = learned(u, y, startup=200)
     ident.finish()
     fitted = rp.fit(u, y, DT, STRUCTURE)
-    fits = [
-        rp.assessment.simulate(model, u, y, DT).fit for model in (ident.transfer_function, fitted.transfer_function)
-    ]
+    fits = [rp.verdict.simulate(model, u, y, DT).fit for model in (ident.transfer_function, fitted.transfer_function)]
     assert fits[0] > fits[1] - 1.0
 
 

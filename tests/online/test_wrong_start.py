@@ -7,8 +7,8 @@ import pytest
 from scipy import signal
 
 import replant as rp
-from replant.arguments import FloatArray
-from replant.engine.recent_samples import RecentSamples
+from replant.estimation.engine.recent_samples import RecentSamples
+from replant.numerics.arguments import FloatArray
 from support.cases import every
 
 DT = 0.005
@@ -39,7 +39,7 @@ def loop_at_rest_first(seed: int, samples: int = 1500) -> tuple[FloatArray, Floa
 @pytest.fixture
 def any_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a model start the recursion that no loop can hold: one that is wrong."""
-    monkeypatch.setattr("replant.offline.refined.FASTEST_UNSTABLE", np.inf)
+    monkeypatch.setattr("replant.estimation.solver.refined.FASTEST_UNSTABLE", np.inf)
 
 
 @every("seed", range(3), quick=1)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.estimation.settings import Request
+from replant.online.runs.result import History, Result
+from replant.online.runs.run import run_online
 from replant.report.result_page import write_report
-from replant.runs.result import History, Result
-from replant.runs.run import run_online
-from replant.settings import Request
 from support.builders import with_model
 
 DT = 0.05

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from replant.numerics.residuals import BAND_95, correlation_lags, correlations
 from replant.report.findings import excitation
-from replant.statistics.residuals import BAND_95, correlation_lags, correlations
 from support.cases import every
 
 

@@ -12,6 +12,7 @@ import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.model.noise import NoiseModel
 from replant.model.uncertainty import Uncertainty
+from replant.numerics.residuals import BAND_95, BAND_99, correlations
 from replant.plotting.over_time import SHOWN
 from replant.report.figures import (
     draw_bode,
@@ -28,7 +29,6 @@ from replant.report.figures import (
     zero_covariance,
 )
 from replant.report.findings import excitation
-from replant.statistics.residuals import BAND_95, BAND_99, correlations
 from support.builders import with_model
 
 
@@ -84,9 +84,7 @@ def test_fit_is_thinned_without_losing_a_peak(long_case) -> None:
 
 def test_model_that_leaves_the_picture_does_not_squeeze_the_measurement(plain) -> None:
     result, u, y, dt = record(plain)
-    wild = dataclasses.replace(
-        result, simulation=rp.assessment.Simulation(np.geomspace(1.0, 1e200, y.size), 0.0, -np.inf)
-    )
+    wild = dataclasses.replace(result, simulation=rp.verdict.Simulation(np.geomspace(1.0, 1e200, y.size), 0.0, -np.inf))
     _, middle, bottom = draw_fit(wild, u, y, dt)
     assert np.ptp(middle.get_ylim()) < 4 * np.ptp(y)
     assert np.ptp(bottom.get_ylim()) < 5 * np.ptp(y)

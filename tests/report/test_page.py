@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 
 import replant as rp
+from replant.estimation.settings import Request
+from replant.online.runs.run_log import compare
 from replant.paper.catalogue import run, save
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
 from replant.report.methods_page import write_comparison
 from replant.report.result_page import write_report
-from replant.runs.run_log import compare
-from replant.settings import Request
 from support.browsing import TEXTS, chromium, contrast, drawn_anew, luminance, new_page
 from support.places import ROOT
 

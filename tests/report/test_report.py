@@ -114,7 +114,7 @@ def test_the_three_questions_come_first_and_what_few_look_for_is_folded(good) ->
 
 
 def test_the_verdict_says_what_to_do_and_shows_one_reason(plain, tmp_path) -> None:
-    verdict = rp.assessment.Assessment("inconsistent", ("first of all", "then this", "and that"))
+    verdict = rp.verdict.Assessment("inconsistent", ("first of all", "then this", "and that"))
     case = dataclasses.replace(plain, result=dataclasses.replace(plain.result, verdict=verdict))
     text, _ = report(case, tmp_path, advice=("try one pole", "replant fit log.csv -p 1"))
     shown, _, rest = text[text.index('class="verdict') :].partition("<details")
@@ -126,7 +126,7 @@ def test_the_verdict_says_what_to_do_and_shows_one_reason(plain, tmp_path) -> No
 
 
 def test_a_trusted_model_with_a_warning_is_called_trusted_and_coloured_by_the_warning(plain, tmp_path) -> None:
-    verdict = rp.assessment.Assessment("trusted", ("it fits",))
+    verdict = rp.verdict.Assessment("trusted", ("it fits",))
     result = dataclasses.replace(plain.result, verdict=verdict, rejected={"no output": 2000})
     text, _ = report(
         dataclasses.replace(plain, result=result), tmp_path, advice=("keep the model", "replant show m.json")
@@ -302,7 +302,7 @@ def test_gravest_finding_leads_and_rejected_samples_are_named(plain) -> None:
     result = dataclasses.replace(
         plain.result,
         rejected={"not finite": 600, "too large": 1},
-        verdict=rp.assessment.Assessment("diverged", ("updates left the range",)),
+        verdict=rp.verdict.Assessment("diverged", ("updates left the range",)),
     )
     found = findings(result, 4601)
     assert [finding.gravity for finding in found] == ["bad", "warn"]
@@ -311,7 +311,7 @@ def test_gravest_finding_leads_and_rejected_samples_are_named(plain) -> None:
 
 
 def test_status_that_is_not_known_is_a_warning(plain) -> None:
-    result = dataclasses.replace(plain.result, verdict=rp.assessment.Assessment("biased", ()))
+    result = dataclasses.replace(plain.result, verdict=rp.verdict.Assessment("biased", ()))
     assert [(finding.gravity, finding.headline) for finding in findings(result, 4000)] == [("warn", "Biased")]
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from replant.engine.state import State
+from replant.estimation.engine.state import State
+from replant.estimation.optimizers import OPTIMIZERS
 from replant.kernels.schema import STATE_ARRAYS
-from replant.optimizers import OPTIMIZERS
-from replant.runs.result import Result
+from replant.online.runs.result import Result
 from support.cases import every
 
 #: The article's G1 and G2, (20) and (22).

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from replant.assessment import fit_percent, simulate
-from replant.identified.model_json import as_object
+from replant.fitting.model_json import as_object
 from replant.live.dashboard import Hub
 from replant.live.observer.make_view import bode_of, step_of
+from replant.verdict import fit_percent, simulate
 
 DT = 0.01
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 40.0])

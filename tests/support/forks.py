@@ -1,7 +1,7 @@
 """Reading files in forks: as safe from crashes as the process that reads a file for a user, and far quicker.
 
 Lines on standard input name files; lines of JSON on standard output say what came of them.  Each fork has the limits of
-a process that reads a file (`replant.data.logs.isolated`).
+a process that reads a file (`replant.logs.isolated`).
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from replant.data.logs import isolated, read_columns, read_log
 from replant.errors import ReplantError
+from replant.logs import isolated, read_columns, read_log
 
 WALL = 240  # s after which a fork hangs; its processor time is limited far below
 MOST_WORDS = 300  # characters of a message beside the path
@@ -51,7 +51,7 @@ class Outcome:
 
 def is_isolated(path: Path) -> bool:
     """Whether a user's process does not read such a file itself."""
-    from replant.data.logs.formats import FORMATS
+    from replant.logs.formats import FORMATS
 
     return FORMATS.get(path.suffix.lower()) in isolated.PARSERS
 
@@ -100,7 +100,7 @@ def work() -> None:
     """Fork for each line of standard input."""
     sys.frozen = True  # type: ignore[attr-defined]  # no process is started
     # replant reads the model with all that it needs
-    for module in ["replant.identified.model", *sys.argv[1:]]:
+    for module in ["replant.fitting.model", *sys.argv[1:]]:
         importlib.import_module(module)
     resident = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss  # kB
     for line in iter(sys.stdin.readline, ""):

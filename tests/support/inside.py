@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 import replant as rp
-from replant.engine import covariance
-from replant.engine.state import State
+from replant.estimation.engine import covariance
+from replant.estimation.engine.state import State
 
 
 def state_of(ident: rp.Identifier) -> State:

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from replant.data.streams import Batch, Source
+from replant.estimation.settings import Request
 from replant.live.observer.view import SessionInfo
 from replant.live.outputs.message import DiskWriter, EstimateMessage, Notices
 from replant.live.session.progress import CheckpointWriter
 from replant.live.session.session import Session
-from replant.settings import Request
+from replant.live.streams import Batch, Source
 from support.waiting import PATIENCE
 
 PLANT, DT = rp.TransferFunction([2.0], [1.0, 0.5]), 0.05

@@ -347,7 +347,7 @@ class Twin:
     settings: dict[str, float]
 
 
-#: By the names of `replant.optimizers.OPTIMIZERS`; a new optimizer needs its line here.
+#: By the names of `replant.estimation.optimizers.OPTIMIZERS`; a new optimizer needs its line here.
 TWINS = {
     "gradient": Twin(gradient, {"gain": 4.0}),
     "adam": Twin(adam, {"step_size": 0.02, "beta1": 0.85, "beta2": 0.99}),

@@ -7,7 +7,7 @@ import threading
 
 import numpy as np
 
-from replant.data.streams import Batch, Source
+from replant.live.streams import Batch, Source
 from support.waiting import PATIENCE, wait_until
 
 

@@ -34,7 +34,11 @@ FAULTY = [
     ("online.b", "x = 1\nx.savetxt('a')", "line 2: uses savetxt"),
     ("report.c", "import requests", "imports requests: declare it"),
     ("online.b", "from replant import __version__", "imports replant itself"),
-    ("online.b", "from replant.arguments import positive\npositive(1)", "line 2: keep() what positive() returns"),
+    (
+        "online.b",
+        "from replant.numerics.arguments import positive\npositive(1)",
+        "line 2: keep() what positive() returns",
+    ),
     ("online.b", f"def f({', '.join(f'a{k}' for k in range(13))}): ...", "line 1: f takes more than 12"),
 ]
 RIGHT = {
@@ -72,12 +76,13 @@ def test_each_fault_of_a_module_is_found(module: str, text: str, fault: str, tmp
 def test_the_reader_of_imports_sees_every_kind() -> None:
     whole = Package.read()
     tree = ast.parse(
-        "import numpy as np, scipy.signal\nfrom replant.kernels import schema as at\nfrom replant import settings\n"
+        "import numpy as np, scipy.signal\nfrom replant.kernels import schema as at\n"
+        "from replant.estimation import settings\n"
         "from replant import __version__\nif np:\n    import sympy\n"
         "class A:\n    import pandas\ndef f():\n    import control\n    g = lambda: __import__('os')\n"
         "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pyarrow\n"
     )
-    early = ["numpy", "scipy.signal", "replant.kernels.schema", "replant.settings", "replant"]
+    early = ["numpy", "scipy.signal", "replant.kernels.schema", "replant.estimation.settings", "replant"]
     early += ["sympy", "pandas", "typing"]
     assert list(whole.imports(tree, "online.identifier", late=False)) == early
     assert set(whole.imports(tree, "online.identifier")) == {*early, "control", "pyarrow"}
@@ -207,7 +212,7 @@ def test_a_constant_with_all_parts_is_on_the_page(tmp_path: Path, monkeypatch: p
 
 def test_the_constants_of_the_estimators_are_found() -> None:
     found = {(one.module, name) for one in constants_page.constants() for name in one.names}
-    assert {("kernels.monitoring.outliers", "GATE"), ("assessment.score_test", "LARGEST_PART")} <= found
+    assert {("kernels.monitoring.outliers", "GATE"), ("verdict.score_test", "LARGEST_PART")} <= found
 
 
 def test_a_comment_says_what_a_plain_fact_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,7 +13,7 @@ import click
 from replant import __version__
 from replant.cli.terminal import did_you_mean, epilog_of, replace_unencodable
 from replant.errors import ReplantError, brief
-from replant.operating_system import refusal
+from replant.numerics.operating_system import refusal
 
 # For each command: the module of replant.cli that has it, as in ``fit_command``, and the command's line of help.
 COMMANDS = {

@@ -14,20 +14,20 @@ from replant.cli.option_types import command_line
 from replant.cli.options import log_options, open_log, progress_bar
 from replant.cli.output import kept, make_folder, model_clock, whole_log, write_errors_reported
 from replant.cli.terminal import Choice
-from replant.data.logs import Log
 from replant.errors import InvalidArgumentError, ModelFileError
-from replant.identified.model import Model
-from replant.identified.model_file import holds_model
-from replant.identified.row_model import RowModel, load_model
+from replant.estimation.settings import Request
+from replant.fitting.model import Model
+from replant.fitting.model_file import holds_model
+from replant.fitting.row_model import RowModel, load_model
+from replant.logs import Log
+from replant.online.runs.result import Result
+from replant.online.runs.run_log import METHODS, USUAL, Contender, compare
 from replant.report.methods_page import save_figures, write_comparison
 from replant.report.models_page import HEADINGS, ModelComparison, write_models
 from replant.report.models_page import compare as compare_saved
 from replant.report.terminal_tables import comparison_as_json as comparison_as_json
 from replant.report.terminal_tables import print_comparison
 from replant.report.terminal_tables import validation_as_json as validation_as_json
-from replant.runs.result import Result
-from replant.runs.run_log import METHODS, USUAL, Contender, compare
-from replant.settings import Request
 
 SHOWN = 7  # columns of the table that fit into a terminal [count]
 

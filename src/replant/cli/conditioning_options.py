@@ -10,11 +10,11 @@ from typing import Any
 import click
 import numpy as np
 
-from replant.arguments import BoolArray
 from replant.cli.terminal import Choice, Parsed, note
-from replant.data.conditioning import STEPS, from_rest
 from replant.errors import InvalidArgumentError
-from replant.log import Log
+from replant.logs.conditioning import STEPS, from_rest
+from replant.logs.log import Log
+from replant.numerics.arguments import BoolArray
 
 Edges = tuple[float | None, float | None]
 

@@ -9,16 +9,20 @@ from typing import Any
 
 import click
 
-from replant.arguments import FloatArray
 from replant.cli.option_types import command_line, flag, path_option
 from replant.cli.options import progress_bar
 from replant.cli.output import make_folder, write_errors_reported
 from replant.cli.terminal import did_you_mean
-from replant.data.logs import Log
+from replant.estimation.filters import StateVariableFilter
+from replant.estimation.optimizers import AMSGrad
+from replant.estimation.optimizers.optimizer import Replay
+from replant.estimation.settings import Request
 from replant.fleet.executors import parsed
+from replant.logs import Log
 from replant.model.structure import Structure
-from replant.optimizers import AMSGrad
-from replant.optimizers.optimizer import Replay
+from replant.numerics.arguments import FloatArray
+from replant.online.runs.result import Result
+from replant.online.runs.run import run_online
 from replant.paper import rendering
 from replant.paper.actuator import NOTES, Actuator
 from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, is_figure, run, save, steps
@@ -26,14 +30,10 @@ from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
 from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, notes, summary
 from replant.plotting.numbers import off_by
-from replant.regressor.filters import StateVariableFilter
 from replant.report.figures import save_figures
 from replant.report.result_page import write_report
 from replant.report.terminal import print_result, true_parameters
 from replant.rigs import Rig, deap_rig, deap_voltage
-from replant.runs.result import Result
-from replant.runs.run import run_online
-from replant.settings import Request
 
 DEFAULT_FOLDER = Path("out/reproduce")
 

@@ -14,14 +14,14 @@ from replant.cli.option_types import flag, path_option
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
 from replant.cli.terminal import Choice, Parsed
 from replant.errors import InvalidArgumentError
+from replant.estimation.settings import Request
 from replant.live.observer.view import SignalNames
 from replant.live.run_session import Plan, run
 from replant.live.session.progress import Limits
+from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.operating_system import one_line
-from replant.regressor.preprocess import Preprocess
+from replant.numerics.operating_system import one_line
 from replant.rigs import Rig, deap_rig, motor_rig
-from replant.settings import Request
 from replant.workbench.start import start
 
 DASHBOARD = "127.0.0.1:8710"

@@ -11,10 +11,10 @@ import click
 
 from replant.cli.option_types import JSON, flag, input_option, inputs_option, output_option, path_option
 from replant.cli.output import REQUIRE, check_required, make_folder, model_clock, validated, write_errors_reported
-from replant.data.inspection import inspect
 from replant.examples import NAMES, path_of
-from replant.identified.row_model import RowModel, load_model
-from replant.identified.validation import Validation
+from replant.fitting.inspect import inspect
+from replant.fitting.row_model import RowModel, load_model
+from replant.fitting.validation import Validation
 from replant.report.terminal import print_kept_model, print_row
 from replant.report.terminal_look import as_json as look_as_json
 from replant.report.terminal_look import print_look

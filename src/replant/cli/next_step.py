@@ -11,14 +11,14 @@ from dataclasses import dataclass
 import click
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.assessment.verdict import Verdict
 from replant.cli.conditioning_options import REST
 from replant.cli.option_types import command_line
-from replant.data.inspection.influence import prepared, response
-from replant.data.inspection.inspect import rounded_up
-from replant.log import Log
-from replant.runs.result import Result
+from replant.fitting.inspect import rounded_up
+from replant.logs.influence import prepared, response
+from replant.logs.log import Log
+from replant.numerics.arguments import FloatArray
+from replant.online.runs.result import Result
+from replant.verdict.verdict import Verdict
 
 TRIED = 6  # dead times that a suggested range has beside 0 [count]
 STEPS_OF_A_TEST = 2  # moves of the input in a step test: up, and down again [count]

@@ -15,9 +15,9 @@ from click.core import ParameterSource
 
 from replant.cli.terminal import Choice, did_you_mean
 from replant.errors import InvalidArgumentError, LogError
-from replant.limits import MOST_TRIED
-from replant.optimizers import OPTIMIZERS, Optimizer
-from replant.settings import AUTO
+from replant.estimation.optimizers import OPTIMIZERS, Optimizer
+from replant.estimation.settings import AUTO
+from replant.numerics.limits import MOST_TRIED
 
 Option = Callable[[Any], Any]
 
@@ -276,7 +276,7 @@ def _look(given: dict[str, Any]) -> str:
     """Print what is in the log; return how the command goes on."""
     from rich.console import Console
 
-    from replant.data.inspection import inspect, options_of
+    from replant.fitting.inspect import inspect, options_of
     from replant.report.terminal_look import print_findings
 
     columns = {name: given[f"{name}_column"] for name in ("input", "output", "time")}

@@ -27,15 +27,15 @@ from replant.cli.option_types import (
     structure_options,
 )
 from replant.cli.terminal import Choice, is_quiet, note, silence
-from replant.data.inspection.inspect import with_others
-from replant.data.logs import Log, Recording, doubtful_unit, open_recording, stamped_interval, with_inputs
-from replant.data.logs.sampling_time import COARSE
 from replant.errors import InvalidArgumentError
+from replant.estimation.optimizers import OPTIMIZERS
+from replant.estimation.settings import AUTO, Request, filter_for
+from replant.fitting.inspect import with_others
+from replant.logs import Log, Recording, doubtful_unit, open_recording, stamped_interval, with_inputs
+from replant.logs.sampling_time import COARSE
+from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.optimizers import OPTIMIZERS
 from replant.plotting.numbers import with_prefix
-from replant.regressor.preprocess import Preprocess
-from replant.settings import AUTO, Request, filter_for
 
 ASKED = "replant.progress"
 STEP = 10  # part of the work after which a line is printed [%]

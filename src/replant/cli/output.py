@@ -15,27 +15,27 @@ from typing import Any
 
 import click
 
-from replant.assessment.verdict import Verdict
 from replant.cli.conditioning_options import NAMES as STRETCH_NAMES
 from replant.cli.conditioning_options import is_conditioned
 from replant.cli.next_step import OTHER_LOG, NextStep, next_step
 from replant.cli.option_types import command_line, group, path_option
 from replant.cli.options import read
 from replant.cli.terminal import Choice, is_quiet, note
-from replant.data.logs import Log, read_columns
-from replant.data.logs.recording import digest
-from replant.data.logs.sampling_time import time_candidates
 from replant.errors import InvalidArgumentError
-from replant.identified.model import Model
-from replant.identified.model_file import check_target
-from replant.identified.row_model import RowModel
-from replant.identified.validation import Validation
+from replant.fitting.model import Model
+from replant.fitting.model_file import check_target
+from replant.fitting.row_model import RowModel
+from replant.fitting.validation import Validation
+from replant.logs import Log, read_columns
+from replant.logs.recording import digest
+from replant.logs.sampling_time import time_candidates
+from replant.online.runs.result import Result
 from replant.report.programs import identifier_as_python
 from replant.report.terminal import as_json as result_as_json
 from replant.report.terminal import print_result, record_line
 from replant.report.terminal_tables import print_validation
 from replant.report.terminal_tables import validation_as_json as validation_as_json
-from replant.runs.result import Result
+from replant.verdict.verdict import Verdict
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]
 

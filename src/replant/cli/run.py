@@ -27,27 +27,27 @@ from replant.cli.options import (
 )
 from replant.cli.output import Keeping, check_required, deliver, echo_json, keeping_options, make_folder
 from replant.cli.terminal import Choice, is_quiet
-from replant.data.logs import Log, Recording
-from replant.data.logs.recording import digest
-from replant.engine.dimensions import RECENT
 from replant.errors import InvalidArgumentError
-from replant.identified import model_json
-from replant.identified.row_model import RowModel
-from replant.offline.fit import METHODS, fit
-from replant.offline.fit_result import FitResult
-from replant.offline.samples import Samples
-from replant.offline.structure_search import SearchResult, search
+from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.settings import Request
+from replant.estimation.simulation.fitted_run import FITTED
+from replant.fitting import model_json
+from replant.fitting.fit import METHODS, fit
+from replant.fitting.fit_result import FitResult
+from replant.fitting.row_model import RowModel
+from replant.fitting.samples import Samples
+from replant.fitting.structure_search import SearchResult, search
+from replant.logs import Log, Recording
+from replant.logs.recording import digest
 from replant.online.row_identifier import RowIdentifier
+from replant.online.runs.full_trace import FullTrace
+from replant.online.runs.result import Result, result_of_fit
+from replant.online.runs.run import run_source
+from replant.online.runs.run_log import judged_by_log
 from replant.report import terminal_tables as comparison
 from replant.report.programs import fit_as_python
 from replant.report.terminal import print_row, record_line
 from replant.report.terminal_tables import print_validation
-from replant.runs.full_trace import FullTrace
-from replant.runs.result import Result, result_of_fit
-from replant.runs.run import run_source
-from replant.runs.run_log import judged_by_log
-from replant.settings import Request
-from replant.simulation.fitted_run import FITTED
 
 
 @click.command(name="run")

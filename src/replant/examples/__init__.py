@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from importlib import resources
 from pathlib import Path
 
-from replant.data.logs import read_log
-from replant.log import Log
+from replant.logs import read_log
+from replant.logs.log import Log
 
 NAMES = ("motor.csv", "motor-step.csv", "LICENSE")
 

@@ -18,15 +18,15 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
 
-from replant.arguments import instance, text
-from replant.data.logs.arrow import SUFFIXES, open_parquet
-from replant.data.logs.arrow import SUFFIXES as PARQUET
-from replant.data.logs.formats import FORMATS
-from replant.data.logs.formats import SUFFIXES as PACKED
-from replant.data.logs.table import listed
 from replant.errors import InvalidArgumentError, LogError
 from replant.fleet.job import Piece, Rig, is_results, printable
-from replant.operating_system import reason_of
+from replant.logs.arrow import SUFFIXES, open_parquet
+from replant.logs.arrow import SUFFIXES as PARQUET
+from replant.logs.formats import FORMATS
+from replant.logs.formats import SUFFIXES as PACKED
+from replant.logs.table import listed
+from replant.numerics.arguments import instance, text
+from replant.numerics.operating_system import reason_of
 
 READERS = 8  # threads that read footers: they wait for the disk, or the network [count]
 NAMELESS = "(no name)"

@@ -23,7 +23,7 @@ from multiprocessing import active_children, get_context, parent_process
 from typing import Any, TypeVar
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError, shown
-from replant.operating_system import refusal
+from replant.numerics.operating_system import refusal
 
 MOST_WAITING = 1024  # tasks with the workers at a time: enough for a large cluster, and little memory [count]
 MOST_LOST = 3  # a pool that dies more often in a row without a task done is killed by a task [count]

@@ -17,19 +17,19 @@ from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
-from replant.arguments import iterable
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, ReplantError, shown
+from replant.estimation.optimizers import Optimizer
+from replant.estimation.settings import AUTO
+from replant.fitting.model import Model
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
 from replant.fleet.job import ABOUT, MODELS, TABLE, Job, planned
 from replant.fleet.store import Store, column, read_table
 from replant.fleet.work import carry_out, one_thread
-from replant.identified.model import Model
-from replant.limits import file_path
 from replant.model.structure import Structure
-from replant.optimizers import Optimizer
-from replant.runs.run_log import run
-from replant.settings import AUTO
+from replant.numerics.arguments import iterable
+from replant.numerics.limits import file_path
+from replant.online.runs.run_log import run
 
 T = TypeVar("T")
 R = TypeVar("R")

@@ -13,16 +13,16 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from replant import operating_system
-from replant.arguments import finite, instance, keep, one_of, text, whole
-from replant.data.logs.arrow import SUFFIXES, RowGroups
 from replant.errors import InvalidArgumentError, SystemRefusedError
-from replant.limits import duration
+from replant.estimation.optimizers import Optimizer
+from replant.estimation.settings import AUTO, Request
+from replant.logs.arrow import SUFFIXES, RowGroups
+from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.operating_system import refusal
-from replant.optimizers import Optimizer
-from replant.regressor.preprocess import Preprocess
-from replant.settings import AUTO, Request
+from replant.numerics import operating_system
+from replant.numerics.arguments import finite, instance, keep, one_of, text, whole
+from replant.numerics.limits import duration
+from replant.numerics.operating_system import refusal
 
 METHODS = ("run", "fit")
 FORMAT = 2  # version of the files that a fleet writes; those of another version are made anew [number]
@@ -130,7 +130,7 @@ def digest(*told: object) -> str:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Give the name under which a file is written, see `operating_system.whole_file.replacing`."""
+    """Give the name under which a file is written, see `numerics.operating_system.whole_file.replacing`."""
     try:
         with operating_system.replacing(path) as new:
             yield new

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
 from replant.errors import InvalidArgumentError
 from replant.fleet.fit import Fleet
 from replant.fleet.job import TABLE
@@ -27,6 +26,7 @@ from replant.fleet.statistics import (
 )
 from replant.fleet.store import FAILED, column, read_table
 from replant.model.structure import Structure
+from replant.numerics.arguments import BoolArray, FloatArray
 
 FEWEST = 8  # trusted rigs beyond their coefficients from which on there is something usual [count]
 FEW_SIGMA = 4.0

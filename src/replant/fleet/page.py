@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
 from replant.errors import InvalidArgumentError, ReplantError
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import carried_out, workers
@@ -21,6 +20,7 @@ from replant.fleet.oddness import Drift, Oddness, drift_between, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
 from replant.fleet.work import Watched, one_thread, opened, result_of
+from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number
 from replant.report.page import asset, filled, heading, icon, page, script, section, words
 from replant.report.result_page import write_report

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
 from replant.fleet.store import column
 from replant.model.structure import Structure
+from replant.numerics.arguments import BoolArray, FloatArray
 
 CHANCE = 0.01
 """Probability that a fleet without an odd rig has one named [probability].

@@ -18,9 +18,8 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.data.logs.arrow import CHECKED
 from replant.errors import InvalidArgumentError, LogError, MissingDependencyError, SystemRefusedError
+from replant.fitting.model import Model
 from replant.fleet.job import (
     ABOUT,
     MODELS,
@@ -36,9 +35,10 @@ from replant.fleet.job import (
     replacing,
     report_path,
 )
-from replant.identified.model import Model
+from replant.logs.arrow import CHECKED
 from replant.model.structure import Structure
-from replant.operating_system import refusal
+from replant.numerics.arguments import FloatArray
+from replant.numerics.operating_system import refusal
 
 CHUNK_ROWS = 1 << 14  # rows of a row group of the table [rows]
 PROBE = 1 << 16  # bytes beyond the size of the file that are written to learn why it cannot grow [bytes]

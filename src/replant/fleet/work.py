@@ -16,22 +16,22 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.data.logs import Recording, Table, open_recording, read_columns
-from replant.data.logs.arrow import first_stamp, read_row_groups
-from replant.data.logs.read import time_columns
-from replant.data.logs.recording import MOST_HELD, joined
 from replant.errors import LogError, ReplantError, SystemRefusedError
+from replant.estimation.simulation.fitted_run import FITTED
+from replant.fitting.fit import fit
+from replant.fitting.model import Model
 from replant.fleet.catalogue import is_parquet
 from replant.fleet.job import Job, Piece, Rig, Task, printable
 from replant.fleet.store import FAILED, UNKNOWN, Movement, Row, cells_of
-from replant.identified.model import Model
-from replant.offline.fit import fit
-from replant.operating_system import refusal
-from replant.runs.result import Result, result_of_fit
-from replant.runs.run import run_source
-from replant.runs.thinning import Batch
-from replant.simulation.fitted_run import FITTED
+from replant.logs import Recording, Table, open_recording, read_columns
+from replant.logs.arrow import first_stamp, read_row_groups
+from replant.logs.read import time_columns
+from replant.logs.recording import MOST_HELD, joined
+from replant.numerics.arguments import FloatArray
+from replant.numerics.operating_system import refusal
+from replant.online.runs.result import Result, result_of_fit
+from replant.online.runs.run import run_source
+from replant.online.runs.thinning import Batch
 
 
 def identify(rig: Rig, job: Job) -> Row:

@@ -5,7 +5,7 @@ the newest raw samples.  `StateSlots` lists what lies in the first two.  From th
 
 * the fields that kernels have, ``s.alarm``, ``s.error``, ``s.theta[i]``, ``s.noise.models[j, i]``: in C a struct, in
   the interpreter a `Fields`;
-* the properties of `replant.engine.state.State`, by the same names;
+* the properties of `replant.estimation.engine.state.State`, by the same names;
 * the layout and the check of a checkpoint: the ranges are checked when one is loaded.
 
 To add a number, add a line.  Dimensions of blocks:
@@ -132,7 +132,7 @@ class Alarm(IntEnum):
 
 
 class Supposition(IntEnum):
-    """What has changed where a residual has grown; see `replant.offline.contest`."""
+    """What has changed where a residual has grown; see `replant.estimation.solver.contest`."""
 
     NOTHING = 0
     NOISE = 1  # its variance or colour
@@ -464,7 +464,7 @@ SCALARS: Final = len(StateSlots.scalars)
 
 
 class StateArrays(StateSlots):
-    """The arrays of a state; `replant.engine.state.State` lays them out, kernels have their `fields`.
+    """The arrays of a state; `replant.estimation.engine.state.State` lays them out, kernels have their `fields`.
 
     Attributes
     ----------

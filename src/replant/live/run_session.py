@@ -10,8 +10,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
-from replant.data.streams import Source, open_source
 from replant.errors import DamagedCheckpointError, InvalidArgumentError
+from replant.estimation.settings import Request
 from replant.live.observer.client import Observer
 from replant.live.observer.make_view import EstimateHistory, make_view
 from replant.live.observer.process import DashboardAddress, ObserverOptions
@@ -21,9 +21,9 @@ from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder, t
 from replant.live.outputs.sinks import Sink, open_sink
 from replant.live.session.progress import CheckpointWriter, Limits, Progress, resume
 from replant.live.session.session import Session
+from replant.live.streams import Source, open_source
 from replant.model.transfer_function import TransferFunction
 from replant.online.identifier import Identifier
-from replant.settings import Request
 
 M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
 

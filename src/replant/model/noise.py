@@ -8,12 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import FloatArray, array_of_reals, keep, not_negative
-from replant.arguments import coefficients as checked
 from replant.errors import InvalidArgumentError, shown
 from replant.kernels.schema import NoiseSlots
-from replant.limits import duration
-from replant.statistics.linear_algebra import quiet
+from replant.numerics.arguments import FloatArray, array_of_reals, keep, not_negative
+from replant.numerics.arguments import coefficients as checked
+from replant.numerics.limits import duration
+from replant.numerics.linear_algebra import quiet
 
 
 @dataclass(frozen=True, eq=False)

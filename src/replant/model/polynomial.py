@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 
 
 def polynomial_text(polynomial: FloatArray) -> str:

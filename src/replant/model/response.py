@@ -10,9 +10,9 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from replant.arguments import FloatArray
 from replant.model import state_space
 from replant.model.dead_time import WHOLE, split_delay
+from replant.numerics.arguments import FloatArray
 
 
 class Rational(Protocol):

@@ -21,9 +21,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
 from replant.model.structure import Structure
-from replant.statistics.linear_algebra import quiet, roots
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import quiet, roots
 
 WEAK = 10.0
 """Smallest F up to which intervals of first order are not valid, so that a root may be shared [ratio of variances].

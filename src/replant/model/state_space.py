@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.limits import LONGEST, SHORTEST
+from replant.numerics.arguments import FloatArray
+from replant.numerics.limits import LONGEST, SHORTEST
 
 
 @dataclass(frozen=True, eq=False)

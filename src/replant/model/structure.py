@@ -6,7 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import (
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import (
     FloatArray,
     instance,
     iterable,
@@ -15,9 +17,7 @@ from replant.arguments import (
     truth,
     whole,
 )
-from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
-from replant.limits import dead_time
-from replant.model.transfer_function import TransferFunction
+from replant.numerics.limits import dead_time
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from replant import interop
-from replant.arguments import (
+from replant.errors import InvalidArgumentError, MissingDependencyError, shown
+from replant.model import interop, state_space
+from replant.model.mode import Mode
+from replant.model.polynomial import polynomial_text
+from replant.model.response import Response
+from replant.numerics.arguments import (
     FloatArray,
     array_of_reals,
     coefficients,
@@ -20,13 +24,8 @@ from replant.arguments import (
     vector,
     whole,
 )
-from replant.errors import InvalidArgumentError, MissingDependencyError, shown
-from replant.limits import count, dead_time, duration
-from replant.model import state_space
-from replant.model.mode import Mode
-from replant.model.polynomial import polynomial_text
-from replant.model.response import Response
-from replant.statistics.linear_algebra import quiet, roots
+from replant.numerics.limits import count, dead_time, duration
+from replant.numerics.linear_algebra import quiet, roots
 
 MOST_PADE = 100
 """Highest order of a Pade approximation [count].

@@ -10,18 +10,18 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import (
+from replant.model.mode import Mode
+from replant.model.shared_root import cancelled_pole
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import (
     FloatArray,
     array_of_reals,
     instance,
     keep,
     owned,
 )
-from replant.model.mode import Mode
-from replant.model.shared_root import cancelled_pole
-from replant.model.structure import Structure
-from replant.model.transfer_function import TransferFunction
-from replant.statistics.linear_algebra import quiet
+from replant.numerics.linear_algebra import quiet
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,18 +6,18 @@ import math
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.engine.dispatch import step_kernels
-from replant.engine.recent_samples import RecentSamples
-from replant.engine.record import Record
-from replant.engine.state import NOTHING, REGULAR, State
+from replant.estimation.engine.dispatch import step_kernels
+from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.record import Record
+from replant.estimation.engine.state import NOTHING, REGULAR, State
+from replant.estimation.settings import Settings
+from replant.estimation.simulation.auxiliary_model import stability_margin
+from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.solve import Solution
+from replant.estimation.solver.srivc_steps import FASTEST
 from replant.kernels.schema import BELIEVED, Doubt
-from replant.offline.refined import Refined
-from replant.offline.solve import Solution
-from replant.offline.srivc_steps import FASTEST
-from replant.settings import Settings
-from replant.simulation.auxiliary_model import stability_margin
-from replant.statistics.linear_algebra import compose, factor_covariance, quiet
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import compose, factor_covariance, quiet
 
 # so many residuals know a standard deviation to 7 %
 SHORTEST_MEMORY = 100  # samples of an input that stands still before it rests, where an optimizer forgets [samples]

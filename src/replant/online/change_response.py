@@ -1,7 +1,7 @@
 """Change response: what is done about an alarm of the residual's CUSUM test.
 
 The samples since the alarm began are looked into at growing intervals: suppositions of what has changed compete
-(`replant.offline.contest`).  Until one is sure nothing is learned.  The one that wins is where the state goes on:
+(`estimation.solver.contest`).  Until one is sure nothing is learned.  The one that wins is where the state goes on:
 
     the noise              its present variance is the usual one
     a load, a part         the estimate before the change is revised by the samples since
@@ -18,21 +18,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.assessment.evidence import LEAST_POWER, RESTED
-from replant.engine.covariance import covariance
-from replant.engine.recent_samples import RecentSamples
-from replant.engine.record import Record
-from replant.engine.state import State
+from replant.estimation.engine.covariance import covariance
+from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.record import Record
+from replant.estimation.engine.state import State
+from replant.estimation.settings import STORED, Settings
+from replant.estimation.solver.bad_samples import suspicious
+from replant.estimation.solver.contest import Claim, Contest, decided, is_sure, odds_of
+from replant.estimation.solver.known_before import Known
+from replant.estimation.solver.solve import solve
+from replant.estimation.solver.srivc_steps import SOONEST, least_since
 from replant.kernels.schema import Alarm, Doubt, Supposition
-from replant.offline.bad_samples import suspicious
-from replant.offline.contest import Claim, Contest, decided, is_sure, odds_of
-from replant.offline.known_before import Known
-from replant.offline.solve import solve
-from replant.offline.srivc_steps import SOONEST, least_since
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import inverse_of, quiet
 from replant.online.begin_recursion import clear_doubt, restart, restart_at
-from replant.settings import STORED, Settings
-from replant.statistics.linear_algebra import inverse_of, quiet
+from replant.verdict.evidence import LEAST_POWER, RESTED
 
 # a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance; the onset is
 # looked for from the first on, the others are tried

@@ -12,10 +12,10 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from itertools import groupby
 
-from replant.arguments import FloatArray
-from replant.engine.state_lanes import fits, kind
-from replant.engine.vector_blocks import Block, Room, is_under_way, order
-from replant.engine.vector_blocks import kind as kind_of_block
+from replant.estimation.engine.state_lanes import fits, kind
+from replant.estimation.engine.vector_blocks import Block, Room, is_under_way, order
+from replant.estimation.engine.vector_blocks import kind as kind_of_block
+from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 
 LEAST = 3  # members that a block or lanes pay for: they take about the time of three [count]

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, array_of_reals, iterable, whole
-from replant.engine.state_lanes import kind as kind_of_lane
-from replant.engine.vector_blocks import (
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.estimation.engine.state_lanes import kind as kind_of_lane
+from replant.estimation.engine.vector_blocks import (
     Block,
     Room,
 )
-from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
-from replant.limits import count
 from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import FloatArray, array_of_reals, iterable, whole
+from replant.numerics.limits import count
 from replant.online.company import (
     Chunk,
     Company,

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
-from replant.assessment import Assessment, assess_running, assess_starting
-from replant.assessment.assess import judged
-from replant.engine.covariance import covariance
-from replant.engine.recent_samples import RecentSamples
-from replant.engine.state import REASONS, State
+from replant.estimation.engine.covariance import covariance
+from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.state import REASONS, State
+from replant.estimation.settings import STORED, Request, Settings
+from replant.estimation.solver.refined import Refined
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
-from replant.offline.refined import Refined
+from replant.numerics.arguments import BoolArray, FloatArray
 from replant.online.startup import Solved, collected, provisional
 from replant.online.turns import Shared, reads
-from replant.settings import STORED, Request, Settings
+from replant.verdict import Assessment, assess_running, assess_starting
+from replant.verdict.assess import judged
 
 #: The reasons of samples that count as accepted, too.
 COUNTED = {"outlier", "stuck", "no output", "no reference"}
@@ -220,7 +220,7 @@ class Estimate(Shared):
         trusted stays so while the input rests.
 
         The state stays as it is.  Takes some tens of milliseconds, and some tenths of a second at the end of a long
-        record, of which every sample is looked at.  See `replant.assessment.Assessment`.
+        record, of which every sample is looked at.  See `replant.verdict.Assessment`.
         """
         return self._snapshot()._assess()
 

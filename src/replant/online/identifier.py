@@ -9,32 +9,32 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from replant.arguments import (
+from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.estimation.engine.dispatch import bound_step
+from replant.estimation.engine.state import NOTHING, REGULAR
+from replant.estimation.filters import Filter
+from replant.estimation.optimizers import Optimizer
+from replant.estimation.optimizers.optimizer import Replay
+from replant.estimation.scaling import Scaling
+from replant.estimation.settings import AUTO, NO_USE_OF_REFERENCE, STORED, Request
+from replant.fitting.model import Model
+from replant.kernels.native import OPEN
+from replant.kernels.schema import Attention
+from replant.model.interop import in_our_words
+from replant.model.preprocess import Preprocess
+from replant.model.structure import Structure
+from replant.numerics.arguments import (
     FloatArray,
     number,
     record,
     vector,
 )
-from replant.engine.dispatch import bound_step
-from replant.engine.state import NOTHING, REGULAR
-from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.identified.model import Model
-from replant.interop import in_our_words
-from replant.kernels.native import OPEN
-from replant.kernels.schema import Attention
-from replant.limits import stamps_of
-from replant.model.structure import Structure
+from replant.numerics.limits import stamps_of
 from replant.online.kept_model import model_of
 from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
 from replant.online.row_identifier import RowIdentifier
 from replant.online.trace import Trace
 from replant.online.turns import Turn, changes, reads
-from replant.optimizers import Optimizer
-from replant.optimizers.optimizer import Replay
-from replant.regressor.filters import Filter
-from replant.regressor.preprocess import Preprocess
-from replant.regressor.scaling import Scaling
-from replant.settings import AUTO, NO_USE_OF_REFERENCE, STORED, Request
 
 NAN, INFINITE = math.nan, math.inf  # naN and infinity, looked up at every sample [number]
 # attributes that others lead to
@@ -43,8 +43,8 @@ DERIVED = {"_begun_with", "_gate", "_kernel", "_mapped", "_solved", "_step", "_s
 PIECE = 8192  # updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates]
 
 if TYPE_CHECKING:
-    from replant.checkpoint.encoding import Progress
-    from replant.checkpoint.files import AnyPath
+    from replant.online.checkpoint.encoding import Progress
+    from replant.online.checkpoint.files import AnyPath
 
 
 class Identifier(Lifecycle):
@@ -70,7 +70,7 @@ class Identifier(Lifecycle):
     scaling : Scaling, "auto" or None
         None changes nothing.
     optimizer : Optimizer or "auto"
-        Or the name of one (see `replant.optimizers.OPTIMIZERS`), its settings chosen from the data.
+        Or the name of one (see `replant.estimation.optimizers.OPTIMIZERS`), its settings chosen from the data.
     replay : Replay, "auto" or None
         None learns each sample once.
     instruments : bool or "auto"
@@ -105,7 +105,7 @@ class Identifier(Lifecycle):
     a thousand times its moving standard deviation is taken for misread: the sample is held back, and taken only if the
     next input is as far away.  While it is held back it counts as rejected.
     Where the residual grows and stays large, `assess` says that something has changed.  Suppositions of what it was
-    compete by their evidence: see `replant.offline.contest`.
+    compete by their evidence: see `replant.estimation.solver.contest`.
 
     Each time that the record has grown by half, up to 10000 samples, it is solved again as a whole, so that a poor
     first model has no lasting effect.  Each time that it has grown by a quarter, later every 5000 samples, it is asked
@@ -197,7 +197,7 @@ class Identifier(Lifecycle):
         InvalidArgumentError
             If something cannot be saved, as an ``input_map`` that is a function.
         """
-        from replant.checkpoint.files import write
+        from replant.online.checkpoint.files import write
 
         write(path, self.to_bytes(progress))
 
@@ -215,7 +215,7 @@ class Identifier(Lifecycle):
         InvalidArgumentError
             If something cannot be saved, as an ``input_map`` that is a function.
         """
-        from replant.checkpoint.encoding import encode
+        from replant.online.checkpoint.encoding import encode
 
         return encode(vars(self), progress)
 
@@ -233,14 +233,14 @@ class Identifier(Lifecycle):
         DamagedCheckpointError
             If the bytes are anything else.
         """
-        from replant.checkpoint.encoding import decode
+        from replant.online.checkpoint.encoding import decode
 
         made: Identifier = cls._of(decode(data).attributes)
         return made
 
     @classmethod
     def _of(cls, attributes: dict[str, Any]) -> Any:
-        from replant.checkpoint.encoding import ROW
+        from replant.online.checkpoint.encoding import ROW
         from replant.online.row_saving import restored as row
 
         if ROW in attributes:

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
-from replant.assessment.verdict import Assessment, Verdict
-from replant.identified.fields import Provenance, has_rest
-from replant.identified.model import Model
+from replant.estimation.simulation.fitted_run import Simulation, fit_percent
+from replant.estimation.simulation.model_run import model_output
+from replant.fitting.fields import Provenance, has_rest
+from replant.fitting.model import Model
+from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.autoregression import one_step
+from replant.numerics.linear_algebra import quiet
 from replant.online.estimate import Estimate
-from replant.simulation.fitted_run import Simulation, fit_percent
-from replant.simulation.model_run import model_output
-from replant.statistics.autoregression import one_step
-from replant.statistics.linear_algebra import quiet
+from replant.verdict.verdict import Assessment, Verdict
 
 # stamps of some 1e9 s have a resolution of 1e-7 s
 IRREGULAR = 1e-6  # deviation of an interval from the sampling time that is more than rounding [part of the latter]

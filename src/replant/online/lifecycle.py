@@ -8,13 +8,14 @@ from typing import Any, NoReturn, Self, TypeVar
 
 import numpy as np
 
-from replant.arguments import FloatArray, IntArray
-from replant.engine.dimensions import collects_at_most
-from replant.engine.dispatch import Step, step_kernels
-from replant.engine.state import State
 from replant.errors import InvalidArgumentError
+from replant.estimation.engine.dimensions import collects_at_most
+from replant.estimation.engine.dispatch import Step, step_kernels
+from replant.estimation.engine.state import State
+from replant.estimation.settings import LONGEST_STARTUP
 from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
+from replant.numerics.arguments import FloatArray, IntArray
 from replant.online.change_response import look
 from replant.online.estimate import Estimate
 from replant.online.revision import next_revision, revise, solve_whole
@@ -29,7 +30,6 @@ from replant.online.startup import (
     settled,
     take_held,
 )
-from replant.settings import LONGEST_STARTUP
 
 NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
 

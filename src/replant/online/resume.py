@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import warnings
 
-from replant.checkpoint.files import AnyPath
 from replant.online import saving
+from replant.online.checkpoint.files import AnyPath
 from replant.online.identifier import Identifier
 
 

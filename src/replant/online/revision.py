@@ -3,7 +3,7 @@
 The record is solved again, and suppositions of what the plant has done compete.  An estimate that forgets nothing
 follows a change the more slowly, the longer the record is.  A change that makes the residual grow is noticed by its
 CUSUM test (`online.change_response`).  A gain that is off by a tenth, or by a quarter where the noise is strong, makes
-it grow little: it shows in the score (`offline.change_search`).  At the end of a record the estimate is solved for with
+it grow little: it shows in the score (`fitting.change_search`).  At the end of a record the estimate is solved for with
 every sample, as `fit` does, unless the plant has changed.  Nothing that was decided is final.
 """
 
@@ -13,17 +13,20 @@ import math
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.assessment import assess_running
-from replant.assessment.verdict import ALPHA
-from replant.engine.dimensions import RECENT
-from replant.engine.recent_samples import RecentSamples
-from replant.engine.record import Record
-from replant.engine.state import State
+from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.record import Record
+from replant.estimation.engine.state import State
+from replant.estimation.settings import STORED, Settings
+from replant.estimation.simulation.model_run import prediction_error, runs_away
+from replant.estimation.solver.change_search import begin_of_change, change_at
+from replant.estimation.solver.contest import decided, is_sure, weighed
+from replant.estimation.solver.solve import Solution, solve
 from replant.kernels.schema import Alarm, Doubt, Supposition
-from replant.offline.change_search import begin_of_change, change_at
-from replant.offline.contest import decided, is_sure, weighed
-from replant.offline.solve import Solution, solve
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import likelihood_ratio
+from replant.numerics.levels import ALPHA
+from replant.numerics.linear_algebra import quiet
 from replant.online.begin_recursion import restart_at
 from replant.online.change_response import (
     AGAIN,
@@ -39,10 +42,7 @@ from replant.online.change_response import (
     since_change,
     tells_of_changes,
 )
-from replant.settings import STORED, Settings
-from replant.simulation.model_run import prediction_error, runs_away
-from replant.statistics.autoregression import likelihood_ratio
-from replant.statistics.linear_algebra import quiet
+from replant.verdict import assess_running
 
 # half of the newest samples, so that an input that has come to rest still moves in the other half
 EVERY = RECENT // 2  # samples between two verdicts that are noted of a long record [samples]

@@ -8,27 +8,27 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
-from replant.assessment import fit_percent
-from replant.assessment.verdict import Verdict
-from replant.engine.dimensions import RECENT
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
-from replant.identified.fields import Provenance
-from replant.identified.row_model import RowModel, one_step_percent
-from replant.limits import duration, stamps_of
+from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.settings import STORED
+from replant.fitting.fields import Provenance
+from replant.fitting.row_fit import row_model, structures_of
+from replant.fitting.row_model import RowModel, one_step_percent
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
-from replant.offline.row_fit import row_model, structures_of
+from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
+from replant.numerics.limits import duration, stamps_of
 from replant.online.row_state import RowSettings, RowState
 from replant.online.trace import Trace
 from replant.online.turns import Shared, Turn, changes, reads
-from replant.settings import STORED
+from replant.verdict import fit_percent
+from replant.verdict.verdict import Verdict
 
 if TYPE_CHECKING:
-    from replant.checkpoint.encoding import Progress
-    from replant.checkpoint.files import AnyPath
+    from replant.online.checkpoint.encoding import Progress
+    from replant.online.checkpoint.files import AnyPath
 
 PIECE = 8192  # samples after which Ctrl-C is answered while a chunk is taken [samples]
 LEAST = 4  # outputs for the first model, at the least [count for each unknown]
@@ -146,7 +146,7 @@ class RowIdentifier(Shared):
         CheckpointError
             If the file cannot be written; the one that was there stays.
         """
-        from replant.checkpoint.files import write
+        from replant.online.checkpoint.files import write
 
         write(path, self.to_bytes(progress))
 
@@ -159,7 +159,7 @@ class RowIdentifier(Shared):
         progress : dict, optional
             As in `save`.
         """
-        from replant.checkpoint.encoding import encode_row
+        from replant.online.checkpoint.encoding import encode_row
         from replant.online.row_saving import parts_of
 
         return encode_row(*parts_of(self._now), progress)

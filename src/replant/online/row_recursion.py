@@ -10,19 +10,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replant.arguments import FloatArray, IntArray
-from replant.engine.record import SAME, Record
-from replant.engine.state import GAP
+from replant.estimation.engine.record import SAME, Record
+from replant.estimation.engine.state import GAP
+from replant.estimation.simulation.branches import Branches
+from replant.estimation.simulation.row import Row
+from replant.fitting.row_solve import RowEstimate
 from replant.kernels.filters.whitening import IRREGULAR
 from replant.kernels.schema import LAGS
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
-from replant.offline.row_solve import RowEstimate
-from replant.simulation.branches import Branches
-from replant.simulation.row import Row
-from replant.statistics.autoregression import Autoregression
-from replant.statistics.linear_algebra import compose, factor_covariance, factor_information, quiet
-from replant.statistics.projections import products
+from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.linear_algebra import compose, factor_covariance, factor_information, quiet
+from replant.numerics.projections import products
 
 DIFFUSE = 1e3
 """Standard deviation of offset and initial states behind a gap, before a sample tells of them [sizes of the output].

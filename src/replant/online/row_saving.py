@@ -7,17 +7,17 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, one_of
-from replant.assessment.verdict import STATUSES, Finding
-from replant.checkpoint.encoding import ARRAYS, ROW
 from replant.errors import DamagedCheckpointError
+from replant.estimation.simulation.branches import Branches
 from replant.kernels.schema import LAGS
-from replant.limits import duration
 from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray, one_of
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.limits import duration
+from replant.online.checkpoint.encoding import ARRAYS, ROW
 from replant.online.row_recursion import RowRecursion
 from replant.online.row_state import RowHistory, RowSettings, RowState
-from replant.simulation.branches import Branches
-from replant.statistics.autoregression import Autoregression
+from replant.verdict.verdict import STATUSES, Finding
 
 #: The fields of a recursion that are arrays, and those that are numbers.
 VECTORS = "theta", "weights", "scale", "origin", "tail", "delta", "factor", "diagonal", "counts", "squares"

@@ -13,19 +13,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
-from replant.assessment.row_tests import controlled
-from replant.assessment.verdict import Finding, Verdict
-from replant.engine.dimensions import RECENT
+from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate
+from replant.estimation.solver.row_start import start
+from replant.fitting.row_solve import RowEstimate, solve_row
+from replant.fitting.row_verdict import judged
 from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
-from replant.offline.row_solve import RowEstimate, solve_row
-from replant.offline.row_start import start
-from replant.offline.row_verdict import judged
+from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.linear_algebra import quiet
 from replant.online.row_recursion import RowRecursion
-from replant.simulation.row import Point, Row, RowRecord, evaluate
-from replant.statistics.autoregression import Autoregression
-from replant.statistics.linear_algebra import quiet
+from replant.verdict.row_tests import controlled
+from replant.verdict.verdict import Finding, Verdict
 
 GROWTH = 1.3
 """Growth of the record after which it is solved again [ratio of lengths].

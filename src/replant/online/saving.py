@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from replant.checkpoint.encoding import Progress
-from replant.checkpoint.files import AnyPath, newest_sound, write
+from replant.online.checkpoint.encoding import Progress
+from replant.online.checkpoint.files import AnyPath, newest_sound, write
 from replant.online.identifier import Identifier
 
 

@@ -18,25 +18,25 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, IntArray
-from replant.assessment.assess import assess_record
-from replant.engine.dimensions import room_for
-from replant.engine.dispatch import step_kernels
-from replant.engine.recent_samples import RecentSamples
-from replant.engine.record_regressors import regressors
-from replant.engine.state import NOTHING, REGULAR, State
+from replant.estimation.engine.dimensions import room_for
+from replant.estimation.engine.dispatch import step_kernels
+from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.record_regressors import regressors
+from replant.estimation.engine.state import NOTHING, REGULAR, State
+from replant.estimation.filters import RefinedFilter
+from replant.estimation.optimizers.optimizer import Replay
+from replant.estimation.scaling import Scaling
+from replant.estimation.settings import AUTO, Request, Settings
+from replant.estimation.solver.least_squares import choose_filter
+from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.solve import Solution, solve
 from replant.kernels.schema import BELIEVED
-from replant.offline.least_squares import choose_filter
-from replant.offline.refined import Refined
-from replant.offline.solve import Solution, solve
+from replant.model.preprocess import Preprocess, centre
+from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.linear_algebra import quiet
+from replant.numerics.robust import without_spikes
 from replant.online.begin_recursion import initialize, note_doubts, warm_up
-from replant.optimizers.optimizer import Replay
-from replant.regressor.filters import RefinedFilter
-from replant.regressor.preprocess import Preprocess, centre
-from replant.regressor.scaling import Scaling
-from replant.settings import AUTO, Request, Settings
-from replant.statistics.linear_algebra import quiet
-from replant.statistics.robust import without_spikes
+from replant.verdict.assess import assess_record
 
 UNKNOWN_LENGTH = 2_000  # samples to come that an optimizer is tuned for where nobody knows better [samples]
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from replant import interop
-from replant.arguments import FloatArray, array_of_reals
 from replant.errors import InvalidArgumentError
+from replant.model import interop
+from replant.numerics.arguments import FloatArray, array_of_reals
 
 
 @dataclass(frozen=True, eq=False, repr=False)

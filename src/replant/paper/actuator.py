@@ -24,24 +24,24 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
-from replant.assessment import simulate
-from replant.engine.record_regressors import regressors
+from replant.estimation.engine.record_regressors import regressors
+from replant.estimation.filters import StateVariableFilter
+from replant.estimation.optimizers import Adam, AMSGrad, Gradient, IntegralCost, Optimizer
+from replant.estimation.optimizers.optimizer import Replay
+from replant.estimation.scaling import Scaling
+from replant.estimation.settings import Request
+from replant.estimation.solver.least_squares import least_squares
+from replant.fitting.fit import fit
+from replant.fitting.fit_result import FitResult
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.offline.fit import fit
-from replant.offline.fit_result import FitResult
-from replant.offline.least_squares import least_squares
+from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
+from replant.online.runs.run import run_online
 from replant.online.trace import Trace
-from replant.optimizers import Adam, AMSGrad, Gradient, IntegralCost, Optimizer
-from replant.optimizers.optimizer import Replay
 from replant.paper.tables import Curve, transients
-from replant.regressor.filters import StateVariableFilter
-from replant.regressor.scaling import Scaling
 from replant.rigs import Rig, deap_rig, deap_voltage
-from replant.runs.run import run_online
-from replant.settings import Request
+from replant.verdict import simulate
 
 BAND = 0.1  # distance within which an estimate counts as settled [part of the true value]
 

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from replant.offline.fit_result import FitResult
+from replant.fitting.fit_result import FitResult
 from replant.paper import actuator as rig
 from replant.paper.figures import FIGURES, Transients, compute, draw
 from replant.paper.reproduction import TableResult, reproduce, runs

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.offline.fit_result import FitResult
+from replant.fitting.fit_result import FitResult
 from replant.paper.actuator import GAINS, Actuator, Record
 from replant.paper.tables import TABLES, Curve, Table, curve, trace, transients
 from replant.plotting.numbers import symbol

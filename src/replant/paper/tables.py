@@ -13,16 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
+from replant.estimation.filters import StateVariableFilter
+from replant.estimation.optimizers import AMSGrad, Gradient, Optimizer
+from replant.estimation.optimizers.optimizer import Replay
+from replant.estimation.scaling import Scaling
 from replant.model import state_space
 from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
 from replant.online.ensemble import Ensemble
 from replant.online.identifier import Identifier
 from replant.online.trace import Trace
-from replant.optimizers import AMSGrad, Gradient, Optimizer
-from replant.optimizers.optimizer import Replay
-from replant.regressor.filters import StateVariableFilter
-from replant.regressor.scaling import Scaling
 from replant.signals import square
 
 

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
+from replant.numerics.residuals import BAND_95, BAND_99, Correlations
 from replant.plotting.over_time import Curve, Panel, draw_panel
 from replant.plotting.style import (
     BLUE,
@@ -36,7 +37,6 @@ from replant.plotting.style import (
     title,
 )
 from replant.plotting.thinning import thin
-from replant.statistics.residuals import BAND_95, BAND_99, Correlations
 
 ComplexArray = npt.NDArray[np.complex128]
 Regions = Sequence[tuple[complex, FloatArray]]  # roots, each with the covariance (2, 2) of real and imaginary part
@@ -100,7 +100,7 @@ def draw_bode(
     """Draw magnitude in dB and phase in degrees over frequency in rad/s, with bands of +-2 standard deviations.
 
     ``responses``, by the name of the model, have frequency, magnitude and phase, relative_std and phase_std as
-    `replant.identified.responses.Bode`.  That of the ``reference`` sets the limits.
+    `replant.fitting.responses.Bode`.  That of the ``reference`` sets the limits.
     """
     top, bottom = axes_for(argument, axes, 2, size, sharex=True, height_ratios=(3, 2))
     for axis, draw in ((top, draw_magnitude), (bottom, draw_phase)):
@@ -363,7 +363,7 @@ def draw_error(found: Any, axis: Any) -> None:
 
 
 def draw_validation(found: Any, axes: Any = None, size: tuple[float, float] = (9.0, 6.4)) -> Any:
-    """Draw a `replant.identified.validation.Validation`: outputs, residual, error by frequency; return four axes."""
+    """Draw a `replant.fitting.validation.Validation`: outputs, residual, error by frequency; return four axes."""
     if axes is None:
         figure = blank_figure(*size)
         grid = figure.add_gridspec(2, 3)

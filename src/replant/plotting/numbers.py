@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from replant.arguments import FloatArray
-from replant.interop import unit_of, without_unit
+from replant.model.interop import unit_of, without_unit
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import FloatArray
 
 MINUS, TIMES, PLUS_MINUS = "−", "×", "±"
 UNKNOWN = "unknown"  # in place of a standard deviation that is infinite

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.plotting.style import FARTHEST, MODEL, MUTED, SIGMAS, TRUE, label_time, say, tidy, title
 from replant.plotting.thinning import thin
 

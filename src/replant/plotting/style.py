@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
 from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
+from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number, power_of_ten
 
 BLACK, ORANGE, SKY, GREEN = "#000000", "#e69f00", "#56b4e9", "#009e73"

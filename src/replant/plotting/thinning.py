@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
+from replant.numerics.arguments import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,8 +4,8 @@ Examples
 --------
 >>> import numpy as np
 >>> from replant import Structure, TransferFunction
->>> from replant.runs.run import run_online
->>> from replant.settings import Request
+>>> from replant.online.runs.run import run_online
+>>> from replant.estimation.settings import Request
 >>> u = np.where(np.arange(2000) // 50 % 2 == 0, 1.0, -1.0)
 >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.1)
 >>> result = run_online(Request(Structure(poles=1), 0.1), u, y)
@@ -24,19 +24,21 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray, instance, owned, record
-from replant.data.inspection import Inspection
 from replant.errors import InvalidArgumentError
-from replant.identified.responses import Bode, StepResponse, frequencies
-from replant.limits import duration, file_path
+from replant.fitting.inspect import Inspection
+from replant.fitting.responses import Bode, StepResponse, frequencies
 from replant.model.noise import NoiseModel
+from replant.model.preprocess import accepted
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import FloatArray, instance, owned, record
+from replant.numerics.limits import duration, file_path
+from replant.numerics.residuals import Correlations, periodogram
+from replant.online.runs.result import Clock, Result
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import gain_unit, with_unit
 from replant.plotting.over_time import SHOWN_SMALL, draw_panels
 from replant.plotting.style import INK, MEASURED, MODEL, MUTED, RESIDUAL, TRUTH, axes_for
-from replant.regressor.preprocess import accepted
 from replant.report.findings import Excitation
 from replant.report.panels import (
     column_panels,
@@ -47,8 +49,6 @@ from replant.report.panels import (
     overlay_panels,
     plant_input,
 )
-from replant.runs.result import Clock, Result
-from replant.statistics.residuals import Correlations, periodogram
 
 __all__ = [
     "INK",
@@ -273,7 +273,7 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
     Parameters
     ----------
     found : Correlations or None
-        From `replant.statistics.residuals.correlations`.
+        From `replant.numerics.residuals.correlations`.
     dt : float
         Sampling time in s.
     axes : two matplotlib axes, optional

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.engine.record_regressors import regressors
+from replant.estimation.engine.record_regressors import regressors
+from replant.estimation.filters import StateVariableFilter
+from replant.model.preprocess import Preprocess, screen
+from replant.numerics.arguments import FloatArray
+from replant.online.runs.result import Result
 from replant.plotting.numbers import complex_number, number
-from replant.regressor.filters import StateVariableFilter
-from replant.regressor.preprocess import Preprocess, screen
-from replant.runs.result import Result
 
 IntArray = np.ndarray[tuple[int], np.dtype[np.int64]]
 

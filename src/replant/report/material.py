@@ -12,12 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.data.logs.recording import digest
 from replant.errors import ReplantError
-from replant.log import Log
+from replant.estimation.filters import StateVariableFilter
+from replant.logs.log import Log
+from replant.logs.recording import digest
+from replant.model.preprocess import Preprocess
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import places_on_grid
+from replant.numerics.residuals import Correlations, correlation_lags, correlations
+from replant.online.runs.result import Clock, Result
 from replant.plotting.numbers import (
     MINUS,
     complex_number,
@@ -29,15 +34,10 @@ from replant.plotting.numbers import (
     uncertain,
 )
 from replant.plotting.over_time import Panel
-from replant.regressor.filters import StateVariableFilter
-from replant.regressor.preprocess import Preprocess
 from replant.report.figures import regions, usable_uncertainty
 from replant.report.findings import Excitation, excitation, regressors_of
 from replant.report.page import facts, table
 from replant.report.panels import estimate_panels, excitation_panels, fit_panels
-from replant.runs.result import Clock, Result
-from replant.statistics.autoregression import places_on_grid
-from replant.statistics.residuals import Correlations, correlation_lags, correlations
 
 
 @dataclass(frozen=True, eq=False)

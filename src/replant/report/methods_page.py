@@ -8,11 +8,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from replant.log import Log
+from replant.logs.log import Log
+from replant.model.preprocess import Preprocess
+from replant.online.runs.result import Result
+from replant.online.runs.run_log import Contender, best
 from replant.plotting import style
 from replant.plotting.numbers import mapped_label, number, percent, symbols
 from replant.plotting.style import blank_figure
-from replant.regressor.preprocess import Preprocess
 from replant.report import material as tables
 from replant.report import programs
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses
@@ -20,8 +22,6 @@ from replant.report.findings import BAD, GOOD, Finding, findings
 from replant.report.page import NO_BREAK, Html, code, facts, icon, section, table, write_page
 from replant.report.page_figures import HALF, look, svg, variable
 from replant.report.terminal_tables import OUTCOME, cells_of, gravity_of
-from replant.runs.result import Result
-from replant.runs.run_log import Contender, best
 
 
 def results_of(contenders: Sequence[Contender]) -> dict[str, Result]:

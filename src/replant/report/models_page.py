@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import instance
-from replant.assessment import Assessment, Simulation
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.identified.model import Model
-from replant.identified.validation import Validation
-from replant.log import Log
+from replant.estimation.simulation.stretches import stretches_of
+from replant.fitting.model import Model
+from replant.fitting.validation import Validation
+from replant.logs.log import Log
+from replant.numerics.arguments import instance
+from replant.online.runs.result import Clock, Result
+from replant.online.runs.run_log import Contender, best
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import percent, uncertain
 from replant.plotting.over_time import SHOWN_SMALL, Curve, Panel, draw_panel, draw_panels
@@ -27,9 +29,7 @@ from replant.report.methods_page import figure, outputs, responses, swatches_of
 from replant.report.page import Html, code, facts, section, table, write_page
 from replant.report.page_figures import HALF, look, svg
 from replant.report.panels import output_panels
-from replant.runs.result import Clock, Result
-from replant.runs.run_log import Contender, best
-from replant.simulation.stretches import stretches_of
+from replant.verdict import Assessment, Simulation
 
 HEADINGS = ("model", "verdict", "simulated", "one step", "poles", "zeros", "dead time", "DC gain", "time constants [s]")
 

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.interop import unit_of
+from replant.model.interop import unit_of
+from replant.numerics.arguments import FloatArray
 from replant.plotting import style
 from replant.plotting.diagrams import reach_of
 from replant.plotting.numbers import complex_number, gain_unit, number, percent

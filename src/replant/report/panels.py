@@ -8,17 +8,17 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.assessment import WORST_CONDITION
-from replant.data.inspection import Inspection
-from replant.data.inspection.columns import Column
-from replant.interop import unit_of
+from replant.fitting.inspect import Inspection
+from replant.logs.columns import Column
+from replant.model.interop import unit_of
+from replant.numerics.arguments import FloatArray
+from replant.online.runs.result import Clock, History, Result
 from replant.plotting import style
 from replant.plotting.numbers import mapped_label, symbols, with_unit
 from replant.plotting.over_time import SHOWN, Curve, Panel, constant, true_value
 from replant.plotting.thinning import POINTS, thin
 from replant.report.findings import Excitation
-from replant.runs.result import Clock, History, Result
+from replant.verdict import WORST_CONDITION
 
 NO_EXCITATION, NO_CONDITION = 1e-12, 1e10
 """Eigenvalue below which, and condition number beyond which, figures are round-off [number]."""

@@ -6,11 +6,11 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from replant.log import Log
-from replant.offline.fit_result import FitResult
-from replant.regressor.scaling import Scaling
-from replant.runs.result import Result
-from replant.settings import Settings
+from replant.estimation.scaling import Scaling
+from replant.estimation.settings import Settings
+from replant.fitting.fit_result import FitResult
+from replant.logs.log import Log
+from replant.online.runs.result import Result
 
 WIDEST = 88  # width of a line [characters]
 

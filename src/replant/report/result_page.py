@@ -9,22 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from replant.assessment.verdict import percent as share
-from replant.identified.validation import Validation
-from replant.log import Log
-from replant.optimizers import RecursiveLeastSquares
+from replant.estimation.filters import StateVariableFilter
+from replant.estimation.optimizers import RecursiveLeastSquares
+from replant.estimation.settings import Settings
+from replant.fitting.validation import Validation
+from replant.logs.log import Log
+from replant.model.preprocess import Preprocess
+from replant.online.runs.result import Result
 from replant.plotting.diagrams import draw_validation
 from replant.plotting.numbers import gain_unit, mathml, number, percent, uncertain, with_unit
-from replant.regressor.filters import StateVariableFilter
-from replant.regressor.preprocess import Preprocess
 from replant.report import material as tables
 from replant.report import page_figures
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
 from replant.report.material import Material
 from replant.report.page import code, filled, folded, icon, script, table, uplot, words, write_page
 from replant.report.programs import run_as_python
-from replant.runs.result import Result
-from replant.settings import Settings
+from replant.verdict.verdict import percent as share
 
 HEADINGS = ("log", "simulated", "one step", "offset", "residual beyond its limit", "error by frequency", "verdict")
 

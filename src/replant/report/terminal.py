@@ -8,14 +8,14 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from replant.assessment.verdict import Verdict
-from replant.identified import model_json
-from replant.identified.model import Model
-from replant.identified.row_model import RowModel
+from replant.fitting import model_json
+from replant.fitting.model import Model
+from replant.fitting.row_model import RowModel
 from replant.model.transfer_function import TransferFunction
+from replant.online.runs.result import Clock, Result
 from replant.plotting.numbers import duration, interval, off_by, percent, std_alone, with_std
 from replant.report.findings import colour_of
-from replant.runs.result import Clock, Result
+from replant.verdict.verdict import Verdict
 
 INDENT = 9  # indent of what stands behind a heading [columns]
 

@@ -7,13 +7,13 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
-from replant.assessment.verdict import percent as share
-from replant.data.inspection import Inspection, options_of
-from replant.data.inspection.columns import Column, Kind
-from replant.data.logs.sampling_time import time_candidates
-from replant.identified.model_json import finite
+from replant.fitting.inspect import Inspection, options_of
+from replant.fitting.model_json import finite
+from replant.logs.columns import Column, Kind
+from replant.logs.sampling_time import time_candidates
 from replant.plotting.numbers import duration, interval
 from replant.report.terminal import wrapped
+from replant.verdict.verdict import percent as share
 
 FEW = 8  # different values up to which their number is shown [count]
 LISTED = 30  # columns that the table shows [count]

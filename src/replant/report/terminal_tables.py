@@ -6,16 +6,16 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from replant.assessment.verdict import percent as share
-from replant.identified.model_json import finite, verdict_object
-from replant.identified.validation import Validation
+from replant.fitting.model_json import finite, verdict_object
+from replant.fitting.structure_search import Candidate, SearchResult
+from replant.fitting.validation import Validation
 from replant.model.structure import Structure
-from replant.offline.structure_search import Candidate, SearchResult
+from replant.online.runs.run_log import Contender, best
 from replant.plotting.numbers import percent, uncertain
 from replant.report.findings import BAD, COLOURS, GOOD, findings, without_reasons
 from replant.report.terminal import as_json as result_as_json
 from replant.report.terminal import print_verdict
-from replant.runs.run_log import Contender, best
+from replant.verdict.verdict import percent as share
 
 OUTCOME = ("verdict", "simulated", "one step", "time")
 VERDICT = 1 + OUTCOME.index("verdict")  # its column, behind the method's

@@ -12,9 +12,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from replant.data.logs.recording import digest
 from replant.errors import InvalidArgumentError, ReplantError, shown
-from replant.operating_system import one_line
+from replant.logs.recording import digest
+from replant.numerics.operating_system import one_line
 from replant.workbench import tasks
 from replant.workbench.cards import Card, judged
 from replant.workbench.opened import with_role

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from replant.errors import ReplantError
-from replant.operating_system import Worker, one_line
+from replant.numerics.operating_system import Worker, one_line
 
 
 class Work:

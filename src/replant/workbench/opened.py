@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from replant.errors import ReplantError
-from replant.operating_system import Worker, one_line
+from replant.numerics.operating_system import Worker, one_line
 from replant.workbench import tasks
 from replant.workbench.jobs import Work
 from replant.workbench.samples import CancelledError, Clock, Samples

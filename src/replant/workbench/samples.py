@@ -14,13 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.data.logs import read_columns
-from replant.data.logs.rasters import side_by_side
 from replant.errors import LogError
+from replant.estimation.simulation.stretches import stretches_of
+from replant.estimation.solver.bad_samples import suspicious
 from replant.kernels.schema import Doubt as Suspect
-from replant.offline.bad_samples import suspicious
-from replant.simulation.stretches import stretches_of
+from replant.logs import read_columns
+from replant.logs.rasters import side_by_side
+from replant.numerics.arguments import FloatArray
 
 SHOWN = 12  # stretches that are listed, the longest [count]
 MOVES = 2  # moves of the input within it, without which the output may well rest [count]

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from replant.errors import InvalidArgumentError, ReplantError, shown
-from replant.operating_system import one_line, replacing
+from replant.numerics.operating_system import one_line, replacing
 from replant.workbench.cards import DONE, FAILED, OPEN, ORDERS, RUNNING, STOPPED, Card, card_of, in_order, title_of
 from replant.workbench.jobs import Jobs, Outcome, Work
 from replant.workbench.opened import BROKEN, Opened

@@ -11,8 +11,8 @@ from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Self
 
-from replant.data.conditioning import STEPS
 from replant.errors import InvalidArgumentError, shown
+from replant.logs.conditioning import STEPS
 
 FIT, SEARCH, RUN = "fit", "search", "run"
 KINDS = (FIT, SEARCH, RUN)
@@ -252,11 +252,11 @@ def _imports(setup: Setup, wish: Wish) -> Iterator[str]:
     if any(getattr(setup, name) for name in STRETCHES):
         yield from ("import numpy as np", "")
     yield "import replant as rp"
-    yield "from replant.data.inspection.inspect import with_others"
-    yield "from replant.data.logs import open_recording"
-    yield "from replant.data.logs.recording import digest"
+    yield "from replant.fitting.inspect import with_others"
+    yield "from replant.logs import open_recording"
+    yield "from replant.logs.recording import digest"
     if wish.kind == RUN:
-        yield "from replant.runs.run_log import judged_by_log"
+        yield "from replant.online.runs.run_log import judged_by_log"
 
 
 def _columns(setup: Setup) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 from replant.errors import InvalidArgumentError
 from replant.live.dashboard import Dashboard, Hub, serve
 from replant.live.session.progress import stop_on_signals
-from replant.operating_system import Worker
+from replant.numerics.operating_system import Worker
 from replant.workbench.session import SUFFIX, Session, newest_session, read, session_of, token
 
 PERIOD = 2.0  # time between two looks at whether a log has changed [s]

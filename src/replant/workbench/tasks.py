@@ -13,17 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.data.conditioning import STEPS
-from replant.data.inspection import Inspection, inspect
-from replant.data.inspection.columns import Kind
-from replant.data.inspection.inspect import key_of
-from replant.data.logs import open_recording
-from replant.identified.model import Model
-from replant.identified.validation import Validation
-from replant.log import Log
+from replant.fitting.inspect import Inspection, inspect, key_of
+from replant.fitting.model import Model
+from replant.fitting.validation import Validation
+from replant.logs import open_recording
+from replant.logs.columns import Kind
+from replant.logs.conditioning import STEPS
+from replant.logs.log import Log
+from replant.numerics.arguments import FloatArray
+from replant.numerics.residuals import BAND_95
 from replant.report.terminal_look import as_json, findings_of
-from replant.statistics.residuals import BAND_95
 from replant.workbench.samples import doubts, joined_extremes, rounded
 from replant.workbench.setup import Setup, Stretch
 

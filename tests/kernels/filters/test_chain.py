@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine.state import State
+from replant.estimation.engine.state import State
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.chain import install_model
 from replant.kernels.step.stages import regressors

@@ -9,7 +9,7 @@ import replant as rp
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.monitoring import outliers
-from replant.statistics.linear_algebra import compose
+from replant.numerics.linear_algebra import compose
 from support.builders import DT, binary
 from support.references import bridged, gate
 

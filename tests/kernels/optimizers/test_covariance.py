@@ -13,7 +13,7 @@ from replant.kernels.optimizers.covariance import (
     recursive_least_squares,
     time_update,
 )
-from replant.statistics.linear_algebra import compose
+from replant.numerics.linear_algebra import compose
 from support.cases import every
 
 ORDERS = [1, 2, 3, 5, 8, 13]

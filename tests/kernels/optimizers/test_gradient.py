@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 import replant as rp
-from replant.engine.state import State
+from replant.estimation.engine.state import State
+from replant.estimation.optimizers import OPTIMIZERS
 from replant.kernels import schema as at
 from replant.kernels.step import covariance, gradient
-from replant.optimizers import OPTIMIZERS
 from support.cases import every
 from support.references import TWINS, extended
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.engine.state import State
+from replant.estimation.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.step import gradient
 from replant.kernels.step.stages import remember

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.assessment import simulate
-from replant.engine.record_regressors import regressors
+from replant.estimation.engine.record_regressors import regressors
+from replant.estimation.settings import Request
+from replant.online.runs.run import run_online
 from replant.paper.actuator import (
     DEFAULT,
     FILTERS,
@@ -25,8 +26,7 @@ from replant.paper.actuator import (
     run_default,
 )
 from replant.rigs import deap_rig, deap_voltage
-from replant.runs.run import run_online
-from replant.settings import Request
+from replant.verdict import simulate
 from support.cases import every
 from support.trace_by_hand import DT, TRUE, trace_by_hand
 

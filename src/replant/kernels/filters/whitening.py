@@ -7,7 +7,7 @@ The residual e = target - phi' theta is modelled as an autoregression,
 and the estimator learns from the row g D(q) [phi, zeta, target], whose residual is g w.  Its order p, at most LAGS, and
 its coefficients come from sums of e_{k-i} e_{k-j} over all samples learned; they are renewed with the auxiliary model.
 Where the residual is no noise but an error of the model, rows are not filtered, see
-`replant.offline.specification_test`.
+`replant.estimation.solver.specification_test`.
 
 Where the past is broken (an interval that is irregular, a gap, an output that was bridged) only j < p predecessors are
 known.  The best model of order j filters then, whose residual has the larger variance V_j.  The weight

@@ -6,7 +6,7 @@ autoregression, e = w / D(q), the covariance of the instrumental-variable estima
     sigma_w^2 P Q P,   Q = sum zeta_f zeta_f',  zeta_f = zeta / D(q).
 
 The path of a recursive estimate is kept at a few samples: its scatter gives a variance without a noise model, see
-`replant.statistics.robust`.  Room is limited and the record is not: when the room is full every second row goes,
+`replant.numerics.robust`.  Room is limited and the record is not: when the room is full every second row goes,
 and the next ones come half as often.
 
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.

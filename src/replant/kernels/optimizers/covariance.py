@@ -13,7 +13,7 @@ import numpy as np
 from replant.kernels.optimizers.memory import MATRIX, ONE, VECTOR, Memory, Size, block, place
 
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
-"""Codes of these optimizers; `replant.optimizers` names them by the same numbers [code]."""
+"""Codes of these optimizers; `replant.estimation.optimizers` names them by the same numbers [code]."""
 
 # A memory begins with the factors and ends with alpha, which outlier test and covariance read.
 LEAST_SQUARES = Memory(U=MATRIX, D=VECTOR, caps=VECTOR, projected=VECTOR, gain=VECTOR, alpha=ONE)

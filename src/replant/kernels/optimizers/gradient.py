@@ -8,7 +8,7 @@ Every kernel has the same signature:
 [phi (P entries), y, 1/m^2], all scaled, and [zeta (P entries)] after it where there are instruments.  The gradient (16)
 of a row is g = -(y - theta' phi) / m^2 * phi, or with zeta in the place of the last phi: ``direction`` is the column
 where that vector begins, 0 or P + 2.
-``settings`` holds the optimizer's numbers in the order that its class in `replant.optimizers` gives them.
+``settings`` holds the optimizer's numbers in the order that its class in `replant.estimation.optimizers` gives them.
 
 Each loop has a code, by which `learn` chooses it and a checkpoint names it: any number that no other optimizer has or
 had.  `MEMORY` declares what lies in the memory of each optimizer; a loop gets a block of it by `block`.

@@ -13,7 +13,7 @@ from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError, shown
 from replant.live.dashboard.hub import Hub
-from replant.operating_system import Worker
+from replant.numerics.operating_system import Worker
 
 if TYPE_CHECKING:
     import uvicorn

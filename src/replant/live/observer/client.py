@@ -20,8 +20,8 @@ from replant.errors import InvalidArgumentError
 from replant.live.observer.process import ENDING, Handover, ObserverOptions, Told, observe
 from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.message import Notices
+from replant.numerics.operating_system import Worker, one_line, refusal
 from replant.online.identifier import Identifier
-from replant.operating_system import Worker, one_line, refusal
 
 GOODBYE = 5.0  # time that the process gets to end by itself [s]
 

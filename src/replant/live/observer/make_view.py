@@ -8,22 +8,22 @@ from typing import Any
 
 import numpy as np
 
-from replant.arguments import BoolArray, FloatArray
-from replant.assessment import Verdict, simulate
-from replant.identified.model_json import as_object
-from replant.identified.responses import SETTLED, Bode, StepResponse, frequencies, time_of
+from replant.estimation.simulation.stretches import joined, stretches_of
+from replant.fitting.model_json import as_object
+from replant.fitting.responses import SETTLED, Bode, StepResponse, frequencies, time_of
 from replant.live.observer import view
 from replant.live.observer.view import UNNAMED, Rows, SessionInfo, SignalNames, View, Window
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import BoolArray, FloatArray
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of, newest_samples
 from replant.plotting.diagrams import mirrored
 from replant.plotting.numbers import mapped_label
 from replant.plotting.thinning import thin
 from replant.report.terminal import true_parameters
-from replant.simulation.stretches import joined, stretches_of
+from replant.verdict import Verdict, simulate
 
 MOST_ROWS = 1000  # rows of history kept [rows]
 

@@ -18,8 +18,8 @@ from replant.live.observer.make_view import EstimateHistory, make_view
 from replant.live.observer.view import UNNAMED, Rows, SessionInfo, SignalNames, View
 from replant.live.outputs.message import Notices
 from replant.model.transfer_function import TransferFunction
+from replant.numerics.operating_system import one_line, refusal
 from replant.online.identifier import Identifier
-from replant.operating_system import one_line, refusal
 
 if TYPE_CHECKING:
     from replant.live.dashboard.hub import Hub

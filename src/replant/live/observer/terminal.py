@@ -14,19 +14,19 @@ from typing import Any
 
 import numpy as np
 
-from replant.assessment import fit_percent, simulate
-from replant.data.logs import Log
 from replant.errors import ReplantError
+from replant.estimation.simulation.stretches import stretches_of
 from replant.live.observer.view import View
+from replant.logs import Log
 from replant.model.transfer_function import TransferFunction
+from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
+from replant.online.runs.result import Clock, History, Result
 from replant.plotting.numbers import grouped, off_by, std_alone, with_std
 from replant.report.findings import colour_of, without_reasons, words_of
 from replant.report.terminal import fraction, true_parameters, wrapped
-from replant.runs.result import Clock, History, Result
-from replant.simulation.stretches import stretches_of
-from replant.statistics.autoregression import one_step, one_step_with_lost
+from replant.verdict import fit_percent, simulate
 
 LINES_APART = 5.0  # time between two lines where nobody watches [s]
 REASONS_WIDTH = 71  # width of the reasons, where a terminal has 80 columns [columns]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
 from replant.live.outputs.message import UNKNOWN
+from replant.numerics.arguments import FloatArray
 
 
 @dataclass(frozen=True)

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from replant.arguments import FloatArray
-from replant.data.logs.arrow import CHECKED, check_rows, open_parquet
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.operating_system import ENDING, Worker, one_line, replacing
+from replant.logs.arrow import CHECKED, check_rows, open_parquet
+from replant.numerics.arguments import FloatArray
+from replant.numerics.operating_system import ENDING, Worker, one_line, replacing
 
 AGAIN = 60.0  # time until the next message about the same subject [s]
 

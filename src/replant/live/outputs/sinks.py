@@ -22,11 +22,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-from replant.data.streams.opening import NO_PORT, Address, split
-from replant.data.streams.payloads import import_paho
 from replant.errors import InvalidArgumentError
 from replant.live.outputs.message import ENDED, LEAST_TTL, UNKNOWN, WAITING, EstimateMessage, Notices
-from replant.operating_system import Worker, one_line
+from replant.live.streams.opening import NO_PORT, Address, split
+from replant.live.streams.payloads import import_paho
+from replant.numerics.operating_system import Worker, one_line
 
 PORT = "give a port from 1 to 65535 after the host"
 MQTT_PORT = 1883  # port of a broker, as registered [number]

@@ -12,17 +12,17 @@ from pathlib import Path
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.checkpoint.encoding import encode
-from replant.checkpoint.files import write
-from replant.data.streams import Batch
-from replant.engine.state import GAP
 from replant.errors import DamagedCheckpointError, InvalidArgumentError, MissingCheckpointError
+from replant.estimation.engine.state import GAP
+from replant.estimation.settings import Request
 from replant.kernels.schema import FARTHEST, LEAP
 from replant.live.outputs.message import DiskWriter
+from replant.live.streams import Batch
+from replant.numerics.arguments import FloatArray
+from replant.online.checkpoint.encoding import encode
+from replant.online.checkpoint.files import write
 from replant.online.identifier import Identifier
 from replant.online.saving import Loaded, load
-from replant.settings import Request
 
 BACK = 1.0  # step back of the stamps below which they are late samples, which the identifier rejects one by one [s]
 

@@ -9,17 +9,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from replant.arguments import FloatArray
-from replant.assessment.estimate_tests import MOVED_SIGMAS
-from replant.data.streams import Batch, Source
 from replant.errors import CheckpointError, InvalidArgumentError, SystemRefusedError
 from replant.live.observer.client import Observer
 from replant.live.observer.view import SessionInfo, View
 from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, ParquetRecorder, time_to_live
 from replant.live.outputs.sinks import Publisher, Sink
 from replant.live.session.progress import CheckpointWriter, Limits, Progress, Throughput, stop_on_signals
+from replant.live.streams import Batch, Source
+from replant.numerics.arguments import FloatArray
+from replant.numerics.operating_system import refusal
 from replant.online.identifier import Identifier
-from replant.operating_system import refusal
+from replant.verdict.estimate_tests import MOVED_SIGMAS
 
 
 class Session:

@@ -1,1 +1,0 @@
-"""Where samples come from: recorded logs, their inspection and conditioning, live streams."""

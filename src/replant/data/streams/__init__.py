@@ -1,8 +1,0 @@
-"""Live samples from a connection, a recorded log or a simulated rig: ``open_source(url).batches()``."""
-
-from __future__ import annotations
-
-from replant.data.streams.opening import open_source
-from replant.data.streams.source import Batch, Source
-
-__all__ = ["Batch", "Source", "open_source"]

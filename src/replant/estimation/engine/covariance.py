@@ -1,0 +1,108 @@
+"""The covariance of a running estimate: from what the optimizer keeps, or from the content of the replay buffer."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.estimation.engine.state import State
+from replant.estimation.settings import Settings
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.linear_algebra import compose, larger, quiet
+from replant.numerics.robust import no_less_than_scattered, rows_of
+
+
+@quiet
+def covariance(state: State, settings: Settings) -> FloatArray:
+    """Return the covariance (P, P) of the estimate in physical units; NaN where no honest one is known.
+
+    Without instruments the estimate is biased by the output's noise, and no interval around it could be trusted.
+    """
+    size = settings.structure.size
+    if not settings.instruments:
+        return np.full((size, size), np.nan)
+    if settings.optimizer.keeps_colour:
+        scaled = _of_least_squares(state)
+    elif settings.optimizer.keeps_covariance:
+        scaled = _kept(state)
+    else:
+        scaled = _of_buffer(state)
+    physical = 0.5 * (scaled + scaled.T) * np.outer(state.unit, state.unit)  # symmetric to the bit
+    return np.asarray(physical[:size, :size])
+
+
+@quiet
+def slowness(state: State, settings: Settings) -> float:
+    """Return how many times wider the estimate scatters than the residual's power and colour make it.
+
+    That of the coefficient where it is most; 1 where they tell all, or where it is not known.  Noise that is slow makes
+    it so: a drift of the output.
+    """
+    if not (settings.instruments and settings.optimizer.keeps_colour):
+        return 1.0
+    coloured = np.diag(covariance_by_colour(state))
+    if not (coloured > 0.0).all():
+        return 1.0
+    wider = np.sqrt(np.diag(_of_least_squares(state)) / coloured)[: settings.structure.size]
+    return float(wider.max())
+
+
+def _kept(state: State) -> FloatArray:
+    """Return U D U' of the optimizer's memory."""
+    return compose(*state.factors)
+
+
+def _of_least_squares(state: State) -> FloatArray:
+    """Return the covariance by the residual's colour, and where all is remembered no less than the path's scatter.
+
+    See `replant.numerics.robust`.
+    """
+    coloured = covariance_by_colour(state)
+    if state.settings[0] < 1.0:
+        return coloured
+    return no_less_than_scattered(coloured, *rows_of(state.path, state.theta, np.diag(_kept(state))))
+
+
+def covariance_by_colour(state: State) -> FloatArray:
+    """Return sigma_w^2 P Q P (T, T) of the scaled parameters, or where it is larger that of a white residual.
+
+    See `replant.kernels.monitoring.scatter`.
+
+    With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
+    makes sigma^2 P, with it about half as much.
+    """
+    colour, inverse = state.colour, _kept(state)
+    seen, forgetting = colour.count, float(state.settings[0])
+    count = max(seen - state.entries, 1.0)
+    share = (2.0 - seen * (1.0 - forgetting)) / (1.0 + forgetting)  # of the sums of mu^2j and mu^j
+    white = share * colour.power / max(seen, 1.0) * inverse
+    power = Autoregression.of_covariances(colour.covariances).power
+    return larger(power / count * inverse @ colour.squares @ inverse, white)
+
+
+def _of_buffer(state: State) -> FloatArray:
+    """Return the covariance of the buffer's instrumental-variable estimate, and how far the estimate is from that.
+
+    What an optimizer of the first order would come to rest at, were its steps small and many, is the solution of the
+    buffer's weighted equations sum zeta (z - phi' theta) / m^2 = 0.  That solution has the covariance of an
+    instrumental-variable estimate; the distance to it, by which the steps wander or have not arrived, is known, and
+    its square is added.
+    """
+    size, filled = state.entries, state.buffer_filled
+    unknown = np.full((size, size), np.nan)
+    if filled <= 2 * size:
+        return unknown
+    rows = np.roll(state.buffer[:filled], -state.buffer_head if filled == len(state.buffer) else 0, axis=0)
+    phi, target = rows[:, :size], rows[:, size]
+    zeta = rows[:, size + 2 :] * rows[:, size + 1 : size + 2]
+    cross = zeta.T @ phi
+    if not (np.isfinite(cross).all() and np.linalg.cond(cross) < 1.0 / np.finfo(float).eps):
+        return unknown
+    inverse = np.linalg.inv(cross)
+    solution = inverse @ (zeta.T @ target)
+    error = target - phi @ solution
+    noise = Autoregression.of(error)
+    filtered = noise.colour(zeta)
+    distance = state.theta - solution
+    spread = noise.power / (filled - size) * inverse @ (filtered.T @ filtered) @ inverse.T
+    return np.asarray(spread + np.outer(distance, distance))

@@ -1,0 +1,171 @@
+"""Dimensions: how large every array of a state is, in plain whole numbers, before any of them is laid out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.estimation.settings import STORED, Request, Settings
+from replant.kernels.schema import ROOM, ROWS, SCALARS, StateSlots, dimensions
+from replant.kernels.slot_tables import Block
+from replant.model.structure import Structure
+from replant.numerics.arguments import keep, truth, whole
+
+DENSEST = 4.0  # rate at which samples may come where there is a dead time: so many past inputs are kept [nominal rates]
+
+
+@dataclass(frozen=True)
+class Dimensions:
+    """What the sizes of the kernels' arrays follow from.
+
+    Attributes
+    ----------
+    order : int
+        Poles, n.
+    entries : int
+        Of the regressor, T.
+    ring : int
+        Past inputs kept.
+    memory, settings : int
+        Numbers of the optimizer's memory, M, and of its settings, S.
+    batch : int
+        Updates a sample.
+    capacity : int
+        Rows of the buffer.
+    recent : int
+        Raw samples kept.
+    companions : bool
+        Whether a row of the buffer holds the regressor's noise-free companion as well.
+    guarded : bool
+        Whether outputs are examined before they are learned.
+    reference : bool
+        Whether there is a reference, which is kept beside the raw samples.
+    path : int
+        Rows of the estimate's path.
+    """
+
+    order: int
+    entries: int
+    ring: int
+    memory: int
+    settings: int
+    batch: int = 1
+    capacity: int = 1
+    recent: int = 0
+    companions: bool = False
+    guarded: bool = False
+    reference: bool = False
+    path: int = ROOM
+
+    def __post_init__(self) -> None:
+        for name in ("order", "entries", "ring", "batch", "capacity"):
+            keep(self, name, whole, 1)
+        for name in ("memory", "settings", "recent", "path"):
+            keep(self, name, whole, 0)
+        keep(self, "companions", truth)
+        keep(self, "guarded", truth)
+        keep(self, "reference", truth)
+
+    @classmethod
+    def of_settings(cls, settings: Settings, recent: int) -> Dimensions:
+        """Return those of an identifier with these settings that has room for so many raw samples."""
+        structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
+        refined = settings.filter.follows_estimate
+        entries = entries_of(structure, refined=refined)
+        return cls(
+            structure.poles,
+            entries,
+            ring_of(structure, settings.dt),
+            optimizer.memory(entries).size,
+            optimizer.settings(settings.dt, np.ones(entries)).size,
+            batch=replay.batch_size if replay else 1,
+            capacity=replay.capacity if replay else 1,  # without replay: the newest sample, which is always learned
+            recent=recent,
+            companions=settings.instruments or refined,
+            guarded=optimizer.keeps_covariance,
+            reference=settings.reference,
+            path=ROOM if recent >= FEWEST_JUDGED else 0,
+        )
+
+    @classmethod
+    def of_request(cls, request: Request, recent: int, *, reference: bool) -> Dimensions:
+        """Return those of a start-up, whose samples are collected before there are filters and an estimate."""
+        ring = ring_of(request.structure, request.dt)
+        return cls(1, 1, ring, 0, 0, recent=recent, guarded=request.keeps_covariance, reference=reference)
+
+    @property
+    def numbers(self) -> dict[str, int]:
+        """The dimensions by the names that the schema gives them."""
+        return dimensions(
+            order=self.order, entries=self.entries, memory_size=self.memory, settings_size=self.settings,
+            ring_size=self.ring, path_size=self.path, has_reference=self.reference,
+        )  # fmt: skip
+
+    @property
+    def begins(self) -> dict[Block, int]:
+        """Where in ``reals`` each block begins."""
+        begins, end, numbers = {}, SCALARS, self.numbers
+        for block in StateSlots.blocks:
+            begins[block] = end
+            end += block.size(numbers)
+        return begins
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """The shape of each array of a state, by its name."""
+        from replant.kernels.filters import bank
+
+        return {
+            "ints": (ROWS + self.batch,),
+            "reals": (SCALARS + sum(block.size(self.numbers) for block in StateSlots.blocks),),
+            "banks": (3, bank.size(self.order, self.entries)),
+            "buffer": (self.capacity, (2 if self.companions else 1) * self.entries + 2),
+            "recent": (self.recent, 6 if self.reference else 5 if self.guarded else 3),
+        }
+
+
+def entries_of(structure: Structure, *, refined: bool) -> int:
+    """Return how many entries the regressor has, T: with the refined filter a constant and an initial state as well."""
+    n = structure.poles
+    return n + structure.zeros + 1 + (1 + n if refined else int(structure.bias))
+
+
+def ring_of(structure: Structure, dt: float) -> int:
+    """Return how many past inputs are kept for the dead time."""
+    return math.ceil(DENSEST * (structure.delay / dt)) + 8
+
+
+def room_for(samples: int, most: int) -> int:
+    """Return the rows for raw samples after so many, of ``most`` at the end: doubled when all are in use.
+
+    >>> [room_for(samples, 30_000) for samples in (0, 1023, 1024, 20_000, 10**6)]
+    [1024, 1024, 2048, 30000, 30000]
+    """
+    rows = min(FIRST_ROOM, most)
+    while rows < most and rows <= samples:
+        rows = min(2 * rows, most)
+    return rows
+
+
+def rooms(most: int) -> set[int]:
+    """Return all rows that there may be of ``most``."""
+    return {room_for(samples, most) for samples in (0, *(FIRST_ROOM << power for power in range(most.bit_length())))}
+
+
+def collects_at_most(request: Request) -> int:
+    """Return how many samples a start-up collects at the most."""
+    return max(STORED, request.first_hold)
+
+
+FEWEST_JUDGED = 200
+"""Raw samples kept, below which a verdict is made from running sums [samples].
+Derivation: a verdict holds out half of the samples, and takes a hundred of these (`verdict.evidence.FEWEST`).
+"""
+FIRST_ROOM = 1024
+"""Raw samples that there is room for at first; the room doubles when all of it is in use [samples].
+Derivation: two start-ups; in all, the copies then cost less than two of the last one.
+"""
+RECENT = 10_000
+"""Newest raw samples looked at: for solving the start-up again as it grows, and for assessment [samples]."""

@@ -1,0 +1,276 @@
+"""State: the arrays that the kernels work on, for one identifier or one record, with a property for each number.
+
+The regression behind every estimator, with Lambda moved to the left of (4), reads
+
+    s^n/Lambda y = phi' theta,   phi = [-s^(n-1)/Lambda y ... -1/Lambda y, s^m/Lambda u ... 1/Lambda u (, 1)],
+
+so the estimate is in the plant's own parameters, whatever Lambda is; the prediction error is that of (8).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+
+from replant.errors import SystemRefusedError
+from replant.estimation.engine.dimensions import Dimensions, collects_at_most, entries_of, ring_of, room_for
+from replant.estimation.filters import StateVariableFilter
+from replant.estimation.settings import Request, Settings
+from replant.kernels.schema import StateArrays
+from replant.kernels.slot_tables import Slot
+from replant.model.preprocess import Preprocess
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray, IntArray
+
+NOTHING = np.zeros(0)
+REGULAR = np.zeros(0)  # the time stamps of a regular clock
+
+GAP = 20.0
+"""Time without a sample after which the filters begin anew [sampling times].
+Origin: not recorded; kept, see sensitivity.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+#: What an array that the user makes large is for, and what to ask for instead.
+LARGE = {"buffer": ("a replay buffer", "a smaller capacity"), "recent": ("a start-up", "a shorter startup")}
+
+LONGEST_STEP = 1250
+"""Samples between two past estimates kept, at the most [samples].
+Derivation: of the RECENT newest samples at most half are then held out from the oldest of the PAST estimates.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+SHORTEST_STEP = 128
+"""The same where the estimate follows a plant that changes, and is soon out of date by right [samples].
+Derivation: the least power of two that a test needs.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+
+class State(StateArrays):
+    """The kernels' arrays, with a property for each of their slots: see `replant.kernels.schema`."""
+
+    __slots__ = ()
+
+    @property
+    def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """All of them, in the order in which the kernels take them."""
+        return self.ints, self.reals, self.banks, self.buffer, self.recent
+
+    def copy(self, *, buffer: bool = True) -> State:
+        """Return a state with arrays of its own; without the ``buffer``, which may be large, it shares that."""
+        kept = self.buffer.copy() if buffer else self.buffer
+        return State(self.ints.copy(), self.reals.copy(), self.banks.copy(), kept, self.recent.copy())
+
+    def make_room(self, most: int) -> None:
+        """Lengthen the ring of raw samples where all rows are in use, and there may be ``most``."""
+        rows = len(self.recent)
+        if self.samples != rows or rows >= most:
+            return
+        longer = np.zeros((room_for(rows, most), self.recent.shape[1]))
+        longer[:rows] = self.recent
+        self.recent, self.recent_size, self.recent_head = longer, len(longer), rows
+
+    def room_until(self, most: int) -> int:
+        """Return at how many samples all rows for raw ones are in use, where there may be ``most``; else 0."""
+        return len(self.recent) if self.samples <= len(self.recent) < most else 0
+
+    def take_over(self, old: State, *slots: Slot) -> None:
+        """Take these slots' values from another state."""
+        for slot in slots:
+            setattr(self, slot.name, getattr(old, slot.name))
+
+    @classmethod
+    def empty(cls, sizes: Dimensions) -> State:
+        """Return arrays of zeros of these sizes, which say where each block begins."""
+        shapes = sizes.shapes
+        ints = np.zeros(shapes["ints"], np.int64)
+        for block, begin in sizes.begins.items():
+            ints[block.index] = begin
+        try:
+            state = cls(ints, *(np.zeros(shapes[name]) for name in ("reals", "banks", "buffer", "recent")))
+        except MemoryError as error:
+            name = max(("buffer", "recent"), key=lambda each: math.prod(shapes[each]))
+            what, remedy = LARGE[name]
+            rows, columns = shapes[name]
+            raise SystemRefusedError(
+                f"the system grants no memory for {what} of {rows:,} rows of {columns} numbers: ask for {remedy}"
+            ) from error
+        state.order, state.entries, state.ring_size = sizes.order, sizes.entries, sizes.ring
+        state.memory_size, state.settings_size = sizes.memory, sizes.settings
+        state.capacity, state.batch_size, state.recent_size = sizes.capacity, sizes.batch, sizes.recent
+        state.examines_output, state.has_reference = sizes.guarded, sizes.reference
+        state.path_size = sizes.path
+        return state
+
+    @classmethod
+    def build(
+        cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str = "zoh",
+        instruments: bool = False, memory: FloatArray = NOTHING, numbers: FloatArray = NOTHING, reference: bool = False,
+    ) -> State:  # fmt: skip
+        """Return unscaled arrays without replay, and fill in what is known of a fixed filter."""
+        refined = state_filter is None
+        entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
+        companions = instruments or refined
+        sizes = Dimensions(
+            structure.poles, entries, ring, memory.size, numbers.size, companions=companions, reference=reference
+        )
+        state = cls.empty(sizes)
+        state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=instruments)
+        state.rescale(np.ones(entries), 1.0)
+        state.memory[:], state.settings[:] = memory, numbers
+        if state_filter is not None:
+            state.fix_filter(structure, dt, state_filter)
+        return state
+
+    def describe(
+        self, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str,
+        instruments: bool,
+    ) -> None:  # fmt: skip
+        """Fill in structure, sampling time and kind of filter.
+
+        Nothing compiled runs: the numbers of a fixed filter are left to `fix_filter`.
+        """
+        refined = state_filter is None
+        self.parameter_count, self.input_entries = structure.size, structure.zeros + 1
+        self.straight_input = input_hold == "foh"
+        self.has_constant = refined or structure.bias
+        self.refined, self.instruments = refined, instruments or refined
+        self.bilinear = state_filter is not None and state_filter.regular_only
+        self.adapt, self.serving_bank = True, 1
+        self.delay, self.interval = structure.delay, dt
+        self.ready_at = self.longest_gap = math.inf
+
+    def rescale(self, sigma: FloatArray, output_scale: float) -> None:
+        """Give the regressor's entries their scales ``sigma`` (T,), and the output its own."""
+        self.output_scale = output_scale
+        self.sigma[:], self.unit[:] = sigma, output_scale / sigma
+
+    @classmethod
+    def of_settings(cls, settings: Settings, recent: int) -> State:
+        """Return the arrays of an identifier with these settings, before its first sample."""
+        state = cls.laid_out(settings, recent)
+        if settings.filter.fixed:
+            state.fix_filter(settings.structure, settings.dt, settings.filter.fixed)
+        return state
+
+    @classmethod
+    def laid_out(cls, settings: Settings, recent: int) -> State:
+        """Return the same without the fixed filter's numbers: nothing compiled has run yet."""
+        structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
+        entries = entries_of(structure, refined=settings.filter.follows_estimate)
+        sigma = np.ones(entries)
+        sigma[: structure.size] = settings.scaling.sigmas(structure)
+        state = cls.empty(Dimensions.of_settings(settings, recent))
+        state.describe(
+            structure, settings.dt, state_filter=settings.filter.fixed, input_hold=settings.filter.input_hold,
+            instruments=settings.instruments,
+        )  # fmt: skip
+        state.rescale(sigma, settings.scaling.output)
+        state.memory[:] = optimizer.memory(entries)
+        state.settings[:] = optimizer.settings(settings.dt, state.unit)
+        state.algorithm, state.normalize = optimizer.code, settings.normalize
+        state.warmup = min(replay.warmup, replay.capacity - 1) if replay else 0  # a full buffer is warm
+        state.seed = replay.seed if replay else 0
+        state.square_input = settings.preprocess.input_map == "square"
+        state.coloured = optimizer.keeps_covariance and optimizer.keeps_colour
+        state.has_noise_model = state.coloured and state.refined
+        state.noise.gain = 1.0
+        follows = optimizer.keeps_covariance and not (optimizer.keeps_colour and state.settings[0] == 1.0)
+        state.past_step = SHORTEST_STEP if follows else LONGEST_STEP
+        state.input_offset = float(settings.preprocess.input_offset)
+        state.output_offset = float(settings.preprocess.output_offset)
+        state.longest_gap = GAP * settings.dt
+        return state
+
+    @classmethod
+    def collecting(cls, request: Request, samples: int = 0, *, reference: bool) -> State:
+        """Return the arrays that collect the samples of a start-up, raw but for the input map, with room for some."""
+        room = room_for(samples, collects_at_most(request))
+        state = cls.empty(Dimensions.of_request(request, room, reference=reference))
+        state.collects, state.adapt, state.serving_bank = True, True, 1
+        state.square_input = request.preprocess.input_map == "square"
+        state.delay, state.interval, state.longest_gap = request.structure.delay, request.dt, GAP * request.dt
+        state.forget_input = 1.0 / max(request.first_hold, 1)
+        return state
+
+    @classmethod
+    def for_regressors(
+        cls, structure: Structure, dt: float, state_filter: StateVariableFilter, preprocess: Preprocess
+    ) -> State:
+        """Return arrays that turn a raw record into unscaled regressors of a fixed filter."""
+        state = cls.build(structure, dt, state_filter=state_filter, input_hold=state_filter.input_hold)
+        state.square_input = preprocess.input_map == "square"
+        state.input_offset, state.output_offset = float(preprocess.input_offset), float(preprocess.output_offset)
+        return state
+
+    @classmethod
+    def for_model(cls, structure: Structure, dt: float, input_hold: str, *, reference: bool = False) -> State:
+        """Return arrays that turn a `Record` into regressors and instruments of the refined filter."""
+        return cls.build(structure, dt, state_filter=None, input_hold=input_hold, reference=reference)
+
+    @property
+    def factors(self) -> tuple[FloatArray, FloatArray]:
+        """Views of U (T, T) and D (T,), the covariance U D U' that the optimizer keeps."""
+        size, memory = self.entries, self.memory
+        return memory[: size * size].reshape(size, size), memory[size * size : size * size + size]
+
+    @property
+    def physical(self) -> FloatArray:
+        """The estimate (T,) in physical units."""
+        return np.asarray(self.theta * self.unit)
+
+    @property
+    def serves_reflected(self) -> bool:
+        """Whether the serving model is not stable: its bank's denominator has the poles reflected."""
+        from replant.kernels.filters.bank import REFLECTED
+
+        return bool(self.banks[self.serving_bank, REFLECTED])
+
+    def install(self, theta: FloatArray) -> None:
+        """Make ``theta`` (T,), in physical units, the serving auxiliary model, its filters at rest."""
+        from replant.kernels.filters.chain import install_model
+
+        self.serving_bank, self.warming = 1, False
+        install_model(*self.arrays, 1, theta / self.unit)
+
+    @contextmanager
+    def without_preprocessing(self) -> Iterator[None]:
+        """Take samples as they are kept in ``recent``: mapped, working point taken off."""
+        kept = self.square_input, self.input_offset, self.output_offset
+        self.square_input, self.input_offset, self.output_offset = False, 0.0, 0.0
+        try:
+            yield
+        finally:
+            self.square_input, self.input_offset, self.output_offset = kept
+
+    def fix_filter(self, structure: Structure, dt: float, state_filter: StateVariableFilter) -> None:
+        """Give the fixed bank its denominator; the bilinear filter also its one discretisation."""
+        from replant.kernels.filters import bank as bk
+
+        n, entries = structure.poles, self.entries
+        fixed = self.banks[0]
+        bk.set_denominator(
+            fixed, n, entries, self.input_entries, self.has_constant, False, True,
+            state_filter.polynomial(n)[1:], self.sigma,
+        )  # fmt: skip
+        if state_filter.regular_only:
+            discrete = state_filter.discretize(n, dt)
+            kept = fixed[bk.at_kept(n, entries) :]
+            kept[0] = dt
+            kept[1 : 1 + n * n] = discrete.transition.ravel()
+            kept[1 + n * n : 1 + n * n + n] = discrete.output_taps[0]
+            fixed[bk.NEXT] = 1.0
+
+
+#: Why a sample is not learned, and where it is counted.  The output of an outlier, of a stuck sensor, and one that is
+#: missing are bridged.  A sample without a reference, where others have one, is learned with the last.
+REASONS = {
+    "not finite": State.not_finite, "too large": State.too_large, "not later": State.not_later,
+    "too dense": State.too_dense, "time leap": State.time_leaps, "time too coarse": State.too_coarse,
+    "input leap": State.input_leaps, "outlier": State.outliers, "stuck": State.stuck, "no output": State.no_output,
+    "no reference": State.no_reference,
+}  # fmt: skip

@@ -1,0 +1,87 @@
+"""Lanes: states that keep a covariance, side by side in SIMD vectors; each keeps its own arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from replant.estimation.engine.aligned import aligned
+from replant.estimation.engine.state import State
+from replant.kernels.schema import StateSlots
+from replant.numerics.arguments import FloatArray, IntArray
+
+STRETCH = 8
+"""Samples that members take between two looks at whether one of them met with something out of the ordinary [samples].
+Origin: with two poles at 50 Hz, 4 and 32 take 1.25 times as long a sample, 16 as long: looks cost time, and so does a
+member that takes a whole stretch by itself, as where its model is renewed.
+Sensitivity: changes no bit of any result.
+"""
+
+#: What members side by side have in common.
+ALIKE = [
+    slot.index
+    for slot in (
+        StateSlots.order, StateSlots.entries, StateSlots.input_entries, StateSlots.algorithm, StateSlots.square_input,
+        StateSlots.straight_input, StateSlots.has_constant, StateSlots.has_noise_model, StateSlots.coloured,
+        StateSlots.memory_size, StateSlots.settings_size, StateSlots.ring_size, StateSlots.rests_with_input,
+    )
+]  # fmt: skip
+
+
+def fits(state: State) -> bool:
+    """Return whether a state may be stepped in a lane, on a regular clock: a refined filter and no dead time.
+
+    Nor does it follow sums in the place of samples that are not kept.
+    """
+    from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
+
+    known = state.examines_output and state.refined and state.algorithm == RECURSIVE_LEAST_SQUARES
+    return (
+        known
+        and not (state.collects or state.has_reference)
+        and state.delay == 0.0
+        and len(state.buffer) == 1
+        and state.path_size > 0
+    )
+
+
+def kind(state: State) -> tuple[int, ...]:
+    """Return what the states in the lanes of one vector must have in common."""
+    return (*state.ints[ALIKE].tolist(), state.rest_after > 0, bool(state.settings[0] < 1.0), *state.reals.shape)
+
+
+class Lanes:
+    """Work space for the states of one kind, and of one thread."""
+
+    def __init__(self, state: State, size: int) -> None:
+        from replant.kernels.lanes import LANES
+        from replant.kernels.step.ensemble_exchange import width_of
+        from replant.kernels.step.ensemble_ordinary import BESIDE
+
+        entries, width = state.entries, width_of(state)
+        self.kind, self.size = kind(state), size
+        self._live, self._taken = np.zeros(LANES, np.int64), np.zeros(LANES, np.int64)
+        shapes = (
+            (state.reals.size,), (state.reals.size,), (2, width), (2, width), (BESIDE,), (entries + 1,), (3, STRETCH),
+            (STRETCH, size),
+        )  # fmt: skip
+        self._work = (np.zeros((LANES, state.ints.size), np.int64), *(aligned((*shape, LANES)) for shape in shapes))
+
+    def take(
+        self, states: Sequence[State], numbers: Sequence[int], start: int, u: FloatArray, y: FloatArray,
+        errors: FloatArray, parameters: FloatArray,
+    ) -> tuple[int, IntArray]:  # fmt: skip
+        """Take samples from row ``start`` on, up to the stretch in which a member needs attention.
+
+        Returns the row behind that stretch, and for each member the row up to which it has taken them.
+        """
+        from replant.kernels.lanes import LANES
+        from replant.kernels.step import ensemble_covariance
+
+        left, count = LANES - len(states), len(states)
+        arrays = [array for state in (*states, *[states[0]] * left) for array in state.arrays]
+        rows = np.array([*numbers, *[numbers[0]] * left])
+        live, taken = self._live[:count], self._taken[:count]
+        reached = ensemble_covariance.steps(*arrays, rows, live, taken, *self._work, start, u, y, errors, parameters)
+        return reached, taken

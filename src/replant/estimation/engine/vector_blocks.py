@@ -1,0 +1,151 @@
+"""Blocks: the arrays of several identifiers side by side, so that one kernel steps them all in vectors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from replant.estimation.engine.aligned import aligned
+from replant.estimation.engine.state import State
+from replant.estimation.engine.state_lanes import Lanes
+from replant.kernels.schema import LAYOUT, StateSlots
+from replant.numerics.arguments import FloatArray, IntArray
+
+TILE = 256  # samples that a block takes at once: they, and what comes of them, stay in the processor's cache [samples]
+#: What the members of a block have in common: everything in `ints` but the random seed and what changes.
+ALIKE = [slot.index for slot in StateSlots.integers if slot.writer == LAYOUT and slot is not StateSlots.seed]
+ALIKE += [StateSlots.rests_with_input.index, StateSlots.adapt.index]
+#: By what members are sorted into blocks: those alike in all of it draw the same rows of their buffers.
+IN_STEP = [slot.index for slot in (State.seed, State.drawn, State.buffer_filled, State.buffer_head)]
+
+
+def is_under_way(state: State) -> bool:
+    """Return whether the fixed-filter kernel has taken its first sample and made its discretisation."""
+    from replant.kernels.filters import bank as bk
+
+    kept = state.banks[0, bk.at_kept(state.order, state.entries)]
+    interval = state.interval
+    return state.started and bool(abs(kept - interval) <= bk.SAME_INTERVAL * interval)
+
+
+def kind(state: State) -> tuple[int, ...]:
+    """Return what members of one block must have in common."""
+    return tuple(state.ints[ALIKE].tolist())
+
+
+def order(state: State) -> tuple[int, ...]:
+    """Return the key by which members are sorted into blocks."""
+    return tuple(state.ints[IN_STEP].tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """The stacked arrays of up to `kernels.vector.LANES` members; see `replant.kernels.step.ensemble`.
+
+    Attributes
+    ----------
+    numbers : (LANES,) int64 array
+        Which members of the ensemble these are; lanes left over repeat the first.
+    members : int
+        How many there are.
+    ints, reals, banks, buffer, recent : arrays
+        As of `State`; the member axis is the first of ``ints``, the last of the others.
+    apart : bool
+        Whether the members have random streams of their own; then the member axis of ``buffer`` is the first.
+    """
+
+    numbers: IntArray
+    members: int
+    ints: np.ndarray[tuple[int, int], np.dtype[np.int64]]
+    reals: FloatArray
+    banks: FloatArray
+    buffer: FloatArray
+    recent: FloatArray
+    apart: bool
+    work: tuple[np.ndarray, ...] = field(repr=False)
+
+    @classmethod
+    def of_states(cls, numbers: Sequence[int], states: Sequence[State]) -> Block:
+        """Stack the arrays of these members."""
+        from replant.kernels.lanes import LANES
+
+        lanes = [*states, *[states[0]] * (LANES - len(states))]
+        rows = [*numbers, *[numbers[0]] * (LANES - len(numbers))]
+        first, buffers = states[0], [state.buffer for state in lanes]
+        apart = len({state.seed for state in states}) > 1
+        batch, memory = first.batch_size, first.memory_size
+        work = (
+            np.ones(LANES, np.int64),
+            aligned((batch, first.buffer.shape[1], LANES)),
+            np.arange(batch),
+            np.zeros(LANES, np.int64),
+            aligned((first.entries + memory, LANES)),
+        )
+        return cls(
+            np.array(rows),
+            len(states),
+            np.stack([state.ints for state in lanes]),
+            side_by_side([state.reals for state in lanes]),
+            side_by_side([state.banks for state in lanes]),
+            np.stack(buffers) if apart else side_by_side(buffers),
+            side_by_side([state.recent for state in lanes]),
+            apart,
+            work,
+        )
+
+    def state(self, lane: int) -> State:
+        """Return one member's arrays: views, which follow it."""
+        return State(
+            self.ints[lane],
+            self.reals[:, lane],
+            self.banks[..., lane],
+            self.buffer[lane] if self.apart else self.buffer[..., lane],
+            self.recent[..., lane],
+        )
+
+    def take(
+        self, room: Room, start: int, u: FloatArray, y: FloatArray, errors: FloatArray, parameters: FloatArray
+    ) -> None:
+        """Take the samples from row ``start`` on."""
+        from replant.kernels.step import ensemble
+
+        spaces = room.of(len(u) - start, parameters.shape[2])
+        ensemble.steps(
+            self.ints, self.reals, self.banks, self.buffer, self.recent, self.apart, *self.work, *spaces, self.numbers,
+            self.members, start, u, y, errors, parameters,
+        )  # fmt: skip
+
+
+class Room:
+    """Work space of one thread: the samples of a block in SIMD vectors, and the results.
+
+    Its allocation takes as long as a hundred samples, so it is used again as long as it is large enough.
+    """
+
+    def __init__(self) -> None:
+        self._arrays = aligned((0, 0, 0)), aligned((0, 0, 0))
+        self._lanes: Lanes | None = None
+
+    def of(self, samples: int, size: int) -> tuple[FloatArray, FloatArray]:
+        """Return room for inputs, outputs and errors, and for the first ``size`` parameters, of a tile of samples."""
+        from replant.kernels.lanes import LANES
+
+        rows = min(TILE, max(samples, 1))
+        tile, estimates = self._arrays
+        if tile.shape[1] < rows or estimates.shape[1] != size:
+            self._arrays = aligned((3, rows, LANES)), aligned((rows, size, LANES))
+        return self._arrays
+
+    def lanes(self, kind: tuple[int, ...], state: State, size: int) -> Lanes:
+        """Return room for states of a kind, as this one is, and for the first ``size`` parameters."""
+        if self._lanes is None or (self._lanes.kind, self._lanes.size) != (kind, size):
+            self._lanes = Lanes(state, size)
+        return self._lanes
+
+
+def side_by_side(arrays: Sequence[FloatArray]) -> FloatArray:
+    """Return the arrays stacked along a new last axis, each vector on a line of the cache of its own."""
+    result = aligned((*arrays[0].shape, len(arrays)))
+    return np.stack(arrays, axis=-1, out=result)

@@ -1,0 +1,249 @@
+"""StateVariableFilter: a fixed 1/Lambda(s), which turns derivatives into filtered signals, and its discretisation.
+
+`Filter` is what every filter tells about itself: above all the fixed filter that it is, always or at an estimate.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError, shown
+from replant.model import state_space
+from replant.model.dead_time import split_delay
+from replant.model.structure import Structure
+from replant.numerics.arguments import (
+    FloatArray,
+    between,
+    keep,
+    numbers,
+    one_of,
+    positive,
+    whole,
+)
+from replant.numerics.limits import dead_time, duration
+from replant.numerics.linear_algebra import roots
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteFilter:
+    """The filters (7) for one sampling time, in scaled states (see `replant.model.state_space`).
+
+    Attributes
+    ----------
+    transition : (n, n) array
+    output_taps : (2, n) array
+        Vectors for y[k-1] and y[k].
+    input_taps : (3, n) array
+        Vectors for u[k-lag-2], u[k-lag-1] and u[k-lag].
+    characteristic, scale : (n,) arrays
+        As in `replant.model.state_space.Companion`.
+    lag : int
+        Whole samples of dead time.
+    """
+
+    transition: FloatArray
+    output_taps: FloatArray
+    input_taps: FloatArray
+    characteristic: FloatArray
+    scale: FloatArray
+    lag: int
+
+
+class Filter:
+    """What a filter tells about itself; the rest of the package asks for nothing else.
+
+    Attributes
+    ----------
+    input_hold : {"zoh", "foh"}
+        What u does between samples.
+    follows_estimate : bool
+        Whether it is made from the estimate, and anew as that moves; it then needs instruments and a start-up.
+    """
+
+    input_hold: str
+    follows_estimate: ClassVar[bool] = False
+
+    @property
+    def regular_only(self) -> bool:
+        """Whether it is for a regular clock alone."""
+        return False
+
+    @property
+    def fixed(self) -> StateVariableFilter | None:
+        """The fixed filter that this is; None for one that follows the estimate."""
+        return None
+
+    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
+        """Return the fixed filter that this is where the estimate's denominator (n + 1,), monic, is this one."""
+        raise NotImplementedError
+
+    def check(self, structure: Structure) -> None:
+        """Raise InvalidArgumentError where this filter is not for this structure."""
+        return
+
+
+@dataclass(frozen=True)
+class StateVariableFilter(Filter):
+    r"""The filter :math:`\Lambda(s)` of (2): signals pass :math:`s^i/\Lambda(s)`, so nothing is differentiated.
+
+    Parameters
+    ----------
+    cutoff : float, optional
+        :math:`\lambda` in rad/s, for :math:`\Lambda(s) = (s + \lambda)^n`.  A cutoff a little above the plant's
+        fastest pole of interest works; far below loses that pole, far above lets the noise in.
+    denominator : sequence of float, optional
+        :math:`\Lambda(s)` itself, monic, descending powers, instead of a cutoff.
+    method : {"exact", "gbt"}
+        "exact" solves the filters between samples without error: u as its hold says, y joined by straight lines.
+        "gbt" is the article's generalised bilinear transform, strictly causal as in (7): half a sample late.
+    input_hold : {"zoh", "foh"}
+        What u does between samples: stands still (a D/A converter; the default) or runs straight.  For "exact".
+    alpha : float
+        Of the generalised bilinear transform: 0 forward Euler, 0.5 Tustin, 1 backward Euler.  For "gbt".
+
+    Notes
+    -----
+    The generalised bilinear transform with alpha < 0.5 is unstable where lambda dt > 2 / (1 - 2 alpha), which
+    `discretize` refuses; with alpha = 0.5 it rings where lambda dt > 2, which is warned of.
+
+    References
+    ----------
+    Bernat and Kolota (2023), (2)-(7) and Appendix A.
+
+    Examples
+    --------
+    >>> StateVariableFilter(cutoff=5.0).polynomial(2)
+    array([ 1., 10., 25.])
+    """
+
+    cutoff: float | None = None
+    denominator: Sequence[float] | None = None
+    method: str = "exact"
+    input_hold: str = "zoh"
+    alpha: float = 0.5
+
+    def __post_init__(self) -> None:
+        if (self.cutoff is None) == (self.denominator is None):
+            raise InvalidArgumentError("a filter needs either a cutoff [rad/s] or a denominator, and not both")
+        if self.cutoff is not None:
+            keep(self, "cutoff", positive)
+        if self.denominator is not None:
+            keep(self, "denominator", _denominator)
+        keep(self, "method", one_of, ("exact", "gbt"))
+        keep(self, "input_hold", one_of, ("zoh", "foh"))
+        keep(self, "alpha", between, 0.0, 1.0, closed="both")
+
+    @property
+    def regular_only(self) -> bool:
+        """Whether it is for a regular clock alone: the article's is."""
+        return self.method == "gbt"
+
+    @property
+    def fixed(self) -> StateVariableFilter:
+        """The filter itself."""
+        return self
+
+    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
+        """Return this filter, wherever the estimate is."""
+        return self
+
+    def check(self, structure: Structure) -> None:
+        """Raise InvalidArgumentError where this filter is not for this structure."""
+        self.polynomial(structure.poles)
+        if self.method == "gbt" and structure.is_biproper:
+            raise InvalidArgumentError("the gbt filter is strictly causal: as many zeros as poles need method='exact'")
+
+    def polynomial(self, poles: int) -> FloatArray:
+        """Return Lambda(s) for ``poles`` poles: (poles + 1,), monic, descending powers.
+
+        Parameters
+        ----------
+        poles : int
+            Number of poles.
+
+        Raises
+        ------
+        InvalidArgumentError
+            For a denominator of another order, or a cutoff whose power leaves float64.
+        """
+        poles = _order(poles)
+        if self.denominator is not None:
+            if len(self.denominator) != poles + 1:
+                raise InvalidArgumentError(
+                    f"denominator must have {poles + 1} coefficients for {poles} poles, got {len(self.denominator)}"
+                )
+            return np.array(self.denominator)
+        assert self.cutoff is not None
+        with np.errstate(over="ignore", invalid="ignore"):
+            polynomial = np.asarray(np.poly(np.full(poles, -self.cutoff)), np.float64)
+        if not np.isfinite(polynomial).all():
+            raise InvalidArgumentError(f"cutoff must be smaller: with {poles} poles {self.cutoff:g} leaves float64")
+        return polynomial
+
+    def discretize(self, poles: int, dt: float, delay: float = 0.0) -> DiscreteFilter:
+        """Return the difference equations (7).
+
+        Parameters
+        ----------
+        poles : int
+        dt : float
+            Sampling time in s.
+        delay : float
+            Dead time in s.
+
+        Raises
+        ------
+        InvalidArgumentError
+            For a bilinear filter that is unstable at this sampling time.
+        """
+        poles, dt, delay = _order(poles), duration("dt", dt), dead_time("delay", delay)
+        model = state_space.companion(self.polynomial(poles))
+        lag, fraction = split_delay(delay, dt)
+        if self.method == "exact":
+            transition, before, after = state_space.exact(model.matrix, model.column, dt, "foh")
+            output_taps = np.stack([before, after])
+            input_taps = state_space.input_taps(model.matrix, model.column, dt, self.input_hold, fraction)
+        else:
+            transition, column = state_space.bilinear(model.matrix, model.column, dt, self.alpha)
+            self._check_poles(dt)
+            output_taps = np.stack([column, np.zeros(poles)])
+            input_taps = np.stack([fraction * column, (1 - fraction) * column, np.zeros(poles)])
+        return DiscreteFilter(transition, output_taps, input_taps, model.characteristic, model.scale, lag)
+
+    def _check_poles(self, dt: float) -> None:
+        # mapped from the continuous ones: eigenvalues of a tenfold pole would scatter by a few percent
+        s = dt * roots(np.asarray(self.polynomial(1) if self.denominator is None else self.denominator))
+        poles = (1 + (1 - self.alpha) * s) / (1 - self.alpha * s)
+        if np.abs(poles).max() >= 1.0:
+            limit = "" if self.alpha >= 0.5 else f"; with alpha {self.alpha:g} keep cutoff * dt below 2/(1 - 2 alpha)"
+            raise InvalidArgumentError(f"the gbt filter is unstable at dt = {dt:g} s{limit}, or use method='exact'")
+        if poles.real.min() < 0:
+            warnings.warn(
+                f"the gbt filter rings at dt = {dt:g} s (cutoff * dt > 2): lower the cutoff or use method='exact'",
+                stacklevel=3,
+            )
+
+
+def _order(poles: int) -> int:
+    """Return a number of poles."""
+    poles = whole("poles", poles, 1)
+    if poles > Structure.MOST_POLES:
+        raise InvalidArgumentError(f"poles must be at most {Structure.MOST_POLES}, got {shown(poles)}")
+    return poles
+
+
+def _denominator(name: str, value: Sequence[float]) -> tuple[float, ...]:
+    """Return a monic polynomial with all roots left of the axis; its order is bounded before they are looked for."""
+    polynomial = numbers(name, value)
+    if len(polynomial) < 2 or polynomial[0] != 1.0:
+        raise InvalidArgumentError(f"{name} must be monic, of order 1 or more, got {list(polynomial[:12])}")
+    if len(polynomial) > Structure.MOST_POLES + 1:
+        raise InvalidArgumentError(f"{name} must be of order {Structure.MOST_POLES} at most, got {len(polynomial) - 1}")
+    if not roots(np.array(polynomial)).real.max() < 0.0:
+        raise InvalidArgumentError(f"{name} must have all roots left of the axis: {list(polynomial)}")
+    return polynomial

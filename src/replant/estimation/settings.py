@@ -1,0 +1,231 @@
+"""Settings: the choices of an identifier, as requested (`Request`), and as `online.startup` resolves them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError, shown
+from replant.estimation.filters import FILTERS, Filter, RefinedFilter
+from replant.estimation.optimizers import OPTIMIZERS, Optimizer
+from replant.estimation.optimizers.optimizer import Replay
+from replant.estimation.scaling import Scaling
+from replant.model.preprocess import Preprocess
+from replant.model.structure import Structure
+from replant.numerics.arguments import (
+    instance,
+    keep,
+    truth,
+    whole,
+)
+from replant.numerics.limits import duration
+
+AUTO = "auto"
+LONGEST_DELAY = 1_000_000  # longest dead time; the inputs of the whole dead time are kept [sampling times]
+STORED = 30_000
+"""Raw samples stored: a record no longer than this is solved as a whole at its end [samples].
+Origin: 1.2 MB.  With 10,000, the estimates at the end of 15 of 496 random records of 3,000 to 30,000 samples were more
+than 5 points of fit below those of `fit`, all of longer records than that.
+Sensitivity: not measured.
+"""
+DEFAULT_OPTIMIZER = "recursive-least-squares"
+NO_USE_OF_REFERENCE = (
+    "only the refined filter with recursive least squares uses a reference: give no r, or leave filter, optimizer "
+    "and instruments at their defaults"
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The settings of a running identifier, none of them "auto".  An identifier made with `arguments` repeats this one.
+
+    Attributes
+    ----------
+    structure : Structure
+    dt : float
+        Sampling time in s.
+    filter : StateVariableFilter or RefinedFilter
+    scaling : Scaling
+    optimizer : Optimizer
+    replay : Replay or None
+    instruments : bool
+    normalize : bool
+    preprocess : Preprocess
+        With numbers for the working point.
+    startup : int
+        Number of samples that the start-up collected.
+    reference : bool
+        Whether the samples come with a reference.
+    """
+
+    structure: Structure
+    dt: float
+    filter: Filter
+    scaling: Scaling
+    optimizer: Optimizer
+    replay: Replay | None
+    instruments: bool
+    normalize: bool
+    preprocess: Preprocess
+    startup: int
+    reference: bool = False
+
+    def __post_init__(self) -> None:
+        keep(self, "structure", instance, Structure)
+        keep(self, "dt", duration)
+        keep(self, "filter", instance, *FILTERS)
+        keep(self, "scaling", instance, Scaling)
+        keep(self, "optimizer", instance, Optimizer)
+        keep(self, "replay", instance, Replay, None)
+        keep(self, "instruments", truth)
+        keep(self, "normalize", truth)
+        keep(self, "preprocess", instance, Preprocess)
+        keep(self, "startup", whole, 0)
+        keep(self, "reference", truth)
+        if self.preprocess.needs != "nothing":
+            raise InvalidArgumentError("the working point of settings must be numbers")
+        _check_together(self)
+        if self.reference and not (self.filter.follows_estimate and self.optimizer.keeps_colour):
+            raise InvalidArgumentError(NO_USE_OF_REFERENCE)
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The arguments of an identifier with these settings: all but whether samples come with a reference."""
+        return {name: value for name, value in vars(self).items() if name != "reference"}
+
+
+@dataclass(frozen=True)
+class Request:
+    """The settings that the user requested, as in `Settings`; "auto" leaves a choice to the data."""
+
+    structure: Structure
+    dt: float
+    filter: Filter | str = AUTO
+    scaling: Scaling | str | None = AUTO
+    optimizer: Optimizer | str = AUTO
+    replay: Replay | str | None = AUTO
+    instruments: bool | str = AUTO
+    normalize: bool = True
+    preprocess: Preprocess = field(default_factory=Preprocess)
+    startup: int = 500
+    history: int = STORED
+
+    def __post_init__(self) -> None:
+        keep(self, "structure", instance, Structure)
+        keep(self, "dt", duration)
+        keep(self, "filter", instance, *FILTERS, AUTO)
+        keep(self, "scaling", instance, Scaling, AUTO, None)
+        keep(self, "optimizer", instance, Optimizer, AUTO, *OPTIMIZERS)
+        keep(self, "replay", instance, Replay, AUTO, None)
+        keep(self, "instruments", _switch)
+        keep(self, "normalize", truth)
+        keep(self, "preprocess", instance, Preprocess)
+        keep(self, "startup", whole, 1)
+        if self.startup >= 2**31:
+            raise InvalidArgumentError(f"startup must be below 2^31, got {shown(self.startup)}")
+        keep(self, "history", whole, 0)
+        if self.history > STORED:
+            raise InvalidArgumentError(f"history must be at most {STORED:,} samples, got {shown(self.history)}")
+        _check_together(self)
+        remembers = isinstance(self.optimizer, Optimizer) and self.optimizer.keeps_covariance
+        if remembers and isinstance(self.replay, Replay):
+            name = type(self.optimizer).__name__
+            raise InvalidArgumentError(f"{name} uses every sample already: replay must be None, not a buffer")
+        if isinstance(self.filter, Filter) and self.filter.fixed:
+            self.filter.fixed.discretize(
+                self.structure.poles, self.dt, self.structure.delay
+            )  # raises if it cannot be discretised
+
+    @property
+    def wants_instruments(self) -> bool:
+        """Whether instruments are used.
+
+        With "auto" they are used with the refined filter, and with the optimizers that keep a covariance.
+        """
+        if isinstance(self.instruments, bool):
+            return self.instruments
+        if isinstance(self.filter, Filter) and self.filter.follows_estimate:
+            return True
+        return self.keeps_covariance
+
+    @property
+    def keeps_covariance(self) -> bool:
+        """Whether the optimizer keeps a covariance: the outputs are then examined, and some may be missing."""
+        return self.optimizer_kind.keeps_covariance
+
+    @property
+    def optimizer_kind(self) -> Optimizer | type[Optimizer]:
+        """The optimizer, or the kind of it where the user named that alone."""
+        if isinstance(self.optimizer, Optimizer):
+            return self.optimizer
+        return OPTIMIZERS[DEFAULT_OPTIMIZER if self.optimizer == AUTO else self.optimizer]
+
+    @property
+    def input_hold(self) -> str:
+        """How the input goes on between two samples: "zoh" or "foh"."""
+        return self.filter.input_hold if isinstance(self.filter, Filter) else "zoh"
+
+    @property
+    def takes_reference(self) -> bool:
+        """Whether a reference can be used: by the refined filter with recursive least squares."""
+        follows = self.filter.follows_estimate if isinstance(self.filter, Filter) else self.wants_instruments
+        return follows and self.keeps_covariance and self.optimizer_kind.keeps_colour
+
+    @property
+    def least_startup(self) -> int:
+        """The smallest number of samples for a first model."""
+        return 4 * (2 * self.structure.poles + self.structure.zeros + 2) if self.wants_instruments else 1
+
+    @property
+    def first_hold(self) -> int:
+        """Number of measured outputs that the start-up collects at first; 0 if no choice needs them."""
+        if self.asks_for_data:
+            return max(self.startup, self.least_startup)
+        return 0 if self.preprocess.needs == "nothing" else 1
+
+    @property
+    def asks_for_data(self) -> bool:
+        """Whether a choice needs a record of samples; those of optimizer and replay do not."""
+        waits = isinstance(self.filter, str) or isinstance(self.scaling, str) or self.preprocess.needs == "mean"
+        return waits or self.wants_instruments
+
+
+def filter_for(input_hold: str) -> Filter | str:
+    """Return the filter to request where the input is "zoh" or "foh": the data choose it, or it must know of the lines.
+
+    Examples
+    --------
+    >>> filter_for("zoh"), filter_for("foh")
+    ('auto', RefinedFilter(input_hold='foh'))
+    """
+    return AUTO if input_hold == "zoh" else RefinedFilter(input_hold)
+
+
+def _switch(name: str, value: Any) -> bool | str:
+    chosen: bool | str = bool(value) if isinstance(value, np.bool_) else instance(name, value, bool, AUTO)
+    return chosen
+
+
+def _check_together(chosen: Settings | Request) -> None:
+    """Raise InvalidArgumentError if choices do not fit together."""
+    if chosen.structure.delay > LONGEST_DELAY * chosen.dt:
+        raise InvalidArgumentError(
+            f"delay must be at most {LONGEST_DELAY:,} sampling times, got {chosen.structure.delay / chosen.dt:.3g}"
+        )
+    if isinstance(chosen.filter, Filter):
+        chosen.filter.check(chosen.structure)
+        if chosen.filter.follows_estimate and chosen.instruments is False:
+            raise InvalidArgumentError("the refined filter needs instruments: instruments=False cannot go with it")
+    if isinstance(chosen.scaling, Scaling):
+        chosen.scaling.sigmas(chosen.structure)
+    if isinstance(chosen.optimizer, Optimizer):
+        chosen.optimizer.check(chosen.structure.size)
+
+
+LONGEST_STARTUP = 20_000
+"""Measured outputs collected at the most, before a start-up that does not suffice is taken as it is [samples].
+Derivation: two thirds of what is stored (`STORED`): the record is solved once more as a whole.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""

@@ -1,0 +1,359 @@
+r"""The run of a model over a record, from the input alone, offset and initial state fitted; its fit, batch by batch.
+
+Behind a gap of an irregular clock the run begins anew.  What the input did meanwhile is not known, and so the state is
+not, as at the beginning of the record; the offset is that of the whole record.  Of the samples a small triangle is
+kept, R of the QR decomposition of the nuisances beside what is left.
+
+A record of any length needs one pass: the initial state is fitted over the first 2^18 samples, the offset over all of
+them.  The autoregression D(q) e = w of the residual e and the sum of w^2 follow from the sums of the products
+:math:`e_{k-i} e_{k-j}`: the fit one step ahead needs no second pass either.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.estimation.engine.record import gaps_of
+from replant.model.response import Response, Stretch
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import BoolArray, FloatArray, vector
+from replant.numerics.autoregression import places_on_grid
+from replant.numerics.linear_algebra import least_norm, quiet
+from replant.numerics.residuals import ErrorSums, OutputSums
+
+FEWEST = 4  # outputs for each unknown of its state that a part behind a gap needs, else the state takes it up [count]
+RANK_TOLERANCE = 1e-12  # singular value of scaled nuisances that counts as zero: rounding [part of the largest]
+ROWS = 1 << 12  # samples taken into a triangle together: few enough for a cache and for one thread [samples]
+FITTED = 1 << 18  # samples over which the initial state is fitted [samples]
+
+
+@dataclass(frozen=True)
+class Simulation:
+    """The free run of a model, with offset and initial state fitted to a measured output."""
+
+    output: FloatArray  # (K,): with the estimated offset and initial state
+    offset: float  # estimated constant between measured and simulated output, in the unit of y
+    fit: float  # in percent over the finite samples
+    is_prediction: bool = False  # whether it is predicted one step ahead, as of an unstable model, which would run away
+
+    @property
+    def how(self) -> str:
+        """In words what the output is made from."""
+        return "predicted from input and past output" if self.is_prediction else "simulated from the input alone"
+
+
+def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
+    r"""Return the fit in percent, :math:`100 (1 - \|y - \hat y\| / \|y - \bar y\|)`; samples with a NaN are left out.
+
+    A perfect model has 100, the mean of the output 0, a worse model less than 0.  A constant output has no fit: NaN.
+
+    Parameters
+    ----------
+    measured, modelled : (K,) arrays
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the two differ in length, or one is not a vector of real numbers.
+
+    Examples
+    --------
+    >>> fit_percent(np.array([0.0, 1.0, 2.0]), np.array([0.0, 1.0, 2.0]))
+    100.0
+    """
+    measured, modelled = vector("measured", measured), vector("modelled", modelled)
+    if measured.size != modelled.size:
+        raise InvalidArgumentError(
+            f"measured and modelled must have the same length, got {measured.size} and {modelled.size} samples"
+        )
+    kept = np.isfinite(measured) & ~np.isnan(modelled)
+    y, model = measured[kept], modelled[kept]
+    if y.size == 0 or y.min() == y.max():
+        return math.nan
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # the squares of tiny numbers are zero
+        return float(100.0 * (1.0 - np.linalg.norm(y - model) / np.linalg.norm(y - y.mean())))
+
+
+def simulate(
+    model: TransferFunction,
+    u: FloatArray,
+    y: FloatArray,
+    dt: float,
+    *,
+    input_hold: str = "zoh",
+    t: FloatArray | None = None,
+) -> Simulation:
+    """Run a model from the input alone, with the offset and initial state that fit ``y`` best (least squares).
+
+    >>> g = TransferFunction([2.0], [1.0, 1.0])
+    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    >>> simulate(g, u, g.simulate(u, 0.1) + 5.0, 0.1).offset
+    5.0...
+    """
+    run = FittedRun(model, dt, input_hold)
+    output, known = run.take(u, y, t)
+    if not (np.isfinite(output).all() and np.isfinite(known).any()):
+        return Simulation(np.full(u.size, np.nan), 0.0, -math.inf)
+    return Simulation(output, run.offset, fit_percent(known, output))
+
+
+class Part(NamedTuple):
+    """A stretch between two gaps, or what there is of it in a batch."""
+
+    stretch: Stretch  # what the model gives from rest, and by its state
+    known: FloatArray  # (K,): the measured output; NaN where it says nothing
+    begins: bool  # whether the stretch begins here; else it goes on from the last batch
+
+    @property
+    def triangle(self) -> FloatArray:
+        """Of the responses to a unit of each state, ones, and what the run from rest leaves; see `triangle_of`."""
+        free, left = self.stretch.free, self.known - self.stretch.output
+        alive = len(free)
+        free = np.where(np.isfinite(free).all(axis=0), free, 0.0)  # the weight of one that leaves float64 is zero
+        triangle = triangle_of(free, np.ones(alive), left[:alive])
+        rest = left[alive:][np.isfinite(left[alive:])]
+        if not rest.size:
+            return triangle
+        root = math.sqrt(rest.size)
+        row = np.zeros(free.shape[1] + 2)  # of samples where no state is felt the mean says all
+        row[-2:] = root, float(rest.sum()) / root
+        return np.vstack([triangle, row])
+
+    def output(self, offset: float, state: FloatArray) -> FloatArray:
+        """Return the model's output (K,) with an offset and a state (n,) at the beginning of the stretch."""
+        used, free = state != 0.0, self.stretch.free
+        output = self.stretch.output + offset
+        output[: len(free)] += free[:, used] @ state[used]
+        unknown = self.stretch.unknown
+        output[:unknown] = output[min(unknown, output.size - 1)]  # what answers to unknown inputs stands still
+        return output
+
+
+class FittedRun:
+    """Runs a model over a record that comes batch by batch.
+
+    The offset is fitted to the first batch, the state to the rest of the batch in which its stretch begins.
+
+    >>> g = TransferFunction([2.0], [1.0, 1.0])
+    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    >>> run = FittedRun(g, dt=0.1)
+    >>> output, known = run.take(u, g.simulate(u, 0.1) + 5.0)
+    >>> round(run.offset, 6), bool(np.abs(output - known).max() < 1e-9)
+    (5.0, True)
+    """
+
+    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
+        self._model, self._dt, self._hold = model, dt, input_hold
+        self._response: Response | None = None
+        self._input, self._last = 0.0, math.nan
+        self._state = np.zeros(model.den.size - 1)
+        self.offset = 0.0
+
+    @quiet
+    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Take the next samples (K,); return the model's output (K,), and the measured one (K,)."""
+        if u.size == 0:
+            return u.copy(), y.copy()
+        first = self._response is None
+        u, self._input = bridged(u, self._input)
+        parts = self._parts(u, y, t)
+        triangles = [part.triangle if part.begins else None for part in parts]
+        if first:
+            self.offset = common_offset([each for each in triangles if each is not None])
+        modelled = []
+        for part, triangle in zip(parts, triangles, strict=True):
+            if triangle is not None:
+                self._state = weights_of(
+                    np.column_stack([triangle[:, :-2], triangle[:, -1] - self.offset * triangle[:, -2]])
+                )
+            modelled.append(part.output(self.offset, self._state))
+        return np.concatenate(modelled), np.concatenate([part.known for part in parts])
+
+    def _parts(self, u: FloatArray, y: FloatArray, t: FloatArray | None) -> list[Part]:
+        """Return the parts of a batch, which a model has been run over."""
+        gaps: list[int] = []
+        intervals = None
+        if t is not None:
+            intervals = np.diff(t, prepend=t[0] - self._dt if self._response is None else self._last)
+            self._last = float(t[-1])
+            # the interval of the first sample is looked at, too, where the batch goes on
+            gaps = (gaps_of(np.append(self._dt, intervals), self._dt) - 1).tolist()
+        begins = sorted({0, *gaps})
+        return [
+            self._part(slice(*ends), u, y, intervals, behind_gap=ends[0] in gaps)
+            for ends in zip(begins, [*begins[1:], u.size], strict=True)
+        ]
+
+    def _part(
+        self, rows: slice, u: FloatArray, y: FloatArray, intervals: FloatArray | None, *, behind_gap: bool
+    ) -> Part:
+        begins = self._response is None or behind_gap
+        if self._response is None or behind_gap:
+            self._response = Response(self._model, self._dt, self._hold, at_rest=False)
+        stretch = self._response.take(u[rows], None if intervals is None else intervals[rows])
+        known = np.where(np.isfinite(y[rows]), y[rows], np.nan)
+        known[: stretch.unknown] = np.nan
+        if behind_gap and int(np.isfinite(known).sum()) < FEWEST * max(self._state.size, 1):
+            known[:] = np.nan
+        return Part(stretch, known, begins)
+
+
+def bridged(u: FloatArray, before: float = 0.0) -> tuple[FloatArray, float]:
+    """Return ``u`` (K,) with the last finite entry for each that is not, at first ``before``, and its last entry."""
+    finite = np.isfinite(u)
+    if not finite.all():
+        last = np.maximum.accumulate(np.where(finite, np.arange(u.size), -1))
+        u = np.where(last >= 0, u[np.maximum(last, 0)], before)
+    return u, float(u[-1]) if u.size else before
+
+
+@quiet
+def triangle_of(*columns: FloatArray) -> FloatArray:
+    """Return R (at most C, C) of columns side by side, each (K,) or (K, c), C together; rows with a NaN are left out.
+
+    >>> np.abs(triangle_of(np.ones(4), np.array([1.0, 3.0, np.nan, 5.0]))).round(4)
+    array([[1.7321, 5.1962],
+           [0.    , 2.8284]])
+    """
+    triangle = np.zeros((0, sum(each.shape[1] if each.ndim > 1 else 1 for each in columns)))
+    for begin in range(0, len(columns[0]), ROWS):
+        block = np.column_stack([each[begin : begin + ROWS] for each in columns])
+        known = np.isfinite(block).all(axis=1)
+        stacked = np.vstack([triangle, block if known.all() else block[known]])
+        triangle = np.asarray(np.linalg.qr(stacked, mode="r"))
+    return triangle
+
+
+@quiet
+def weights_of(triangle: FloatArray) -> FloatArray:
+    """Return the weights (C - 1,) of a triangle's columns that explain its last one best.
+
+    Of weights that explain it equally well those are taken whose scaled columns are shortest together; zeros where
+    there is no solution.
+
+    >>> weights_of(triangle_of(np.ones(3), np.array([1.0, 3.0, 5.0]))).round(9)
+    array([3.])
+    """
+    columns = triangle[:, :-1]
+    lengths = _lengths(columns)
+    # the columns are scaled: the sizes of a response that dies out and of one that grows differ by many decades
+    return least_norm(columns / lengths, triangle[:, -1], RANK_TOLERANCE)[0] / lengths
+
+
+@quiet
+def common_offset(triangles: Sequence[FloatArray]) -> float:
+    """Return the offset that, together with a state of each part of its own, explains what a model leaves of the parts.
+
+    It is 0 where the states alone explain it as well, as those of an integrator do.
+    """
+    size = power = product = 0.0
+    for triangle in triangles:
+        own, rest = triangle[:, :-2], triangle[:, -2:]
+        if not np.isfinite(triangle).all():
+            continue
+        left, values, _ = np.linalg.svd(own / _lengths(own), full_matrices=False)
+        basis = left[:, values > RANK_TOLERANCE * values.max(initial=0.0)]
+        for _ in range(2):  # once more, for what rounding left
+            rest = rest - basis @ (basis.T @ rest)
+        size += float(triangle[:, -2] @ triangle[:, -2])
+        power, product = power + float(rest[:, 0] @ rest[:, 0]), product + float(rest[:, 0] @ rest[:, 1])
+    return product / power if power > RANK_TOLERANCE**2 * size else 0.0
+
+
+def _lengths(columns: FloatArray) -> FloatArray:
+    """Return the length of each column (C,), 1 of one that is zero."""
+    lengths = np.linalg.norm(columns, axis=0)
+    return np.where(lengths == 0.0, 1.0, lengths)
+
+
+class Score:
+    """Runs a model from the input alone, and keeps the sums that its fits to the measured output are made from.
+
+    >>> g = TransferFunction([2.0], [1.0, 1.0])
+    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    >>> score = Score(g, dt=0.1)
+    >>> output = score.take(u, g.simulate(u, 0.1) + 5.0)
+    >>> round(score.simulated, 6), output[:2].round(6) + score.shift
+    (100.0, array([5., 5.]))
+    """
+
+    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
+        self._run = FittedRun(model, dt, input_hold)
+        self._dt, self._last = dt, math.nan
+        self._batches, self._failed = 0, False
+        self._error, self._output = ErrorSums(), OutputSums()
+
+    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> FloatArray:
+        """Take the next samples (K,), stamped ``t`` (K,); return the model's output, `shift` not yet added.
+
+        The first batch must hold `FITTED` samples, or all if there are fewer.  NaN in ``u`` is replaced by the last
+        input, NaN in ``y`` is left out, and so are the outputs that answer to inputs from before the record.
+        """
+        if u.size == 0:
+            return np.zeros(0)
+        intervals = None  # since the sample before each stamp
+        if t is not None:
+            intervals = np.diff(t, prepend=t[0] - self._dt if math.isnan(self._last) else self._last)
+            self._last = float(t[-1])
+        with np.errstate(over="ignore", invalid="ignore"):
+            modelled, y = self._run.take(u, y, t)
+            self._batches += 1
+            self._failed = self._failed or not bool(np.isfinite(modelled).all())
+            if not self._failed:
+                known = np.asarray(np.isfinite(y))
+                self._output.take(y[known])
+                self._error.take(*_spread(np.where(known, y - modelled, 0.0), known, intervals, self._dt))
+        return modelled
+
+    @property
+    def usable(self) -> bool:
+        """Whether there is something to compare: a modelled output within float64, and a measured output."""
+        return not self._failed and self._output.count > 0
+
+    @property
+    def shift(self) -> float:
+        """Offset of the whole record minus that of the first batch; NaN where the score is not usable."""
+        if not self.usable:
+            return math.nan
+        return self._error.mean if self._batches > 1 else 0.0  # of one batch the offset is the least-squares solution
+
+    @property
+    def offset(self) -> float:
+        """The estimated constant between measured and simulated output."""
+        return self._run.offset + self.shift if self.usable else 0.0
+
+    @property
+    def simulated(self) -> float:
+        """Fit in percent, from the input alone."""
+        return self._fit(self._error.power(self.shift)) if self.usable else -math.inf
+
+    @property
+    def one_step(self) -> float:
+        """Fit in percent, one step ahead: each residual predicted from the residuals before it."""
+        return self._fit(self._error.innovation(self.shift)) if self.usable else math.nan
+
+    def _fit(self, power: float) -> float:
+        spread = self._output.spread
+        if spread == 0.0:
+            return math.nan
+        with np.errstate(over="ignore", invalid="ignore"):
+            return float(100.0 * (1.0 - np.sqrt(max(power, 0.0)) / np.sqrt(spread)))
+
+
+def _spread(
+    error: FloatArray, known: BoolArray, intervals: FloatArray | None, dt: float
+) -> tuple[FloatArray, BoolArray]:
+    """Return residuals (K,), and which are known, with one unknown residual for each sample that was lost."""
+    if intervals is None:
+        return error, known
+    places = places_on_grid(intervals, dt)
+    size = int(places[-1]) + 1
+    spread, there = np.zeros(size), np.zeros(size, bool)
+    spread[places], there[places] = error, known
+    return spread, there

@@ -1,0 +1,137 @@
+r"""A model's run over a record: its output, simulated or predicted, its residual, and the signals of the tests.
+
+The residual of B/A is :math:`e = A/D\, y - B/D\, u`.  D is A where that is stable: e is then the measured output minus
+the simulated one.  Else D is A with its unstable poles reflected: the residual of a right model is as white as the
+noise, and needs no simulation that diverges.
+
+The predicted output is the one that makes the residual e = A/D y - B/D u zero, where D is A with its unstable poles
+reflected.  It depends on past outputs, and takes the place of the simulated output.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.auxiliary_model import SLOWEST, AuxiliaryModel
+from replant.estimation.simulation.fitted_run import Simulation, fit_percent, simulate, triangle_of, weights_of
+from replant.kernels.schema import LARGEST
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import quiet, roots
+
+
+@dataclass(frozen=True, eq=False)
+class ModelRun:
+    """A model B/A run over a record of K samples, offset and initial state fitted."""
+
+    structure: Structure
+    parameters: FloatArray  # (P,)
+    u: FloatArray  # (K,)
+    error: FloatArray  # (K,): of a stable model measured minus simulated output
+    forced: FloatArray  # (K,): simulated by the input alone, without offset and state; of an unstable model y - e
+    states: FloatArray  # (K, S): s^i/D u, highest i first: n of them, and one more if G(s) is biproper
+    zeta: FloatArray  # (K, n + m + 1): derivatives of the simulated output: -s^i/D of itself, and s^j/D u
+    nuisances: FloatArray  # (K, n + 1): outputs by a unit offset and by unit initial states
+    is_direct: bool = False  # whether the output depends on the input of the same sample
+    instruments: FloatArray | None = None  # (K, n + m + 1): the derivatives of what a reference explains of u and y
+
+
+@quiet
+def run_model(
+    structure: Structure, parameters: FloatArray, record: Record, dt: float, by_reference: FloatArray | None = None
+) -> ModelRun | None:
+    """Run a model over a record; None where its signals leave float64."""
+    n = structure.poles
+    # with as many zeros as there can be, the columns hold every s^i/A u; the derivatives along b are the last of them
+    full = Structure(n, n - 1 + structure.is_biproper, structure.delay, feedthrough=structure.is_biproper)
+    model = AuxiliaryModel(full, dt, record.input_hold)
+    theta = np.zeros(model.entries)
+    theta[full.denominator] = parameters[structure.denominator]
+    own = slice(full.coefficients - structure.zeros - 1, full.coefficients)
+    theta[own] = parameters[structure.numerator]
+    whole = record.joined
+    known = whole.u.size - record.u.size
+    done = model.run(theta, whole).since(known)
+    slopes_of_a = done.zeta[:, full.denominator]
+    columns = np.hstack([slopes_of_a, done.phi[:, n:]])
+    if not (np.isfinite(columns).all() and np.isfinite(done.output).all() and np.abs(columns).max() < LARGEST):
+        return None
+    states, nuisances = done.phi[:, full.numerator], done.phi[:, full.coefficients :]
+    slopes = np.hstack([slopes_of_a, done.phi[:, own]])
+    error = done.error - nuisances @ weights_of(triangle_of(nuisances, done.error))
+    direct = structure.delay < dt if record.input_hold == "foh" else structure.is_biproper and structure.delay == 0.0
+    instruments = None
+    if by_reference is not None:
+        apart = AuxiliaryModel(full, dt, record.input_hold, reference=True)
+        by_reference = np.pad(by_reference, ((known, 0), (0, 0)), mode="edge")
+        zeta = apart.run(theta, whole, by_reference).since(known).zeta
+        instruments = np.hstack([zeta[:, full.denominator], zeta[:, own]])
+    return ModelRun(structure, parameters, record.u, error, done.output, states, slopes, nuisances, direct, instruments)
+
+
+def model_output(
+    model: TransferFunction,
+    u: FloatArray,
+    y: FloatArray,
+    dt: float,
+    *,
+    input_hold: str = "zoh",
+    t: FloatArray | None = None,
+) -> Simulation:
+    """Return the output of a model beside a record, offset and initial state fitted to the measured output.
+
+    >>> g = TransferFunction([1.0], [1.0, -1.0])
+    >>> u = np.sin(np.arange(40.0))
+    >>> found = model_output(g, u, g.simulate(u, 0.1), 0.1)
+    >>> found.is_prediction, found.fit > 99.0
+    (True, True)
+    """
+    span = dt * (u.size - 1) if t is None else float(t[-1] - t[0])
+    if not runs_away(model.den, span):
+        return simulate(model, u, y, dt, input_hold=input_hold, t=t)
+    kept = np.isfinite(u) & np.isfinite(y)
+    output = np.full(u.size, np.nan)
+    clock = dt * np.arange(u.size) if t is None else t
+    intervals = np.diff(clock[kept], prepend=clock[kept][:1] - dt)
+    if t is None and kept.all():
+        intervals = np.array([dt])
+    n, m = model.den.size - 1, model.num.size - 1
+    parameters = np.concatenate([model.den[1:], model.num])
+    structure = Structure(n, m, model.delay, feedthrough=n == m)
+    error = None
+    if kept.any():
+        error = prediction_error(structure, parameters, Record(u[kept], y[kept], intervals, input_hold), dt)
+    if error is not None:
+        output[kept] = y[kept] - error
+    return Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
+
+
+@quiet
+def runs_away(denominator: FloatArray, span: float) -> bool:
+    """Return whether a model's free response grows more than e-fold within ``span`` s: a simulation means nothing.
+
+    >>> runs_away(np.array([1.0, -1.0]), 20.0), runs_away(np.array([1.0, 1.0, 0.0]), 20.0)
+    (True, False)
+    """
+    fastest = float(roots(denominator).real.max())
+    return math.isfinite(fastest) and fastest * span > 1.0
+
+
+@quiet
+def prediction_error(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> FloatArray | None:
+    """Return the error (K,) of the output predicted one step ahead, offset and initial state fitted to the record.
+
+    For a model of any stability; that of a stable one is simulated.  None where it leaves float64.
+    """
+    model = AuxiliaryModel(structure, dt, record.input_hold, margin=SLOWEST / record.span)
+    theta, known = np.zeros(model.entries), structure.coefficients
+    theta[:known] = parameters[:known]
+    done = model.run(theta, record)
+    theta[known:] = weights_of(triangle_of(done.phi[:, known:], done.error))
+    done = model.run(theta, record)
+    return done.ahead if np.isfinite(done.ahead).all() else None

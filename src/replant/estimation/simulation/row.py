@@ -1,0 +1,259 @@
+"""A row of transfer functions over a record: outputs, slopes, and what offset and initial states explain.
+
+With x_i = B_i/A_i u_i the slopes are dx_i/da_k = -s^k/A_i x_i and dx_i/db_k = s^k/A_i u_i, exact for a held input.
+All branches share one error e = y - sum_i x_i.  Slopes and error are whitened by an autoregression D and freed, part by
+part, of what offset and initial states explain.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
+from replant.estimation.simulation.branches import Branches
+from replant.model.structure import Structure
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+from replant.numerics.autoregression import LEAST, Autoregression, sums_of
+from replant.numerics.linear_algebra import quiet, roots
+from replant.numerics.projections import lengths_of, orthogonal, products
+
+
+@dataclass(frozen=True, eq=False)
+class Stretch:
+    """A stretch without a gap; the offset and the initial states in it are its own."""
+
+    rows: slice  # of the whole record
+    inputs: tuple[Record, ...]  # one per input, whose outputs are zero
+    y: FloatArray  # (K,): zero where not measured
+    measured: BoolArray  # (K,): which outputs were measured, and answer to inputs of the stretch
+    known: IntArray  # (K,): predecessors of each, see `Record.predecessors`
+
+
+class Row:
+    """The structure of a row, one branch per input, and a record for it with its inputs (K, q).
+
+    Where all branches share one ``common`` denominator, theta has it once.
+    """
+
+    def __init__(
+        self,
+        structures: tuple[Structure, ...],
+        record: Record,
+        inputs: FloatArray,
+        names: tuple[str, ...] = (),
+        *,
+        common: bool = False,
+    ) -> None:
+        self.structures, self.is_common, self.record, self.inputs = structures, common, record, inputs
+        self.names = names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
+        self.dt = float(np.median(record.intervals[-(record.intervals.size // 2 + 1) :]))
+        self._models = Branches(structures, self.dt, record.input_hold)
+        self._shared = AuxiliaryModel(replace(structures[0], zeros=structures[0].poles - 1, delay=0.0), self.dt)
+        self.nuisances = 1 + sum(each.poles for each in structures)
+        self.stretches = tuple(self._stretches())
+        self._ends = np.cumsum([each.size for each in structures])[:-1].tolist()
+
+    def _stretches(self) -> Iterator[Stretch]:
+        for rows in self.record.parts:
+            part = self.record.part(rows)
+            measured = part.is_measured.copy()
+            measured[: max(part.unknown(each.delay) for each in self.structures)] = False
+            if int(measured.sum()) <= self.nuisances:
+                continue  # its offset and initial states explain all of it
+            columns = self.inputs[rows] - self.inputs[rows][0]
+            none = np.zeros(part.u.size)
+            given = tuple(replace(part, u=np.ascontiguousarray(u), y=none, measured=None) for u in columns.T)
+            known = replace(part, measured=measured).predecessors
+            yield Stretch(rows, given, np.where(measured, part.y, 0.0), measured, known)
+
+    def of_inputs(self, chosen: list[int]) -> Row:
+        """Return the row with some of the inputs only."""
+        structures, names = tuple(self.structures[i] for i in chosen), tuple(self.names[i] for i in chosen)
+        return Row(structures, self.record, self.inputs[:, chosen], names)
+
+    @property
+    def count(self) -> int:
+        """How many outputs tell something."""
+        return sum(int(each.measured.sum()) for each in self.stretches)
+
+    def branches(self, theta: FloatArray) -> list[FloatArray]:
+        """Return the coefficients of each branch, a_{n-1} .. a_0, b_m .. b_0."""
+        if not self.is_common:
+            return np.split(theta, self._ends)
+        poles = self.structures[0].poles
+        sizes = np.cumsum([each.zeros + 1 for each in self.structures])[:-1].tolist()
+        return [np.concatenate([theta[:poles], b]) for b in np.split(theta[poles:], sizes)]
+
+    def is_stable(self, theta: FloatArray) -> bool:
+        """Whether all poles lie left of the imaginary axis."""
+        each = zip(self.structures, self.branches(theta), strict=True)
+        return bool(np.isfinite(theta).all()) and all(
+            float(roots(np.concatenate([[1.0], b[s.denominator]])).real.max()) < 0.0 for s, b in each
+        )
+
+    def signals(
+        self, theta: FloatArray, stretch: Stretch, states: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the outputs (K, q) of the branches from rest, the slopes (K, P) and the nuisances (K, N)."""
+        outputs, slopes, free = self._models.run(self.branches(theta), states, stretch.inputs)
+        parts = np.split(states, np.cumsum([each.shape[1] for each in free])[:-1].tolist())
+        outputs = [each - response @ state for each, response, state in zip(outputs, free, parts, strict=True)]
+        if self.is_common:
+            poles = self.structures[0].poles
+            slopes = [np.sum([each[:, :poles] for each in slopes], axis=0), *(each[:, poles:] for each in slopes)]
+        return np.column_stack(outputs), np.hstack(slopes), np.hstack([np.ones((stretch.y.size, 1)), *free])
+
+    def ended(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches:
+        """Return the branches of a model as they are at the end of a stretch."""
+        self._models.run(self.branches(theta), states, stretch.inputs)
+        return self._models.copy()
+
+    def whitened(self, noise: Autoregression, signals: FloatArray, stretch: Stretch) -> FloatArray:
+        """Return D signals (K, ...) of a stretch; zero where nothing was measured."""
+        white = noise.whiten_known(signals, stretch.known)
+        rows = stretch.measured if signals.ndim == 1 else stretch.measured[:, None]
+        return np.asarray(np.where(rows, white, 0.0))
+
+    def filtered(self, theta: FloatArray, stretch: Stretch, error: FloatArray) -> FloatArray:
+        """Return s^k/A e (K, n), k = n - 1 .. 0, of the common denominator: what is added to a model's slopes."""
+        poles = self.structures[0].poles
+        model = np.concatenate([theta[:poles], np.zeros(2 * poles + 1)])
+        return self._shared.run(model, replace(stretch.inputs[0], u=error)).zeta[:, poles : 2 * poles]
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A model of a row and what it leaves, stretch by stretch; zero where nothing was measured."""
+
+    theta: FloatArray  # (P,)
+    error: list[FloatArray]  # (K,) each: whitened, free of offset and initial states
+    phi: list[FloatArray]  # (K, P) each: the same of the slopes
+    residual: list[FloatArray]  # (K,) each: not whitened
+    nuisances: list[FloatArray]  # (N,) each: offset and initial states
+    cost: float  # sum of squares of ``error``
+
+    @property
+    def information(self) -> FloatArray:
+        """Sum of phi phi' (P, P)."""
+        return np.asarray(sum(products(phi, phi) for phi in self.phi))
+
+    @property
+    def power(self) -> float:
+        """Sum of squares of ``residual``."""
+        return float(sum(each @ each for each in self.residual))
+
+
+@quiet
+def evaluate(
+    row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, *, pulled: bool = False
+) -> Point:
+    """Return the point of a model; ``pulled`` takes the slopes of a common denominator from the measured output."""
+    error, phi, residual, nuisances = [], [], [], []
+    for number, stretch in enumerate(row.stretches):
+        states = np.zeros(row.nuisances - 1) if before is None else before.nuisances[number][1:]
+        outputs, slopes, free = row.signals(theta, stretch, states)
+        left = stretch.y - outputs.sum(axis=1)
+        basis, back = _basis(row.whitened(noise, free, stretch))
+        weights = back @ (basis.T @ row.whitened(noise, left, stretch))
+        e = np.where(stretch.measured, left - free @ weights, 0.0)
+        if pulled:
+            slopes = slopes.copy()
+            poles = row.structures[0].poles
+            slopes[:, :poles] -= row.filtered(theta, stretch, e)
+        made = row.whitened(noise, np.column_stack([slopes, e]), stretch)
+        made = made - basis @ products(basis, made) if basis.shape[1] else made
+        error.append(made[:, -1])
+        phi.append(made[:, :-1])
+        residual.append(e)
+        nuisances.append(weights)
+    cost = float(sum(each @ each for each in error))
+    return Point(theta, error, phi, residual, nuisances, cost if math.isfinite(cost) else math.inf)
+
+
+def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return an orthonormal basis (K, R) of columns (K, N), and the map (N, R) from its weights to theirs."""
+    lengths = lengths_of(columns)
+    scaled = columns / lengths
+    turned = orthogonal(products(scaled, scaled))
+    return scaled @ turned, turned / lengths[:, None]
+
+
+def noise_of(row: Row, point: Point) -> Autoregression:
+    """Return the autoregression of a point's residual, one for all stretches."""
+    told = [sums_of(each, stretch.known) for each, stretch in zip(point.residual, row.stretches, strict=True)]
+    count = sum(number for _, number in told)
+    if count < LEAST:
+        return Autoregression.white(point.power, row.count)
+    return Autoregression.of_sums(np.asarray(sum(sums for sums, _ in told)), count)
+
+
+@dataclass(frozen=True, eq=False)
+class RowRecord:
+    """A record of several inputs made ready, and what it was made of."""
+
+    record: Record  # its input is the first one
+    inputs: FloatArray  # (J, q)
+    used: BoolArray  # (K,): the rows that have all inputs, from the first output to the last: those of the record
+    level: float  # mean of the output, which was taken off
+
+    @classmethod
+    def of(
+        cls,
+        inputs: FloatArray,
+        y: FloatArray,
+        dt: float,
+        stamps: FloatArray | None = None,
+        input_hold: str = "zoh",
+        begins: tuple[int, ...] = (),
+    ) -> RowRecord:
+        """Make ready inputs (K, q) and an output (K,), NaN where missing; ``begins`` as in `Record`."""
+        measured, used = np.isfinite(y), np.isfinite(inputs).all(axis=1)
+        used &= np.logical_or.accumulate(measured) & np.logical_or.accumulate(measured[::-1])[::-1]
+        if not (used & measured).any():
+            raise InvalidArgumentError("no row of u and y has all its numbers: there is nothing to fit")
+        clock = np.arange(y.size) * dt if stamps is None else stamps
+        regular = stamps is None and bool(used.all())
+        intervals = np.array([dt]) if regular else np.diff(clock[used], prepend=clock[used][0] - dt)
+        measured = measured[used]
+        level = float(y[used][measured].mean())
+        output = np.where(measured, y[used] - level, 0.0)
+        places = np.searchsorted(np.flatnonzero(used), begins)
+        record = Record(
+            inputs[used][:, 0].copy(), output, intervals, input_hold, usual=dt,
+            measured=None if measured.all() else measured,
+            begins=tuple(sorted({int(place) for place in places if 0 < place < output.size})),
+        )  # fmt: skip
+        return cls(record, np.ascontiguousarray(inputs[used]), used, level)
+
+    def simulated(self, row: Row, point: Point, noise: Autoregression) -> FloatArray:
+        """Return the output (K,) of a point, offset and initial states estimated; NaN where it is not determined."""
+        output = np.full(self.record.u.size, np.nan)
+        done = evaluate(row, point.theta, noise, point)
+        for stretch, weights in zip(row.stretches, done.nuisances, strict=True):
+            outputs, _, free = row.signals(point.theta, stretch, weights[1:])
+            output[stretch.rows] = outputs.sum(axis=1) + free @ weights
+        whole = np.full(self.used.size, np.nan)
+        whole[self.used] = self.level + output
+        return whole
+
+    def levels(self, row: Row, point: Point) -> tuple[FloatArray, float]:
+        """Return the mean of each input, and the output that rests there: the mean where a branch has no rest."""
+        middles = self.inputs.mean(axis=0)
+        each = zip(row.structures, row.branches(point.theta), strict=True)
+        models = [structure.transfer_function(theta) for structure, theta in each]
+        slowest = max(float(model.poles.real.max()) for model in models)
+        if not slowest < -1.0 / max(self.record.span, 1e-300) or not row.stretches:
+            return middles, self.level
+        gains = np.array([model.dc_gain for model in models])
+        counts = np.array([float(each.measured.sum()) for each in row.stretches])
+        offsets = [
+            weights[0] + gains @ (middles - self.inputs[stretch.rows][0])
+            for stretch, weights in zip(row.stretches, point.nuisances, strict=True)
+        ]
+        return middles, self.level + float(counts @ np.array(offsets) / counts.sum())

@@ -1,0 +1,1 @@
+"""Solver: the estimate of a record, of each candidate, and of what may have changed within it."""

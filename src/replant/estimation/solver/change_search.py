@@ -1,0 +1,140 @@
+r"""Search for a change of the plant within a record that one model explains.
+
+A change that is small beside the noise hides from the residual's power, and from a model that has learned on.  The sums
+of the score since each of some samples b,
+
+.. math:: g_b = \sum_{k \ge b} \zeta_k w_k, \quad C_b = M_b - M_b M^{-1} M_b,
+    \quad M_b = \sum_{k \ge b} \zeta_k \zeta_k^T,
+
+are normal with mean zero and covariance :math:`\sigma^2 C_b` where one model holds, so that
+:math:`g_b^T C_b^{-1} g_b / \sigma^2` is chi-squared.  What the nuisances of the samples since explain is projected out:
+a load moves these.  Where the largest over all b is no chance, suppositions since then compete
+(`replant.estimation.solver.contest`) with that of one model.
+
+Source: Andrews (1993), "Tests for parameter instability and structural change with unknown change point", Econometrica
+61.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.solver.contest import HARMLESS, Claim, Contest, decided, is_sure
+from replant.estimation.solver.known_before import Known, with_nuisances
+from replant.estimation.solver.residual_likelihood import Stretch
+from replant.estimation.solver.srivc import refine
+from replant.estimation.solver.srivc_steps import Problem, least_since
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.levels import ALPHA
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, least_norm, quiet
+
+# a change in between loses a thirty-second of the samples that tell it
+BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
+# their variance is then known to a sixth, and a block is long beside the colour that a noise model leaves
+BLOCKS = 64  # blocks of samples whose scores tell how these scatter [count]
+# some hundred thousand times float64's precision, as sums of squares have half the digits
+SAME = 1e-9  # singular value of the scores' covariance below which a direction tells nothing [part of the largest]
+
+
+@quiet
+def find_change(structure: Structure, record: Record, model: FloatArray) -> Claim | None:
+    """Return what of the plant has changed within a record; None where one model explains it, or that is not sure."""
+    if record.r is not None or len(record.parts) > 1:
+        return None
+    begin = begin_of_change(structure, record, model)
+    found = change_at(structure, record, model, begin) if begin else None
+    return found[0] if found is not None and is_sure(found[1], found[0]) else None
+
+
+@quiet
+def change_at(structure: Structure, record: Record, model: FloatArray, begin: int) -> tuple[Claim, list[Claim]] | None:
+    """Return what of the plant has changed at a sample, and all claims; None where a model (T,) of all explains it."""
+    before = refine(structure, record.first(begin), [model], afresh=True)
+    if before is None or not before.settled:
+        return None
+    size, information = structure.coefficients, np.zeros((model.size, model.size))
+    information[:size, :size] = inverse_of(before.covariance[:size, :size])
+    filters = before.noise.filters > 0.0
+    known = Known.before(structure, record, begin, before.theta, information, before.variance, filters=filters)
+    if known is None:
+        return None
+    contest = Contest(structure, record, begin, known)
+    claims = contest.claims(again=True)
+    claims += [contest.whole(with_nuisances(Problem(structure, record), model))] if claims else []
+    found = decided(claims)
+    if found is None or not found.supposition.is_of_plant:
+        return None
+    # what changes on and on is no linear plant that has changed
+    changes_on = begin_of_change(structure, record.first(begin), before.theta)
+    changes_on = changes_on or begin_of_change(structure, contest.since, found.theta)
+    return None if changes_on else (found, claims)
+
+
+@quiet
+def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> int:
+    """Return the sample since which a model (T,) fits the record worst; 0 where that may be chance."""
+    size, fewest = structure.coefficients, least_since(structure)
+    if record.u.size < 3 * fewest:
+        return 0
+    problem = Problem(structure, record)
+    done = problem.run_whole(with_nuisances(problem, model))
+    noise = Stretch.of(record, slice(None)).colour(done.ahead)
+    score = noise.whiten_known(done.zeta, record.rough_predecessors)
+    white = noise.whiten_known(done.ahead, record.rough_predecessors)
+    lengths = np.linalg.norm(score, axis=0)
+    variance = float(white @ white) / max(record.count - model.size, 1)
+    if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
+        return 0
+    if float(np.std(done.ahead)) < HARMLESS * float(np.std(record.y)):
+        return 0
+    score = score / np.where(lengths > 0.0, lengths, 1.0)
+    begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))
+    largest, begin = _worst(score, white, size, begins)
+    limit = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance
+    if not largest > limit * _scatter(score[:, :size] * white[:, None] / math.sqrt(variance), begin):
+        return 0
+    step = int(begins[1] - begins[0])
+    ends = max(begin - step, fewest), min(begin + step, white.size - fewest)
+    nearer = np.unique(np.linspace(*ends, BEGINS).astype(int))
+    return _worst(score, white, size, nearer)[1]
+
+
+def _scatter(products: FloatArray, begin: int) -> float:
+    """Return the variance of the sums of scores (K, size) over blocks, before and since, beside that of white noise.
+
+    No less than one: what the noise model leaves of the residual's colour makes it larger.
+    """
+    away = []
+    for part in (products[:begin], products[begin:]):
+        count = max(BLOCKS * len(part) // len(products), 2)
+        sums = np.stack([block.sum(axis=0) for block in np.array_split(part, count)])
+        away.append((sums - sums.mean(axis=0)) * math.sqrt(count / (count - 1)))
+    return max(float(np.mean(np.sum(np.concatenate(away) ** 2, axis=0))), 1.0)
+
+
+def _worst(score: FloatArray, white: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
+    """Return the largest statistic since some ascending samples, and its sample; each sample is summed once."""
+    edges = [0, *begins.tolist(), len(score)]
+    both = np.column_stack([score, white])
+    sums = [score[a:b].T @ both[a:b] for a, b in pairwise(edges)]
+    since = np.cumsum(sums[::-1], axis=0)[::-1]
+    return max((_statistic(since[0], each, size), int(begin)) for each, begin in zip(since[1:], begins, strict=True))
+
+
+def _statistic(whole: FloatArray, since: FloatArray, size: int) -> float:
+    """Return g' C^-1 g of the first ``size`` scores since a sample, what the nuisances since explain projected out.
+
+    ``whole`` and ``since`` (T, T + 1) are the sums of zeta zeta' and of zeta w over all samples, and over those since.
+    """
+    square, told = since[:, :-1], since[:, -1]
+    learned = least_norm(whole[:, :-1], np.column_stack([square, whole[:, -1]]), SAME)[0]
+    covariance, told = square - square @ learned[:, :-1], told - square @ learned[:, -1]
+    beside = least_norm(covariance[size:, size:], np.column_stack([covariance[size:, :size], told[size:]]), SAME)[0]
+    left = covariance[:size, :size] - covariance[:size, size:] @ beside[:, :-1]
+    rest = told[:size] - covariance[:size, size:] @ beside[:, -1]
+    return float(rest @ least_norm(left, rest, SAME)[0])

@@ -1,0 +1,372 @@
+"""Contest: which supposition of what has changed in a record explains its newest samples best.
+
+A residual that has grown has many causes.  Each is a supposition, fitted to the samples since some sample b:
+
+    NOTHING   the model goes on, with its offset, its state and its noise
+    NOISE     the noise has another variance or colour
+    LOAD      offset and initial state are new
+    PART      so are some directions of the coefficients: the gain, or single ones
+    PLANT     so is every coefficient
+    CUT       the output no longer answers to the input: a cable floats
+    WHOLE     one other model holds for these samples and those before: the model was wrong
+
+What was known before is a prior, of which a supposition forgets some directions (`estimation.solver.known_before`).
+
+All are compared over the same samples by the log-likelihood of their residuals.  These are whitened by the noise model
+from before the change, or at the price of its numbers by one of their own: an autoregression fitted to a step nearly
+explains it.  Each fitted number costs ln(K) / 2 (Bayes' criterion), and what says something else of G(s) beside that
+-ln `ALPHA`: odds against it before any sample.  A linear model of a plant that is none fits each stretch differently:
+what another G(s) explains counts beside that, see `weighed`.
+
+Source: Schwarz (1978), "Estimating the dimension of a model", Annals of Statistics 6; Willsky and Jones (1976), "A
+generalized likelihood ratio approach to the detection and estimation of jumps", IEEE Transactions on Automatic Control
+21.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.auxiliary_model import Pass
+from replant.estimation.solver.known_before import Known, with_nuisances
+from replant.estimation.solver.refined import Prior, Refined, Root, conclude
+from replant.estimation.solver.residual_likelihood import WEAKEST, Stretch
+from replant.estimation.solver.solve import Solution
+from replant.estimation.solver.srivc import refine
+from replant.estimation.solver.srivc_steps import Problem, is_long_enough
+from replant.kernels.schema import Supposition
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.levels import ALPHA, MATTERS
+from replant.numerics.linear_algebra import least_norm, quiet
+
+# half of the amplitude that matters, as a change must be noticed before it is as large
+NOTICED = 0.5 * math.sqrt(MATTERS)  # change of the simulated output below which none matters [part of its amplitude]
+# a fifth of what a change must make of the output, so that none that matters is missed
+HARMLESS = 0.2 * NOTICED  # residual below which no change is looked for [part of the output's standard deviation]
+# the growth that an alarm is raised for
+UNEXPLAINED = 5.0  # power of what a load or a part of the plant leaves, beyond which neither has happened [usual power]
+
+
+@dataclass(frozen=True, eq=False)
+class Claim:
+    """A supposition, fitted."""
+
+    supposition: Supposition
+    contest: Contest  # whose samples it is fitted to
+    likelihood: float  # logarithm of the likelihood ratio to NOTHING, a prior's included
+    odds: float = 0.0  # logarithm of the odds beforehand: what another G(s) costs
+    price: float = 0.0  # of the numbers that it has fitted
+    unserved: float = 0.0  # how much likelier the most likely model of the same supposition is than the one served
+    left: float = 1.0  # variance of what a fit with a prior leaves, over the usual one
+    model: FloatArray | None = None  # (T,)
+    root: Root | None = None  # where its fit has ended
+    prior: Prior | None = None  # of that fit
+    refined: Refined | None = None  # the estimate, where it is made of the samples alone
+    solution: Solution | None = None  # that of all samples
+
+    @property
+    def theta(self) -> FloatArray:
+        """The model (T,) that it goes on with; of an output that answers to nothing, without a numerator."""
+        return self.contest.known.mean if self.model is None else self.model
+
+    @property
+    def fair(self) -> float:
+        """The evidence before what another G(s) costs."""
+        return self.likelihood - self.price
+
+    @property
+    def evidence(self) -> float:
+        """The logarithm of the evidence over that of NOTHING."""
+        return self.fair + self.odds
+
+    def weighed_beside(self, base: float, most: float) -> Claim:
+        """Return the claim with its evidence beyond that of one G(s) as `weighed` has it."""
+        if not self.supposition.is_of_plant:
+            return self
+        return replace(self, likelihood=base + self.contest.weighed(self.fair - most) + self.price)
+
+
+def odds_of(supposition: Supposition) -> float:
+    """Return the logarithm of the odds of a supposition before any sample."""
+    return math.log(ALPHA) if supposition.is_of_plant else 0.0
+
+
+def decided(claims: Sequence[Claim]) -> Claim | None:
+    """Return the claim of most evidence; None while it is open, or where there are no claims.
+
+    What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
+    an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
+    raise an alarm again explains nothing: it stays open, unless an output that answers to nothing is likelier.
+    """
+    told = dict(zip(claims, weighed(claims), strict=True))
+    found = max(claims, key=lambda claim: told[claim].evidence, default=None)
+    if found is None or found.supposition is Supposition.CUT:
+        return found
+    if found.left > UNEXPLAINED:
+        likeliest = max(claims, key=lambda claim: told[claim].fair)
+        return likeliest if likeliest.supposition is Supposition.CUT else None
+    rivals = [claim for claim in claims if not found.supposition.is_of_plant or claim.supposition is Supposition.CUT]
+    sure = [-math.log(ALPHA) if claim.supposition is Supposition.CUT else 0.0 for claim in rivals]
+    least = [told[claim].fair + more for claim, more in zip(rivals, sure, strict=True)]
+    return None if any(each > told[found].fair for each in least) else found
+
+
+def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
+    """Return whether none but the best of the claims could hold that says something else of G(s).
+
+    How much less likely another one is follows from what it leaves, in multiples of the dispersion.  A load leaves G(s)
+    as it was known, whatever the samples since tell of it.  That is sure once they tell G(s) by themselves: no model of
+    another G(s) may then be as likely, its numbers being free.
+    """
+
+    def less_likely(claim: Claim) -> float:
+        is_free = best.supposition is Supposition.LOAD and claim.supposition.is_of_plant
+        left = best.fair - (claim.likelihood if is_free else claim.fair + claim.unserved)
+        of_plant = next((each for each in (claim, best) if each.supposition.is_of_plant), None)
+        return left if of_plant is None else of_plant.contest.weighed(left)
+
+    close = [claim for claim in claims if less_likely(claim) < -math.log(ALPHA)]
+    return not any(best.contest.differ(claim.theta, best.theta) for claim in close)
+
+
+def weighed(claims: Sequence[Claim]) -> list[Claim]:
+    """Return claims in which a change of G(s) counts beside how differently a model fits any stretch of the record.
+
+    What such a change explains beyond every claim of one G(s), of the most likely model of each, is in the mean the
+    dispersion of the stretches before, times chance (`Contest.weighed`).
+    """
+    same = [claim for claim in claims if not (claim.supposition.is_of_plant or claim.supposition is Supposition.CUT)]
+    base = max((claim.fair for claim in same), default=0.0)
+    most = max((claim.fair + claim.unserved for claim in same), default=0.0)
+    return [claim.weighed_beside(base, most) for claim in claims]
+
+
+class Contest:
+    """Suppositions of what has changed since a sample of a record."""
+
+    def __init__(
+        self, structure: Structure, record: Record, begin: int, known: Known, parted: int | None = None
+    ) -> None:
+        self.structure, self.record, self.begin, self.known = structure, record, begin, known
+        self.since = record.last(record.u.size - begin)
+        self.problem = Problem(structure, self.since)
+        self.problem.noise = known.noise
+        self._whole = Problem(structure, record)
+        self.rows = self.problem.record.u.size  # those that answer to inputs of the record
+        self.count = self.problem.record.count
+        middle = max((parted or begin) - (record.u.size - self.rows), 0)
+        self.stretch = Stretch.of(self.problem.record, slice(None), middle)
+        self.usual = self.stretch.of_usual(known.error[known.error.size - self.rows :], known.noise, known.variance)
+
+    @property
+    def is_long_enough(self) -> bool:
+        """Whether the samples since are enough for a model."""
+        return is_long_enough(self.structure, self.since)
+
+    @quiet
+    def claims(self, *, again: bool = False) -> list[Claim]:
+        """Return what can be said of the samples since; ``again``: what a change that is believed may have been."""
+        before = self.known.error[self.known.error.size - self.rows :]
+        if not self.is_long_enough:
+            return []
+        found: list[Claim] = []
+        if not again:
+            noise = self.stretch.of_other(before, self.known.noise) - self.usual
+            found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
+        if float(np.std(before)) < HARMLESS * float(np.std(self.problem.record.y)):
+            return found
+        models = [self.known.mean]
+        for claim in self._of_models():
+            models.append(claim.model if claim.model is not None else self.known.mean)
+            # a load leaves G(s) as it is, and another G(s) makes another output
+            if self.differ(models[-1], self.known.mean) == claim.supposition.is_of_plant:
+                found.append(claim)
+        return found if again else [*found, *self._cuts(models)]
+
+    def weighed(self, more: float) -> float:
+        """Return the evidence of what another G(s) explains more, which for a right model were a chi-square of two.
+
+        The dispersion is known from n numbers, so that it becomes that of an F distribution of 2 and n:
+
+            P{F > f} = (1 + 2 f / n)^(-n / 2),   evidence = (n / 2) ln(1 + (2 / n) more / dispersion)
+        """
+        dispersion, numbers = self.dispersion
+        if more <= 0.0 or math.isinf(numbers):
+            return more / dispersion
+        return 0.5 * numbers * math.log1p(2.0 * more / (numbers * dispersion))
+
+    @cached_property
+    def dispersion(self) -> tuple[float, float]:
+        """That of stretches as long as the samples since, and how many numbers tell it."""
+        return self.known.dispersion(self.record, self.rows)
+
+    def _of_models(self) -> Iterator[Claim]:
+        """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""
+        starts = []
+        for supposition, start in ((Supposition.LOAD, self._without_moving()), (Supposition.PART, self._scaled())):
+            claim = self._with_prior(supposition, start)
+            if claim is not None and claim.model is not None:
+                starts.append(claim.model)
+                yield claim
+        plant = self._plant(starts)
+        if plant is not None and plant.refined is not None:
+            yield plant
+            part = self.known.asked_for(plant.refined, self.structure.coefficients, self.stretch.price)
+            claim = self._with_prior(Supposition.PART, part) if part is not None else None
+            if claim is not None:
+                yield claim
+
+    @quiet
+    def whole(self, model: FloatArray, solution: Solution | None = None) -> Claim:
+        """Return the claim that one other model (T,), that of a solution, holds for the samples before as well."""
+        likelihood = self._likelihood_of_all(model)
+        self._whole.noise = self.known.noise  # a record is not always served its most likely model, see `srivc`
+        likeliest = self._likelihood_of_all(self._whole.polish(model, whitened=True)[0])
+        more = max(likeliest - likelihood, 0.0) if math.isfinite(likelihood) else 0.0
+        return self._claim(Supposition.WHOLE, likelihood, model=model, solution=solution, unserved=more)
+
+    def _likelihood_of_all(self, model: FloatArray) -> float:
+        """Return the log-likelihood ratio to NOTHING of one model for the samples before as well."""
+        error = self._whole.run_whole(model).ahead
+        rows, noise = slice(0, error.size - self.rows), self.known.noise
+        before = Stretch.of(self.record, rows)
+        likelihood = self.stretch.of_other(error[-self.rows :], noise) - self.usual
+        likelihood += before.of_other(error[rows], noise)
+        offset = before.measured[:, None].astype(float)
+        return likelihood - before.of_other(self.known.error[rows], noise, offset)
+
+    def _claim(self, supposition: Supposition, likelihood: float, numbers: int = 0, **parts: object) -> Claim:
+        """Return a claim that has fitted so many numbers."""
+        price = numbers * self.stretch.price
+        return Claim(supposition, self, likelihood, odds_of(supposition), price, **parts)  # type: ignore[arg-type]
+
+    @property
+    def _nuisances(self) -> int:
+        """How many there are."""
+        return self.known.mean.size - self.structure.coefficients
+
+    def _likelihood(self, done: Pass, error: FloatArray | None = None) -> float:
+        """Return the log-likelihood ratio to NOTHING of a model's pass, or of another error (K,) of its nuisances."""
+        nuisances = done.phi[:, self.structure.coefficients :]
+        return self.stretch.of_other(done.ahead if error is None else error, self.known.noise, nuisances) - self.usual
+
+    def _without_moving(self) -> tuple[FloatArray, FloatArray]:
+        """Return the known model with offset and initial state as the samples since tell them, and no direction."""
+        model = with_nuisances(self.problem, self.known.mean, slice(-self.rows, None))
+        return model, np.zeros((model.size, 0))
+
+    def _scaled(self) -> tuple[FloatArray, FloatArray]:
+        """Return the known model with the gain that explains the samples since best, and the numerator's direction."""
+        model, size, numerator = self.known.mean.copy(), self.structure.coefficients, self.structure.numerator
+        without, forced = self._driven(model)
+        columns = np.column_stack([forced, without.phi[:, size:]])
+        weights = least_norm(columns, without.error, WEAKEST)[0]
+        direction = np.zeros((model.size, 1))
+        direction[numerator, 0] = model[numerator]
+        model[numerator] *= weights[0]
+        model[size:] = weights[1:]
+        return model, direction
+
+    def _driven(self, model: FloatArray) -> tuple[Pass, FloatArray]:
+        """Return the pass of a model that does not answer to the input, from rest, and the output (K,) if it does."""
+        still, moving = model.copy(), model.copy()
+        still[self.structure.coefficients :] = moving[self.structure.coefficients :] = 0.0
+        still[self.structure.numerator] = 0.0
+        without = self.problem.run(still)
+        return without, without.error - self.problem.run(moving).error
+
+    def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
+        """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
+        # in a load that drifts a fit without it may lead astray, and one with it may take for it what is none
+        drifting, best = self._drifting(self.problem.run(start[0])), None
+        for problem in {id(each): each for each in (self.problem, drifting)}.values():
+            prior = self.known.without(start[1])
+            model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
+            variance = self._variance(done.ahead)
+            if variance > prior.variance:  # that of the samples since is what they are to be weighed by
+                prior = replace(prior, variance=variance)
+                model, done, converged = problem.polish(start[0], prior=prior, whitened=True)
+            if not (np.isfinite(model).all() and math.isfinite(done.cost)):
+                continue
+            likelihood = self._likelihood(self.problem.run(model)) - 0.5 * prior.cost(model) / prior.variance
+            root = self._root(model, done, converged=converged)
+            numbers = self._nuisances + start[1].shape[1]
+            left = self._variance(done.ahead) / (self.known.variance + self.stretch.least)
+            claim = self._claim(supposition, likelihood, numbers, model=model, root=root, prior=prior, left=left)
+            best = claim if best is None or claim.fair > best.fair else best
+        return best
+
+    def _variance(self, error: FloatArray) -> float:
+        """Return the variance of an error (K,) filtered by the noise model from before."""
+        white = self.known.noise.whiten_known(error, self.stretch.predecessors)
+        return float(white @ white) / max(self.count, 1)
+
+    def _drifting(self, done: Pass) -> Problem:
+        """Return the problem of the samples since with a load that drifts as a pass shows; the same if it does not."""
+        line = self.stretch.line(done.ahead, self.known.noise, done.phi[:, self.structure.coefficients :])
+        if line.shape[1] == 0:
+            return self.problem
+        problem = Problem(self.structure, self.since, line)
+        problem.noise = self.known.noise
+        return problem
+
+    def _root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
+        """Return a model as the end of a fit, filtered by the noise model from before if estimates are."""
+        white = self.known.noise.whiten_known(done.ahead, self.stretch.predecessors)
+        power = float(white @ white)
+        innovation = power / max(self.count, 1)
+        return Root(model, done, self.known.noise, innovation, power, converged, converged, filters=self.known.filters)
+
+    def _plant(self, given: Sequence[FloatArray]) -> Claim | None:
+        """Return the claim of a model of the samples since alone."""
+        found = refine(self.structure, self.since, given, afresh=True, filtered=self.known.filters)
+        if found is None or not found.settled:
+            return None
+        run = self.problem.run(found.theta)
+        problem = self._drifting(run)
+        if problem is not self.problem:
+            root = problem.polished(found.theta)
+            again = conclude(self.structure, problem.record, problem.known, root)
+            if again is not None and again.settled:
+                found, run = again, self.problem.run(again.theta)
+        return self._claim(Supposition.PLANT, self._likelihood(run), found.theta.size, model=found.theta, refined=found)
+
+    def _cuts(self, models: Sequence[FloatArray]) -> Iterator[Claim]:
+        """Yield the claims that the output decays as a model does, and does not answer to the input."""
+        for model in models:
+            done, driven = self._driven(model)
+            columns, error = done.phi[:, self.structure.coefficients :], done.ahead
+            beside = driven - columns @ least_norm(columns, driven, WEAKEST)[0]
+            if not float(np.std(beside)) > HARMLESS * float(np.std(driven)):  # the input rests
+                continue
+            left = error - columns @ least_norm(columns, error, WEAKEST)[0]
+            # the initial state of an output that wanders is told by the noise model alone
+            noise = self.stretch.colour(left)
+            white, target = (noise.whiten_known(each, self.stretch.predecessors) for each in (columns, error))
+            other = error - columns @ least_norm(white, target, WEAKEST)[0]
+            likelihood, still = max(self._likelihood(done, left), self._likelihood(done, other)), model.copy()
+            still[self.structure.numerator] = 0.0
+            yield self._claim(Supposition.CUT, likelihood, self._nuisances, model=still)
+
+    def differ(self, model: FloatArray, other: FloatArray) -> bool:
+        """Return whether the outputs that the G(s) of two models make of the record's whole input differ."""
+        outputs = []
+        for each in (model, other):
+            bare = each.copy()
+            bare[self.structure.coefficients :] = 0.0
+            outputs.append(self._whole.run_whole(bare).output)
+        away = float(np.std(outputs[0] - outputs[1]))
+        return not away < NOTICED * float(np.std(outputs[1]))
+
+    def estimate(self, claim: Claim) -> Refined | None:
+        """Return the estimate of a claim about the samples since, what was known before included."""
+        if claim.refined is not None or claim.root is None:
+            return claim.refined
+        return self.problem.conclude(claim.root, claim.prior)

@@ -1,0 +1,176 @@
+r"""What is known before a change: a model with the information about it, and the noise that its residual had.
+
+A supposition of what has changed forgets some directions V of the information M:
+
+.. math:: M_0(V) = M - M V (V^T M V)^{-1} V^T M.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.solver.refined import Prior, Refined
+from replant.estimation.solver.residual_likelihood import WEAKEST
+from replant.estimation.solver.srivc_steps import Problem
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import LEAST, Autoregression
+from replant.numerics.linear_algebra import inverse_of, least_norm, quiet
+
+UNTOLD = 4.0
+"""Residual beyond which a sample is not what the model tells [standard deviations].
+Level: a normal deviate beyond 4 has the chance 6e-5.
+"""
+
+# what two coefficients explain of them is then known to a third
+STRETCHES = 8  # fewest stretches before a change whose scatter is told [count]
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known before a change."""
+
+    mean: FloatArray  # (T,), the model
+    information: FloatArray  # (T, T) of its coefficients; zero for the nuisances
+    error: FloatArray  # (K,) of the model over a record, offset and initial state those of the samples before
+    noise: Autoregression  # D(q) of the error before
+    variance: float  # of that error filtered by it, in the output's unit squared
+    filters: bool  # whether estimates are filtered by it
+    slopes: FloatArray  # (B, T) of the output before, filtered by it; none where too few samples are before
+
+    @classmethod
+    @quiet
+    def before(
+        cls,
+        structure: Structure,
+        record: Record,
+        begin: int,
+        mean: FloatArray,
+        information: FloatArray,
+        usual: float,
+        *,
+        filters: bool = True,
+    ) -> Known | None:
+        """Return what a model and the information about it tell before a sample of a record; None where they do not."""
+        problem = Problem(structure, record)
+        first = record.first(begin)
+        told = first.count > LEAST + mean.size
+        if not (problem.is_usable(mean) and np.isfinite(information).all()):
+            return None
+        done = problem.run_whole(with_nuisances(problem, mean, slice(0, begin) if told else slice(None)))
+        error = done.ahead
+        if not np.isfinite(error).all():
+            return None
+        if not told:
+            known = Autoregression.white(usual, 1.0)
+            return cls(mean, information, error, known, usual, filters, np.zeros((0, mean.size)))
+        noise = Autoregression.white(float(error[:begin] @ error[:begin]), first.count)
+        if noise.power > 0.0:
+            noise = Autoregression.of_residual(error[:begin], first.rough_predecessors, first.count)
+        white = noise.whiten_known(error[:begin], first.rough_predecessors)
+        slopes = noise.whiten_known(done.zeta[:begin], first.rough_predecessors)
+        slopes[~first.is_measured] = 0.0
+        variance = float(white @ white) / (first.count - mean.size)
+        return cls(mean, information, error, noise, variance, filters, slopes)
+
+    def dispersion(self, record: Record, length: int) -> tuple[float, float]:
+        """Return by how much more another G(s) explains of stretches before the change than chance would; at least 1.
+
+        And by how many numbers that is known: where too few samples are before, it counts as certain.
+
+        In each stretch of so many samples, with an offset and an initial state of its own, it would be nothing but
+        chance, if the model were right.  A linear model of a plant that is none fits each stretch differently; a change
+        shows where it explains more than that does.  The stretch next to the begin takes no part: a change that is
+        noticed late lies in it.
+        Source: the dispersion of quasi-likelihood, Wedderburn (1974), Biometrika 61.
+        """
+        begin, size = len(self.slopes), self.mean.size
+        length = min(length, begin // (STRETCHES + 1))
+        coefficients = np.diag(self.information) > 0.0
+        if length < 2 * size or not (coefficients.any() and np.isfinite(self.slopes).all()):
+            return 1.0, math.inf
+        white = self.noise.whiten_known(self.error[:begin], record.rough_predecessors[:begin])
+        units = np.linalg.norm(self.slopes, axis=0)
+        slopes = self.slopes / np.where(units > 0.0, units, 1.0)
+        explained, ranks = 0.0, 0
+        for end in range(begin - length, length - 1, -length):
+            rows = slice(end - length, end)
+            beside = slopes[:length, ~coefficients]  # of an initial state at the stretch's begin
+            both = np.column_stack([slopes[rows][:, coefficients], white[rows]])
+            both -= beside @ least_norm(beside, both, WEAKEST)[0]
+            directions, values, _ = np.linalg.svd(both[:, :-1], full_matrices=False)
+            told = directions[:, values > WEAKEST * values[0]] if values[0] > 0.0 else directions[:, :0]
+            explained += float(np.sum((told.T @ both[:, -1]) ** 2))
+            ranks += told.shape[1]
+        if not (ranks and self.variance > 0.0):
+            return 1.0, math.inf
+        return max(explained / (ranks * self.variance), 1.0), float(ranks)
+
+    def onset(self, record: Record, earliest: int) -> int:
+        """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""
+        white = self.noise.whiten_known(self.error[earliest:], record.rough_predecessors[earliest:])
+        untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
+        return earliest + int(untold[0]) if untold.size else earliest
+
+    def without(self, directions: FloatArray) -> Prior:
+        """Return the prior in which directions (T, Q) are forgotten."""
+        return Prior(self.mean, forget(self.information, directions), max(self.variance, np.finfo(float).tiny))
+
+    def asked_for(self, plant: Refined, size: int, price: float) -> tuple[FloatArray, FloatArray] | None:
+        """Return the model, and the fewest of ``size`` coefficients to forget that an estimate since asks for.
+
+        None for all.  By the quadratic forms that the two estimates, of before and since, stand for: whichever
+        coefficient explains most of how they differ is forgotten next, as long as that is worth its price.
+        """
+        before, since = self.information[:size, :size], inverse_of(plant.covariance[:size, :size])
+        units = np.diag(before) ** -0.5  # the coefficients have units of their own
+        before, since = (each * np.outer(units, units) for each in (before, since))
+        away = (plant.theta[:size] - self.mean[:size]) / units
+        if not (np.isfinite(since).all() and np.isfinite(away).all()):
+            return None
+
+        def left(forgotten: list[int]) -> tuple[float, FloatArray]:
+            prior = forget(before, np.eye(size)[:, forgotten])
+            step = least_norm(since + prior, since @ away, WEAKEST)[0]
+            rest = away - step
+            return 0.5 * max(float(rest @ since @ rest + step @ prior @ step), 0.0), step
+
+        forgotten: list[int] = []
+        (cost, step), open_ = left([]), list(range(size))
+        while open_:
+            next_ = min(open_, key=lambda each: left([*forgotten, each])[0])
+            less, there = left([*forgotten, next_])
+            if forgotten and not cost - less > price:
+                break
+            cost, step = less, there
+            forgotten.append(next_)
+            open_.remove(next_)
+        if not (forgotten and open_):
+            return None
+        model, directions = plant.theta.copy(), np.zeros((self.mean.size, len(forgotten)))
+        model[:size] = self.mean[:size] + step * units
+        directions[forgotten, range(len(forgotten))] = units[forgotten]
+        return model, directions
+
+
+def with_nuisances(problem: Problem, model: FloatArray, rows: slice = slice(None)) -> FloatArray:
+    """Return a model (T,) with the offset and the initial state that rows of a problem's record tell."""
+    model, size = model.copy(), problem.structure.coefficients
+    model[size:] = 0.0
+    done = problem.run_whole(model)
+    model[size:] = least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0]
+    return model
+
+
+@quiet
+def forget(information: FloatArray, directions: FloatArray) -> FloatArray:
+    """Return an information matrix (T, T) in which directions (T, Q) are forgotten."""
+    if directions.shape[1] == 0:
+        return information
+    along = information @ directions
+    inside = np.linalg.pinv(directions.T @ along, rcond=WEAKEST, hermitian=True)
+    return np.asarray(information - along @ inside @ along.T)

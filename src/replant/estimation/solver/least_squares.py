@@ -1,0 +1,83 @@
+"""Least squares on the regressors of a fixed filter, and the choice of that filter."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.estimation.engine.record_regressors import regressors
+from replant.estimation.filters import StateVariableFilter
+from replant.estimation.optimizers.optimizer import rounded
+from replant.estimation.simulation.fitted_run import simulate
+from replant.model.preprocess import Preprocess, screen
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import least_norm, quiet
+
+# some hundred thousand times float64's precision
+RANK_TOLERANCE = 1e-10  # singular value of the scaled regressor that counts as zero [part of the largest]
+SLOWEST_CUTOFF = 10.0  # slowest cutoff tried: five time constants are half the record [1 / duration of the record]
+CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm [count]
+MOST_SAMPLES = 20_000  # samples looked at for the choice [samples]
+
+
+@dataclass(frozen=True, eq=False)
+class LeastSquares:
+    """The solution of a least-squares problem."""
+
+    parameters: FloatArray  # (P,); of least norm in scaled parameters where the data do not determine all of them
+    rank: int  # how many directions the data determine, at most P
+    condition: float  # of the scaled regressors: largest over smallest singular value
+
+
+@quiet
+def least_squares(phi: FloatArray, target: FloatArray) -> LeastSquares:
+    """Minimise ||target - phi theta|| over the rows that are finite; phi (K, P), target (K,)."""
+    kept = np.isfinite(target) & np.isfinite(phi).all(axis=1)
+    phi, target = phi[kept], target[kept]
+    if phi.shape[0] == 0:
+        return LeastSquares(np.zeros(phi.shape[1]), 0, np.inf)
+    lengths = np.abs(phi).max(axis=0)
+    lengths[lengths == 0.0] = 1.0
+    lengths *= np.linalg.norm(phi / lengths, axis=0)
+    lengths[lengths == 0.0] = 1.0
+    scaled, rank, singular = least_norm(phi / lengths, target, RANK_TOLERANCE)
+    condition = float(singular[0] / singular[-1]) if singular.size == phi.shape[1] and singular[-1] > 0 else np.inf
+    return LeastSquares(scaled / lengths, rank, condition)
+
+
+@quiet
+def choose_filter(
+    structure: Structure,
+    dt: float,
+    preprocess: Preprocess,
+    u: FloatArray,
+    y: FloatArray,
+    t: FloatArray | None = None,
+    input_hold: str = "zoh",
+) -> StateVariableFilter:
+    """Return the filter whose least-squares model fits a record best when simulated from the input alone.
+
+    The cutoffs tried lie between 10 / duration and 1 / dt.  The simulated fit is compared, not the equation error: a
+    filter with a low cutoff makes the equation error small whatever the model is.
+    """
+    u, y, t = u[:MOST_SAMPLES], y[:MOST_SAMPLES], None if t is None else t[:MOST_SAMPLES]
+    accepted, _ = screen(preprocess.map_input(u), y)
+    y = np.where(accepted, y, np.nan)
+    lasts = u.size * dt if t is None or t.size < 2 else float(t[-1] - t[0])
+    slowest, fastest = SLOWEST_CUTOFF / lasts, 1.0 / dt
+    candidates = np.geomspace(min(slowest, fastest / 10), fastest, CANDIDATES)
+    linear_input = np.where(accepted, preprocess.map_input(u) - float(preprocess.input_offset), np.nan)
+    best, best_fit = (
+        StateVariableFilter(cutoff=rounded(float(candidates[CANDIDATES // 2])), input_hold=input_hold),
+        -np.inf,
+    )
+    for cutoff in candidates:
+        tried = StateVariableFilter(cutoff=rounded(float(cutoff)), input_hold=input_hold)
+        phi, target = regressors(structure, dt, tried, preprocess, u, y, t)
+        model = structure.transfer_function(least_squares(phi, target).parameters)
+        fit = simulate(model, linear_input, y, dt, input_hold=input_hold, t=t).fit if model.is_stable else -np.inf
+        if fit > best_fit:
+            best, best_fit = tried, fit
+    return best

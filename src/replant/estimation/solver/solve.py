@@ -1,0 +1,105 @@
+"""solve: the estimate of a record and the samples it is made from, the same ones whoever asks.
+
+`fit`, the start-up, the record solved again, the end of a run and the search all solve records here.  Outputs that are
+missing, outliers, and those of a sensor that is stuck are left out, their inputs are not: in the filters the model's
+own output takes their place.  Which outputs are bad is told with a model, so that both are found in turn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.solver.bad_samples import doubts, filled, suspicious
+from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.srivc import refine
+from replant.estimation.solver.srivc_steps import Problem
+from replant.kernels.schema import Doubt
+from replant.model.structure import Structure
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+
+ROUNDS = 5  # times that a record is solved and its outputs judged, at the most [count]
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """A model and the samples that it was made from."""
+
+    found: Refined
+    record: Record  # its outputs that were not measured are the model's
+    doubt: IntArray  # (K,), the `Doubt` in each output
+    bridged: FloatArray  # (K,), the record's outputs, with another working point perhaps
+
+    @property
+    def is_bad(self) -> BoolArray:
+        """Which outputs (K,) were left out."""
+        return np.asarray(self.doubt != Doubt.NONE)
+
+
+def at_first(record: Record) -> Record:
+    """Return a record without the outputs that may be bad by themselves."""
+    return leaving_out(record, _suspicious(record))
+
+
+def solve(
+    structure: Structure,
+    record: Record,
+    given: Sequence[FloatArray] = (),
+    *,
+    afresh: bool = False,
+) -> Solution | None:
+    """Solve a record; None where no start leads to a model."""
+    answers, doubt = record.answers(structure.delay), _suspicious(record)
+    found = _first(structure, leaving_out(record, doubt), given, afresh=afresh)
+    if found is None and (doubt > Doubt.MISSING).any():  # as they came
+        doubt = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
+        found = _first(structure, leaving_out(record, doubt), given, afresh=afresh)
+    solution = None
+    for _ in range(ROUNDS):
+        if found is None:
+            break
+        used = leaving_out(record, doubt)
+        modelled = Problem(structure, used).run_whole(found.theta).output
+        bridged = np.where(used.is_measured, used.y, modelled)
+        solution = Solution(found, replace(used, y=bridged), doubt, bridged)
+        before, doubt = doubt, _doubts(record, np.where(answers, modelled, np.nan), found)
+        if (doubt == before).all():
+            break
+        found = refine(structure, leaving_out(record, doubt), [found.theta])
+    return solution
+
+
+def _first(structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool) -> Refined | None:
+    """Return the estimate of a record; None where it has no samples, or input or reference is constant."""
+    if not given and not _moves(record):
+        return None
+    return refine(structure, record, given, afresh=afresh)
+
+
+def _moves(record: Record) -> bool:
+    """Return whether input and reference move."""
+    signals = (record.u,) if record.r is None else (record.u, record.r)
+    return record.u.size > 0 and all(float(np.ptp(signal)) > 0.0 for signal in signals)
+
+
+def _suspicious(record: Record) -> IntArray:
+    """Return the `Doubt` in each output (K,) without a model."""
+    y = np.where(record.is_measured, record.y, np.nan)
+    return np.concatenate([suspicious(record.u[rows], y[rows]) for rows in record.records])
+
+
+def _doubts(record: Record, modelled: FloatArray, found: Refined) -> IntArray:
+    """Return the `Doubt` in each output (K,) by a model's (K,), NaN where that is not known."""
+    y, noise = np.where(record.is_measured, record.y, np.nan), found.noise_model.coefficients
+    return np.concatenate([doubts(record.u[rows], y[rows], modelled[rows], noise) for rows in record.records])
+
+
+def leaving_out(record: Record, doubt: IntArray) -> Record:
+    """Return a record without the outputs that are in doubt."""
+    measured = np.asarray(doubt == Doubt.NONE)
+    if measured.all():
+        return replace(record, measured=None)
+    return replace(record, y=filled(record.y, measured), measured=measured)

@@ -1,0 +1,288 @@
+r"""Which of two estimates of a record to take, by a specification test.
+
+PLAIN, the least output error, is consistent in open loop whatever the noise is.  FILTERED, by the noise model, is
+efficient where that is right, nearly consistent in feedback, and far off where the structure is not right.  Hausman's
+test decides: if FILTERED is right, its residual :math:`e_f` is noise v that knows nothing of the input, and by how much
+PLAIN simulates better is chance,
+
+.. math:: q = |e_f|^2 - |e_p|^2 = s^T G^{-1} s, \quad s = Z^T e_f = W^T v, \quad
+          W = Z - D^T D X (X^T D^T D X)^{-1} X^T Z, \quad G = Z^T Z
+
+with X = [Z, nuisances], Z the derivatives of the simulated output freed of the nuisances, and D the noise model as a
+filter.  The covariance of s is the mean over frequency of :math:`W W^* |V|^2`; :math:`|V|^2` is the periodogram of
+:math:`e_p` over 1 - leverage, what the fit has taken from it.  It needs no model of v, no bandwidth and no batches.
+With :math:`\Lambda = G^{-1/2} \mathrm{cov}(s) G^{-1/2}`
+
+.. math:: q / \mathrm{tr} \Lambda \sim F(h, \nu), \qquad h = (\mathrm{tr} \Lambda)^2 / \mathrm{tr} \Lambda^2,
+
+:math:`\nu` the number of periodogram ordinates that the mean is made of (Satterthwaite on both sides).
+
+Feedback makes s large as well.  The input is split into what answers the whitened residual and :math:`u_r`, which does
+not.  With :math:`\delta = (G_p - G_f) u` and :math:`\delta_r` of :math:`u_r`,
+:math:`\varphi = \delta_r^T e_f / \delta^T e_f` is 0 round a right model in feedback and 1 in open loop, and q counts by
+:math:`\varphi^2`.  With a reference :math:`u_r` is what that explains of the input.  A controller opposes a
+disturbance: where input and residual of the same sample move as the plant's output follows its input, the plant does
+something faster than the model, and :math:`\varphi = 1`.
+
+Sources: Hausman (1978), "Specification tests in econometrics", Econometrica 46; Robinson (1998), "Inference without
+smoothing in the presence of nonparametric autocorrelation", Econometrica 66; MacKinnon and White (1985), "Some
+heteroskedasticity-consistent covariance matrix estimators", Journal of Econometrics 29 (HC2).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.model_run import ModelRun, run_model, runs_away
+from replant.estimation.solver.refined import Refined
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression, likelihood_ratio
+from replant.numerics.linear_algebra import pseudo_inverse, quiet
+from replant.numerics.projections import lengths_of, orthogonal, products, without
+
+FALSE_ALARM = 0.15
+"""Chance that a right filtered estimate is given up [probability].
+Level: on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of
+real rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points.
+"""
+
+ANSWERED = 1e-3
+"""Chance that feedback is found in open loop [probability].
+Level: 0.1 %: a false one costs little, as the share of the input that answers is then small.
+"""
+
+ANSWERS = 10  # latest residual that the input may answer, beside the present one: LATEST of the feedback test [samples]
+
+MOST = 0.5
+"""Share of the difference up to which feedback is its reason: of an answer longer than `ANSWERS` some is left [share].
+Origin: 184 loops under autoregressive noise: right models have shares of 0 to 0.4 but for three integrators.
+Sensitivity: halved, some of these right models are given up; doubled, feedback is the reason of any difference.
+"""
+
+# Akaike chooses; of 42 recorded logs none needs more
+LONGEST = 120  # own past values that tell the input at the most [samples]
+
+PER_COLUMN = 12
+"""Samples for each of them [samples].
+Origin: of 250 random inputs of 200 to 600 samples with feedback, a tenth to four tenths of their amplitude, 80 % show
+it at `ANSWERED`; without feedback none does, and 5 % at a level of 5 %.
+Sensitivity: halved 78 %, doubled 65 %; the level stays.
+"""
+
+INNOVATION_LEFT = 2.0 / 3.0
+"""Innovation of a filtered model that runs away, beside the plain one's, below which it is taken though no feedback is
+seen [ratio of powers].
+Origin: 0.47 to 0.55 in loops round an integrator under a load, 0.8 to 0.93 on open logs and field records.
+Sensitivity: halved, none of these loops is taken for one; doubled, every open log is.
+"""
+
+NEWEST = 20_000  # samples that they are fitted to at the most, for the time it takes [samples]
+
+LEAST_LEFT = 0.02  # share of an ordinate that the fit leaves at least: below it is rounding of the leverage [share]
+# an answer that is larger than the input itself says that its filter is nearly unstable
+LOUDEST = 3.0  # amplitude of the input's answer beside the input, beyond which its past does not carry it on [ratio]
+
+
+@quiet
+def is_right(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> bool:
+    """Return whether the filtered estimate is to be taken: that the plain one simulates better may be chance."""
+    run_p, run_f = (run_model(structure, one.theta[: structure.size], record, record.dt) for one in (plain, filtered))
+    if run_f is None:
+        return False
+    away = [runs_away(np.append(1.0, one.theta[structure.denominator]), record.span) for one in (plain, filtered)]
+    if run_p is None or away[0]:
+        return True
+    noise = filtered.noise_model
+    whole = _whole(record, noise.order)
+    if away[1]:  # a plant that is not stable is in feedback; there is no simulated error to compare
+        gain = likelihood_ratio(run_f.error, run_p.error) / record.count
+        return is_answered(record, noise, run_f.error) or -2.0 * gain < math.log(INNOVATION_LEFT)
+    statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
+    if _chance(statistic, degrees, ordinates) >= FALSE_ALARM:
+        return True
+    share = _share_of_feedback(structure, record, (plain, filtered), (run_p, run_f), whole)
+    return _chance(share**2 * statistic, degrees, ordinates) >= FALSE_ALARM
+
+
+def disagreement(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> float:
+    """Return by how much the outputs of two estimates differ, as a part of the plain one's amplitude; at most 1."""
+    runs = [run_model(structure, one.theta[: structure.size], record, record.dt) for one in (plain, filtered)]
+    if runs[0] is None or runs[1] is None:
+        return 1.0
+    apart = without(np.column_stack([runs[0].forced - runs[1].forced, runs[0].forced]), runs[0].nuisances)
+    size, whole = np.linalg.norm(apart, axis=0)
+    return float(size / whole) if size < whole else 1.0
+
+
+def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: FloatArray) -> tuple[float, float, float]:
+    """Return q / tr Lambda, and the degrees of freedom h and nu of its distribution."""
+    size = run_f.zeta.shape[1]
+    x = np.hstack([run_f.zeta, run_f.nuisances])
+    x = x / lengths_of(x)
+    z = without(x[:, :size], x[:, size:])
+    filtered = noise.ahead(x) * whole[:, None]
+    weights = pseudo_inverse(products(filtered, filtered), 1e-13)[:, :size] @ products(x[:, :size], z)
+    w = (z - _back(noise, filtered) @ weights) @ orthogonal(products(z, z))
+    spectra = np.fft.rfft(w, _length(w), axis=0)
+    power = _noise_power(run_p)
+    level = math.ldexp(1.0, math.frexp(float(power.max()))[1] - 1)  # no square leaves float64, and nothing is rounded
+    power = power / level
+    covariance = ((spectra.conj() * power[:, None]).T @ spectra).real
+    trace = max(float(np.trace(covariance)), np.finfo(float).tiny)
+    each = (np.abs(spectra) ** 2).sum(axis=1) * power
+    each = each[: each.size // 2 * 2].reshape(-1, 2).sum(axis=1)  # padded to twice the length: neighbours are one
+    ordinates = 4.0 * float(each.sum()) ** 2 / max(float((each**2).sum()), np.finfo(float).tiny)
+    q = float(run_f.error @ run_f.error - run_p.error @ run_p.error)
+    return max(q, 0.0) / level / trace, trace**2 / max(float(np.sum(covariance**2)), np.finfo(float).tiny), ordinates
+
+
+def _noise_power(run: ModelRun) -> FloatArray:
+    """Return the periodogram of a residual, corrected for what the fit took from it, over the transform's length."""
+    samples, length = run.error.size, _length(run.error)
+    columns = np.hstack([run.zeta, run.nuisances])
+    columns = columns / lengths_of(columns)
+    basis = columns @ orthogonal(products(columns, columns))
+    leverage = (np.abs(np.fft.rfft(basis, length, axis=0)) ** 2).sum(axis=1) / samples
+    power = np.abs(np.fft.rfft(run.error, length)) ** 2 / samples / np.maximum(1.0 - leverage, LEAST_LEFT)
+    power[1:-1] *= 2.0
+    return np.asarray(power / length)
+
+
+def _share_of_feedback(
+    structure: Structure,
+    record: Record,
+    estimates: tuple[Refined, Refined],
+    runs: tuple[ModelRun, ModelRun],
+    whole: FloatArray,
+) -> float:
+    """Return the share of the difference between two estimates that feedback does not explain, phi."""
+    u = record.u - record.u.mean()
+    answer, chance, at_once = _answer(record, estimates[1].noise_model, runs[1].error, whole)
+    if chance >= ANSWERED or _is_direct(structure, estimates[1].theta, at_once):
+        return 1.0
+    rest = dataclasses.replace(record, u=u - answer)
+    purged = [run_model(structure, one.theta[: structure.size], rest, record.dt) for one in estimates]
+    if purged[0] is None or purged[1] is None:
+        return 0.0
+    deltas = np.column_stack([runs[0].forced - runs[1].forced, purged[0].forced - purged[1].forced])
+    all_of_it, of_the_rest = runs[1].error @ without(deltas, runs[1].nuisances)
+    share = float(np.clip(of_the_rest / all_of_it, 0.0, 1.0)) if all_of_it > 0.0 else 0.0
+    return share if share > MOST else 0.0
+
+
+def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
+    """Return whether input and residual of the same sample move together as the plant's output follows its input.
+
+    A controller opposes a disturbance.  What the plant does faster than the model moves the residual along with the
+    input; its sign is that of the model's first and last answer to a step, where these agree.
+    """
+    from scipy import special  # slow to import
+
+    first, last = model[structure.poles], model[structure.coefficients - 1] * model[structure.poles - 1]
+    return bool(first * last > 0.0) and float(special.ndtr(-at_once * np.sign(first))) < ANSWERED
+
+
+def is_answered(record: Record, noise: Autoregression, error: FloatArray) -> bool:
+    """Return whether a record's input answers a residual (K,), as under a controller."""
+    return _answer(record, noise, error, _whole(record, noise.order))[1] < ANSWERED
+
+
+def _answer(
+    record: Record, noise: Autoregression, error: FloatArray, whole: FloatArray
+) -> tuple[FloatArray, float, float]:
+    """Return `answering` of a record's input and a residual (K,); with a reference what that does not explain."""
+    u = record.u - record.u.mean()
+    if record.r is not None:
+        return u - _explained(u, record.r), 0.0, 0.0
+    return answering(u, noise.ahead(error) * whole)
+
+
+@quiet
+def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
+    """Return the part (K,) of an input that answers a whitened residual, its chance in open loop, and how it begins.
+
+    The last is the correlation of input and residual of the same sample, past inputs known, in standard deviations.
+
+    The input is told by its own past, as far as Akaike's criterion asks, and by the residuals now and before.  The
+    chance is that of a score test which noise of any distribution keeps.
+    """
+    from scipy.stats import chi2  # slow to import
+
+    most = min(LONGEST, u.size // PER_COLUMN)
+    rows = np.arange(max(most, ANSWERS), u.size)[-NEWEST:]
+    nothing = np.zeros(u.size), 1.0, 0.0
+    if rows.size < PER_COLUMN * (ANSWERS + 2):
+        return nothing
+    basis, upper, along = _own_past(u.tobytes(), most, rows.size)
+    now = u[rows] - basis @ along
+    if not np.linalg.norm(now) > 1e-6 * np.linalg.norm(u):
+        return nothing  # the input is known from its past
+    lagged = np.column_stack([w[rows - lag] for lag in range(ANSWERS + 1)])
+    told = lagged - basis @ (basis.T @ lagged)
+    moments = now[:, None] * told
+    total = moments.sum(axis=0)
+    chance = float(chi2.sf(total @ pseudo_inverse(moments.T @ moments, 1e-12) @ total, ANSWERS + 1))
+    gains = np.linalg.lstsq(told, now, rcond=1e-12)[0]
+    own = np.asarray(np.linalg.lstsq(upper, along - basis.T @ (lagged @ gains), rcond=1e-12)[0])
+    sizes = float(np.linalg.norm(now) * np.linalg.norm(told[:, 0]))
+    at_once = math.sqrt(rows.size) * float(total[0]) / sizes if sizes > 0.0 else 0.0
+    return _carried(np.convolve(w, gains)[: u.size], own[1:], u), chance, at_once
+
+
+@lru_cache(maxsize=1)  # a search asks of one input, structure by structure
+def _own_past(signal: bytes, most: int, newest: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return Q, R and Q'u of the past that tells an input's newest values; Akaike's criterion tells how far back."""
+    u = np.frombuffer(signal)
+    rows = np.arange(u.size - newest, u.size)
+    past = np.column_stack([np.ones(rows.size), *(u[rows - lag] for lag in range(1, most + 1))])
+    basis, upper = np.linalg.qr(past)
+    along, power = basis.T @ u[rows], float(u[rows] @ u[rows])
+    left = np.maximum(power - np.cumsum(along**2), 1e-14 * power)
+    columns = int(np.argmin(rows.size * np.log(left) + 2.0 * np.arange(left.size))) + 1
+    return basis[:, :columns], upper[:columns, :columns], along[:columns]
+
+
+def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:
+    """Return what a push (K,) makes of an input (K,) that its own past carries on."""
+    from scipy.signal import lfilter  # slow to import
+
+    answer = np.asarray(lfilter([1.0], np.append(1.0, -own), push))
+    held = bool(np.isfinite(answer).all()) and np.linalg.norm(answer) <= LOUDEST * np.linalg.norm(u)
+    return answer if held else push
+
+
+def _explained(u: FloatArray, r: FloatArray) -> FloatArray:
+    """Return what present and past values of a reference (K,) explain of an input (K,)."""
+    most = min(LONGEST, u.size // PER_COLUMN)
+    columns = [np.append(np.full(lag, r[0]), r[: r.size - lag]) for lag in range(most + 1)]
+    return u - without(u[:, None], np.column_stack([*columns, np.ones(u.size)]))[:, 0]
+
+
+def _chance(statistic: float, degrees: float, ordinates: float) -> float:
+    from scipy.stats import f  # slow to import
+
+    return float(f.sf(statistic, degrees, ordinates))
+
+
+def _length(signal: FloatArray) -> int:
+    """Return the length of a Fourier transform in which the ends of a signal (K, ...) do not meet."""
+    return 1 << (2 * len(signal) - 1).bit_length()
+
+
+def _back(noise: Autoregression, signals: FloatArray) -> FloatArray:
+    """Return the transpose of `Autoregression.ahead`."""
+    result = signals.copy()
+    for lag in range(1, noise.order + 1):
+        result[:-lag] += noise.coefficients[lag] * signals[lag:]
+    return result
+
+
+def _whole(record: Record, order: int) -> FloatArray:
+    """Return 1 where a record's residual has ``order`` known predecessors one sampling time apart, else 0, (K,)."""
+    return np.asarray(record.predecessors >= order, np.float64)

@@ -1,0 +1,287 @@
+"""The data of a model, of one input or of several, checked field by field; and what follows from them at once."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from functools import cached_property
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.model.noise import NoiseModel
+from replant.model.preprocess import InputMap, Preprocess
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import (
+    FloatArray,
+    finite,
+    instance,
+    iterable,
+    keep,
+    number,
+    one_of,
+    owned,
+    text,
+    vector,
+    whole,
+)
+from replant.numerics.limits import duration
+from replant.verdict.verdict import Verdict
+
+NOT_JUDGED = Verdict("converging", ("no verdict was asked for",))
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a model comes from."""
+
+    method: str  # "srivc", "least_squares", or the optimizer of an identifier
+    source: str = ""  # name of the log's file; empty for arrays and live samples
+    sha256: str = ""  # digest of that file in hexadecimal; empty where it is not known
+    samples: int = 0  # that the model was made from
+    version: str = field(default_factory=lambda: version("replant"))  # of replant
+    # UTC in ISO 8601; two models that differ in nothing else are equal
+    date: str = field(default_factory=_now, compare=False)
+
+    def __post_init__(self) -> None:
+        for name in ("method", "source", "sha256", "version", "date"):
+            keep(self, name, text)
+        keep(self, "samples", whole, 0, 2**63 - 1)
+
+
+def _counts(name: str, value: Any) -> tuple[tuple[str, int], ...]:
+    """Return how many samples were rejected for which reason."""
+    try:
+        pairs = [(reason, count) for reason, count in value]
+    except (TypeError, ValueError) as cause:
+        raise ArgumentTypeError(f"{name} must be pairs (reason, count), got {shown(value)}") from cause
+    return tuple((text(name, reason), whole(name, count, 0, 2**63 - 1)) for reason, count in pairs)
+
+
+def _known(name: str, value: Any) -> float:
+    value = number(name, value)
+    return value if math.isfinite(value) else math.nan
+
+
+def _map(_: str, value: Any) -> InputMap:
+    return Preprocess(value).input_map
+
+
+#: How the fields are checked that models of one input and of several share, and those of one input.
+CHECKS: dict[str, tuple[Any, ...]] = {
+    "dt": (duration,),
+    "noise": (instance, NoiseModel, None),
+    "input_hold": (one_of, ("zoh", "foh")),
+    "input_map": (_map,),
+    "input_level": (finite,),
+    "output_level": (finite,),
+    "input_name": (text,),
+    "output_name": (text,),
+    "simulated_fit": (_known,),
+    "one_step_fit": (_known,),
+    "rejected": (_counts,),
+    "verdict": (instance, Verdict),
+    "provenance": (instance, Provenance),
+}
+
+
+class _Fields:
+    """What the fields of models of one input and of several have in common: their checks, and when they are equal."""
+
+    parameters: FloatArray
+    covariance: FloatArray | None
+
+    def _check(self, size: int) -> None:
+        """Check the fields of a model of so many parameters."""
+        keep(self, "parameters", owned, (size,))
+        if not np.isfinite(self.parameters).all():
+            raise InvalidArgumentError(f"parameters must be finite, got {shown(self.parameters.tolist())}")
+        if self.covariance is not None:
+            covariance = owned("covariance", self.covariance, (size, size))
+            # one that is not known is none: what is kept can be written down to the bit
+            object.__setattr__(self, "covariance", covariance if np.isfinite(covariance).all() else None)
+        own = {each.name for each in dataclasses.fields(self)}  # type: ignore[arg-type]
+        for name, (check, *how) in CHECKS.items():
+            if name in own:
+                keep(self, name, check, *how)
+
+    def __eq__(self, other: object) -> bool:
+        return self._key == other._key if isinstance(other, _Fields) else NotImplemented
+
+    def __hash__(self) -> int:
+        return hash(self._key)
+
+    @property
+    def _key(self) -> tuple[Any, ...]:
+        return tuple(_bits(getattr(self, each.name)) for each in dataclasses.fields(self))  # type: ignore[arg-type]
+
+
+def _bits(value: Any) -> Any:
+    """Return what makes a value equal to another one, to the bit."""
+    match value:
+        case np.ndarray():
+            return value.tobytes()
+        case float():
+            return np.float64(value).tobytes()
+        case NoiseModel():
+            return tuple(map(_bits, (value.coefficients, value.variance, value.residual_variance, value.dt)))
+        case Verdict():
+            return value.status, value.reasons, value.excited
+    return value
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelFields(_Fields):
+    r"""What is kept of an identification, and what follows from it at once; see `Model`.
+
+    .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
+    """
+
+    structure: Structure
+    parameters: FloatArray
+    dt: float
+    covariance: FloatArray | None = None
+    noise: NoiseModel | None = None
+    input_hold: str = "zoh"
+    input_map: InputMap = "identity"
+    input_level: float = 0.0
+    output_level: float = 0.0
+    input_name: str = "u"
+    output_name: str = "y"
+    simulated_fit: float = math.nan
+    one_step_fit: float = math.nan
+    rejected: tuple[tuple[str, int], ...] = ()
+    verdict: Verdict = NOT_JUDGED
+    provenance: Provenance = field(default_factory=lambda: Provenance("given"))
+
+    def __post_init__(self) -> None:
+        keep(self, "structure", instance, Structure)
+        self._check(self.structure.size)
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """G(s), from the mapped input to the output, both as deviations from the working point."""
+        return self.structure.transfer_function(self.parameters)
+
+    @property
+    def num(self) -> FloatArray:
+        """Numerator (m + 1,), in descending powers of s."""
+        return self.transfer_function.num
+
+    @property
+    def den(self) -> FloatArray:
+        """Denominator (n + 1,), monic, in descending powers of s."""
+        return self.transfer_function.den
+
+    @property
+    def delay(self) -> float:
+        """Dead time in s."""
+        return self.structure.delay
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in their order."""
+        return self.structure.names
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Standard deviations of parameters, poles, gain and response; None without a covariance."""
+        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
+
+    @property
+    def rests(self) -> bool:
+        """Whether a constant input leads to rest, as far as the record tells: no mode is slower than the record."""
+        span = self.dt * self.provenance.samples
+        return has_rest(self.transfer_function, span if self.provenance.samples else math.inf)
+
+    @property
+    def preprocess(self) -> Preprocess:
+        """Input map and working point."""
+        return Preprocess(self.input_map, self.input_level, self.output_level)
+
+    def linear_input(self, u: Any) -> FloatArray:
+        """Return the input (K,) of G(s): mapped, working point taken off; NaN where it is not finite."""
+        mapped = self.preprocess.map_input(vector("u", u))
+        return np.where(np.isfinite(mapped), mapped - self.input_level, np.nan)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RowFields(_Fields):
+    """What is kept of an identification of several inputs; see `RowModel`."""
+
+    structures: tuple[Structure, ...]
+    parameters: FloatArray
+    dt: float
+    covariance: FloatArray | None = None
+    noise: NoiseModel | None = None
+    input_hold: str = "zoh"
+    input_names: tuple[str, ...] = ()
+    output_name: str = "y"
+    input_levels: FloatArray = field(default_factory=lambda: np.zeros(0))
+    output_level: float = 0.0
+    simulated_fit: float = math.nan
+    one_step_fit: float = math.nan
+    verdict: Verdict = NOT_JUDGED
+    provenance: Provenance = field(default_factory=lambda: Provenance("given"))
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        if not iterable(self.structures) or not self.structures:
+            raise ArgumentTypeError(f"structures must be one Structure per input, got {shown(self.structures)}")
+        put(self, "structures", tuple(instance("structures", each, Structure) for each in self.structures))
+        count = len(self.structures)
+        self._check(sum(each.size for each in self.structures))
+        if not iterable(self.input_names):
+            raise ArgumentTypeError(f"input_names must be a name for each input, got {shown(self.input_names)}")
+        names = tuple(self.input_names) or tuple(f"u{i}" for i in range(1, count + 1))
+        put(self, "input_names", tuple(text("input_names", name) for name in names))
+        if len(set(names)) != count or len(names) != count:
+            raise InvalidArgumentError(f"input_names must be {count} different names, got {shown(list(names))}")
+        levels = self.input_levels if np.size(self.input_levels) else np.zeros(count)
+        put(self, "input_levels", owned("input_levels", levels, (count,)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in their order, each with that of its input: a0.u1, b0.u1, a0.u2, .."""
+        each = zip(self.input_names, self.structures, strict=True)
+        return tuple(f"{parameter}.{name}" for name, structure in each for parameter in structure.names)
+
+    @property
+    def input_name(self) -> tuple[str, ...]:
+        """The names of the inputs, as `Model` has one."""
+        return self.input_names
+
+    @property
+    def transfer_functions(self) -> tuple[TransferFunction, ...]:
+        """G(s) from each input."""
+        pairs = zip(self.structures, self.places, strict=True)
+        return tuple(each.transfer_function(self.parameters[rows]) for each, rows in pairs)
+
+    @cached_property
+    def uncertainty(self) -> tuple[Uncertainty, ...] | None:
+        """Standard deviations of each G(s): of its parameters, poles, gain and response; None without a covariance."""
+        if self.covariance is None:
+            return None
+        pairs = zip(self.structures, self.places, strict=True)
+        return tuple(Uncertainty(each, self.parameters[k], self.covariance[k, k]) for each, k in pairs)
+
+    @property
+    def places(self) -> list[slice]:
+        """Which of the parameters are those of each input."""
+        ends = np.cumsum([each.size for each in self.structures]).tolist()
+        return [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
+
+
+def has_rest(model: TransferFunction, span: float) -> bool:
+    """Return whether a model comes to rest within ``span`` s; slower modes have a gain that nobody knows."""
+    return bool((model.poles.real < (-1.0 / span if span > 0.0 else 0.0)).all())

@@ -1,0 +1,347 @@
+"""fit: the transfer function of a whole record, by refined instrumental variables or least squares."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any, overload
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.estimation.engine.record import Record
+from replant.estimation.engine.record_regressors import regressors
+from replant.estimation.filters import Filter, RefinedFilter, StateVariableFilter
+from replant.estimation.settings import AUTO, Request
+from replant.estimation.simulation.model_run import prediction_error, runs_away
+from replant.estimation.solver.least_squares import choose_filter, least_squares
+from replant.estimation.solver.solve import Solution, solve
+from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
+from replant.fitting.row_fit import RowFit, fit_row, is_row
+from replant.fitting.samples import RawRecord, Samples
+from replant.kernels.schema import Doubt
+from replant.model.interop import in_our_words
+from replant.model.noise import NoiseModel
+from replant.model.preprocess import Preprocess, screen
+from replant.model.structure import Structure
+from replant.numerics.arguments import (
+    FloatArray,
+    one_of,
+    record,
+    vector,
+)
+from replant.numerics.limits import increasing
+from replant.numerics.linear_algebra import quiet
+from replant.verdict import Simulation, fit_percent, simulate
+
+METHODS = (AUTO, "srivc", "least_squares")
+
+
+@overload
+def fit(
+    u: Any,
+    y: Any = None,
+    dt: float | None = None,
+    structure: None = None,
+    *,
+    poles: tuple[int, ...],
+    zeros: int | tuple[int, ...] = 0,
+    delay: float | tuple[float, ...] = 0.0,
+    t: Any = None,
+) -> RowFit: ...
+
+
+@overload
+def fit(
+    u: Any,
+    y: Any = None,
+    dt: float | None = None,
+    structure: Structure | None = None,
+    *,
+    poles: int | None = None,
+    zeros: int = 0,
+    delay: float = 0.0,
+    method: str = AUTO,
+    filter: Filter | str = AUTO,
+    preprocess: Preprocess | None = None,
+    t: Any = None,
+    reference: Any = None,
+    input: str | None = None,
+    output: str | None = None,
+) -> FitResult: ...
+
+
+@in_our_words
+@quiet
+def fit(
+    u: Any,
+    y: Any = None,
+    dt: float | None = None,
+    structure: Structure | None = None,
+    *,
+    poles: int | tuple[int, ...] | None = None,
+    zeros: int | tuple[int, ...] = 0,
+    delay: float | tuple[float, ...] = 0.0,
+    method: str = AUTO,
+    filter: Filter | str = AUTO,  # noqa: A002 - the field's word
+    preprocess: Preprocess | None = None,
+    t: Any = None,
+    reference: Any = None,
+    input: str | None = None,  # noqa: A002 - the field's word
+    output: str | None = None,
+) -> FitResult | RowFit:
+    r"""Fit G(s) to a whole record.
+
+    "srivc" is refined instrumental variables, see `replant.estimation.solver.srivc`: consistent under noise of any
+    colour, has no discretisation error, and gives a covariance; the plant need not be stable.  Where a controller makes
+    the input it is so with a reference; without one as far as the noise model is right.  "least_squares" minimises the
+    equation error
+    :math:`\sum_k (y(t_k) - \theta_\lambda^T \varphi_{uy}(t_k))^2`, as the article does for its Table 6.  Measurement
+    noise biases it, because the regressor contains the noisy output.
+
+    Of several inputs each has poles and a dead time of its own: the columns of ``u`` and an entry of ``poles`` for
+    each.  The row of transfer functions is found by maximum likelihood, with one noise model and one covariance.
+
+    Parameters
+    ----------
+    u : (K,) array, Log, list of Log, or table
+        Raw input, or (K, q) of q inputs; or a log with input, output and sampling time; or several logs of one rig,
+        which give one model.
+    y : (K,) array
+        Output; samples that are not finite are left out.
+    dt : float
+        Sampling time in s.
+    structure : Structure
+        Or ``poles``, ``zeros`` and ``delay`` in its place.
+    poles, zeros : int or tuple of int
+        Number of poles and of zeros; of several inputs an entry for each.
+    delay : float or tuple of float
+        Dead time in s.
+    method : {"auto", "srivc", "least_squares"}
+        "auto" is "srivc", and least squares if that finds no model, for example if the input hardly moves.
+    filter : StateVariableFilter, RefinedFilter or "auto"
+        "srivc" uses its `input_hold` alone, what the input does between samples; "auto" is that of the log, and of
+        arrays "zoh".  Least squares needs a StateVariableFilter; "auto" tries a range of cutoffs and takes the one
+        whose model simulates the record best.
+    preprocess : Preprocess
+        Input map and working point, by default that of a log's means, and of arrays 0.  "srivc" estimates the offset
+        of the output in any case.
+    t : (K,) array, optional
+        Time stamps in s, strictly increasing, of an irregular clock; for "srivc".
+    reference : (K,) array, optional
+        Where a controller makes the input: the set-point or a dither, whatever is applied from outside and knows
+        nothing of the disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is
+        left out.
+    input, output : str, optional
+        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
+        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
+
+    Returns
+    -------
+    FitResult or RowFit
+        The model with its fits, verdict and settings; a RowFit of several inputs.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If an argument is missing or of the wrong type.
+    InvalidArgumentError
+        If the record is too short for the parameters, "srivc" finds no model, or an argument is not valid.
+
+    References
+    ----------
+    Bernat and Kolota (2023), section 4; Garnier and Wang (2008), "Identification of Continuous-time Models from
+    Sampled Data", chapters 1 and 4.
+
+    Examples
+    --------
+    >>> from replant import TransferFunction
+    >>> true = TransferFunction([2.0], [1.0, 0.5])
+    >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
+    >>> found = fit(u, true.simulate(u, dt=0.1), dt=0.1, poles=1)
+    >>> print(found.transfer_function, found.verdict.status)
+    2 / (s + 0.5) trusted
+
+    Two inputs, the second with a dead time:
+
+    >>> second = TransferFunction([1.0], [1.0, 3.0], delay=0.3)
+    >>> both = np.column_stack([u, np.where(np.arange(400) // 30 % 2 == 0, 1.0, -1.0)])
+    >>> row = fit(both, true.simulate(u, 0.1) + second.simulate(both[:, 1], 0.1), 0.1, poles=(1, 1), delay=(0.0, 0.3))
+    >>> print(*row.transfer_functions, row.verdict.status, sep=", ")
+    2 / (s + 0.5), 1 / (s + 3) exp(-0.3 s), trusted
+    """
+    if is_row(u, poles, zeros, delay):
+        given = {
+            "structure": structure is not None, "method": method != AUTO, "filter": filter != AUTO,
+            "preprocess": preprocess is not None, "reference": reference is not None, "input": input is not None,
+            "output": output is not None,
+        }  # fmt: skip
+        for name, is_given in given.items():
+            if is_given:
+                raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
+        return fit_row(Samples.of(u, y, dt, t, None), poles, zeros, delay)
+    wanted: tuple[Any, Any, Any] = poles, zeros, delay
+    structure = Structure.wanted(structure, *wanted)
+    return fit_samples(Samples.of(u, y, dt, t, reference, input, output), structure, method, filter, preprocess)
+
+
+def fit_samples(
+    given: Samples,
+    structure: Structure,
+    method: str,
+    chosen: Filter | str,
+    preprocess: Preprocess | None,
+) -> FitResult:
+    """Return the fit of a structure to samples, see `fit`."""
+    preprocess = given.preprocess if preprocess is None else preprocess
+    method = one_of("method", method, METHODS)
+    dt = Request(structure, given.dt, filter=chosen, preprocess=preprocess).dt
+    hold = given.input_hold if isinstance(chosen, str) else chosen.input_hold
+    u, y = record(given.u, given.y)
+    stamps = None if given.t is None else increasing(given.t, u.size)
+    r = _reference(given.reference, u.size, method)
+    if r is not None:
+        y = np.where(np.isfinite(r), y, np.nan)
+    accepted, rejected = screen(preprocess.map_input(u), y)
+    check_length(int(accepted.sum()), structure)
+    check_delay(structure.delay, dt, u.size, stamps)
+    preprocess = preprocess.resolve(u, y)
+    use = None
+    if method != "least_squares":
+        raw = RawRecord(structure, dt, preprocess, u, y, stamps, hold, given.begins)
+        use = None if r is None else use_of(r, raw.made_ready(y, r))
+        solution = _solution(raw, r if use is None or use.used else None)
+        if solution is None and use is not None:
+            use = use.given_up()
+            solution = _solution(raw, None)
+        if solution is not None:
+            use = None if use is None else use.concluded(structure, solution.found)
+            return _with_record(_refined_result(raw, solution, rejected, use), raw, given, solution.record)
+        if method == "srivc" or stamps is not None:  # least squares needs a regular clock
+            raise InvalidArgumentError(
+                "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
+            )
+    if stamps is not None:
+        raise InvalidArgumentError(
+            "least_squares needs a regular clock: use the method srivc, or give the sampling time (dt, --dt) and no "
+            "time stamps if they are only jitter"
+        )
+    if not isinstance(chosen, StateVariableFilter):
+        chosen = choose_filter(structure, dt, preprocess, u, y, input_hold=hold)
+    raw = RawRecord(structure, dt, preprocess, u, y, None, chosen.input_hold)
+    result = _least_squares_result(raw, chosen, rejected, use)
+    return _with_record(result, raw, given, raw.made_ready(raw.y, None))
+
+
+def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Record) -> FitResult:
+    """Return a result with the record that its verdict looks at, and the names of its signals."""
+    if result.reference is not None and record.r is None:
+        record = dataclasses.replace(record, r=raw.made_ready(raw.y, result.reference.signal).r)
+    usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
+    used = raw.usable
+    means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
+    others = {name: signal[raw.made_use_of] for name, signal in given.others.items()}
+    return given.named(dataclasses.replace(result, record=record, means=means, usual_interval=usual, others=others))
+
+
+def check_length(samples: int, structure: Structure) -> None:
+    """Raise InvalidArgumentError where the usable samples are fewer than the parameters need."""
+    if samples < structure.size + 1:
+        raise InvalidArgumentError(
+            f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
+            f"{structure.size} parameters need: record more, or ask for fewer poles and zeros"
+        )
+
+
+def check_delay(delay: float, dt: float, samples: int, stamps: FloatArray | None) -> None:
+    """Raise InvalidArgumentError where a dead time is no shorter than the record."""
+    lasts = dt * (samples - 1) if stamps is None else float(stamps[-1] - stamps[0])
+    if not delay < lasts:
+        raise InvalidArgumentError(
+            f"the dead time of {delay:g} s is no shorter than the record, which lasts {lasts:.6g} s"
+        )
+
+
+def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
+    """Return a reference, checked, or None."""
+    if reference is None:
+        return None
+    if method == "least_squares":
+        raise InvalidArgumentError("least_squares makes no use of a reference: leave it out, or use method='srivc'")
+    r = vector("reference", reference)
+    if r.size != samples:
+        raise InvalidArgumentError(f"reference must have one value for each of {samples} samples, got {r.size}")
+    return r
+
+
+def _solution(raw: RawRecord, r: FloatArray | None) -> Solution | None:
+    return solve(raw.structure, raw.made_ready(raw.y, r))
+
+
+def _refined_result(
+    raw: RawRecord, solution: Solution, rejected: dict[str, int], use: ReferenceUse | None
+) -> FitResult:
+    structure, dt, found = raw.structure, raw.dt, solution.found
+    doubt = np.full(raw.u.size, Doubt.MISSING)
+    doubt[raw.made_use_of] = solution.doubt
+    used = doubt == Doubt.NONE
+    measured, y = np.where(raw.usable, raw.y, np.nan), np.where(used, raw.y, np.nan)
+    model = structure.transfer_function(found.theta[: structure.size])
+    error = None
+    if runs_away(model.den, solution.record.span):
+        error = prediction_error(structure, found.theta[: structure.size], solution.record, dt)
+    if error is None:
+        simulation = raw.simulated(model, y)
+    else:
+        output = measured.copy()
+        output[raw.made_use_of] -= error
+        simulation = Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
+    answers = np.ones(raw.u.size, bool)  # what answers to inputs from before the record is in no fit
+    answers[raw.made_use_of] = solution.record.answers(structure.delay)
+    outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
+    return FitResult(
+        structure,
+        dt,
+        "srivc",
+        RefinedFilter(raw.input_hold),
+        raw.preprocess,
+        found.theta[: structure.size],
+        found.covariance[: structure.size, : structure.size],
+        found.condition(structure.size),
+        raw.fit(y, raw.one_step(np.where(answers, y, np.nan) - simulation.output)),
+        simulation,
+        int(used.sum()),
+        rejected | {"outlier": outliers.size, "stuck": stuck.size},
+        NoiseModel.of_slots(found.noise, dt),
+        use,
+        outliers,
+        stuck,
+        np.flatnonzero((doubt == Doubt.MISSING) & raw.made_use_of),
+        disagreement=found.disagreement,
+    )
+
+
+def _least_squares_result(
+    raw: RawRecord, chosen: StateVariableFilter, rejected: dict[str, int], use: ReferenceUse | None
+) -> FitResult:
+    structure, accepted = raw.structure, raw.usable
+    y = np.where(accepted, raw.y, np.nan)
+    phi, target = regressors(structure, raw.dt, chosen, raw.preprocess, raw.u, y)
+    solution = least_squares(phi, target)
+    model = structure.transfer_function(solution.parameters)
+    linear_input = np.where(accepted, raw.mapped - float(raw.preprocess.input_offset), np.nan)
+    return FitResult(
+        structure,
+        raw.dt,
+        "least_squares",
+        chosen,
+        raw.preprocess,
+        solution.parameters,
+        None,
+        solution.condition if solution.rank == structure.size else math.inf,
+        fit_percent(y, y - (target - phi @ solution.parameters)),
+        simulate(model, linear_input, y, raw.dt, input_hold=chosen.input_hold),
+        int(accepted.sum()),
+        rejected,
+        reference=use,
+    )

@@ -1,0 +1,289 @@
+"""FitResult: what `fit` gives, the model that is kept of it, and what a reference was worth to it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.estimation.engine.record import Record
+from replant.estimation.filters import Filter, StateVariableFilter
+from replant.estimation.solver.change_search import find_change
+from replant.estimation.solver.contest import Claim
+from replant.estimation.solver.refined import Refined, without_nuisances
+from replant.fitting import notation
+from replant.fitting.fields import Provenance, has_rest
+from replant.fitting.model import Model
+from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
+from replant.kernels.schema import LAGUERRE
+from replant.model.noise import NoiseModel
+from replant.model.preprocess import Preprocess
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import FloatArray, IntArray, vector
+from replant.numerics.levels import ALPHA
+from replant.numerics.linear_algebra import chi2_quantile, quiet
+from replant.verdict import Assessment, Simulation, assess_record
+from replant.verdict.assess import MOST_SAMPLES
+from replant.verdict.loop_tests import COPIED, IDLE, Reference, fault_of
+from replant.verdict.other_columns import OtherColumn, other_columns, with_other_columns
+
+WITHOUT = "the fit does without it"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FitResult:
+    """The result of `fit`.
+
+    Attributes
+    ----------
+    structure : Structure
+    dt : float
+        Sampling time in s.
+    method : str
+        "srivc" or "least_squares".
+    filter : StateVariableFilter or RefinedFilter
+        The filter used, chosen from the record or given.
+    preprocess : Preprocess
+        Input map and working point used, the latter as numbers.
+    parameters : (P,) array
+        In physical units, in the order of ``structure.names``.
+    covariance : (P, P) array or None
+        Of the parameters; None for least squares, which noise biases.
+    condition : float
+        Condition number of the scaled regressors; infinite if the input does not excite every parameter.
+    one_step : float
+        Fit in percent of the output predicted one step ahead: by (8), or with "srivc" by the free run and an
+        autoregression of its residual.
+    simulation : Simulation
+        The free run from the input alone, with offset and initial state estimated.  Of an unstable model, which would
+        run away, the output predicted one step ahead: the one that makes the residual A/D y - B/D u zero, where D is A
+        with its unstable poles reflected.
+    samples : int
+        Samples used.
+    rejected : dict
+        Number of samples left out, by reason.
+    noise : NoiseModel or None
+        The autoregression of the residual; None for least squares.
+    reference : ReferenceUse or None
+        What the reference was worth; None where none was given.
+    outliers : (N,) array of int
+        Indices of the outputs that were left out as outliers.
+    stuck : (N,) array of int
+        Indices of the outputs that were left out because the sensor was stuck, or at its limit.
+    missing : (N,) array of int
+        Indices of the samples without an output, whose input was used.
+    record : Record or None
+        The record made ready, with the model's outputs where they are missing or outliers: what the verdict looks at.
+    means : tuple of two floats
+        Of the mapped input and of the output, where both can be used.
+    disagreement : float
+        See `replant.estimation.solver.refined.Refined.disagreement`.
+    usual_interval : float or None
+        Median interval of the time stamps in s; None for a regular clock.
+    others : mapping of str to (K,) array
+        Further columns of the file, over the samples of the record.
+    input_name, output_name : str
+        Names of the signals, with their units in brackets at the end.
+    source, sha256 : str
+        Name and digest of the log's file, where there is one.
+    """
+
+    structure: Structure
+    dt: float
+    method: str
+    filter: Filter
+    preprocess: Preprocess
+    parameters: FloatArray
+    covariance: FloatArray | None
+    condition: float
+    one_step: float
+    simulation: Simulation
+    samples: int
+    rejected: dict[str, int]
+    noise: NoiseModel | None = None
+    reference: ReferenceUse | None = None
+    outliers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    stuck: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    missing: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    record: Record | None = None
+    means: tuple[float, float] = (0.0, 0.0)
+    disagreement: float = 0.0
+    usual_interval: float | None = None
+    others: Mapping[str, FloatArray] = field(default_factory=dict)
+    input_name: str = "u"
+    output_name: str = "y"
+    source: str = ""
+    sha256: str = ""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in their order."""
+        return self.structure.names
+
+    @cached_property
+    def verdict(self) -> Assessment:
+        """Whether to trust the model, why in plain words, and the figures behind it."""
+        assert self.record is not None, "`fit` keeps the record"
+        change = self._change if self.method == "srivc" else None
+        verdict = assess_record(
+            self.structure,
+            self.parameters,
+            self.record,
+            self.dt,
+            self.covariance,
+            instruments=self.method != "least_squares",
+            usual_interval=self.usual_interval,
+            disagreement=self.disagreement,
+            left_out=self.stuck.size,
+            since_change=0 if change is None else change.contest.since.u.size,
+        )
+        if self.method == "srivc" and is_asked_for(verdict, self.structure):
+            verdict = with_fewer_poles(verdict, self.structure, self.parameters, self.record)
+        verdict = with_other_columns(verdict, self.other_columns)
+        finding = self.reference.finding if self.reference else ""
+        if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
+            return verdict
+        return replace(verdict, reasons=(*verdict.reasons, finding))
+
+    @cached_property
+    def other_columns(self) -> tuple[OtherColumn, ...]:
+        """The further columns that explain a part of what the model leaves, that with most first."""
+        assert self.record is not None, "`fit` keeps the record"
+        return other_columns(self.structure, self.parameters, self.record, self.dt, self.others)
+
+    @property
+    def _change(self) -> Claim | None:
+        """What has changed of the plant within the samples that the verdict looks at."""
+        assert self.record is not None, "`fit` keeps the record"
+        model = without_nuisances(self.structure, self.parameters)
+        return find_change(self.structure, self.record.last(MOST_SAMPLES), model)
+
+    @cached_property
+    def model(self) -> Model:
+        """What is worth keeping: G(s) with working point, names, uncertainty, fit and verdict."""
+        entered, given = self.working_point
+        return Model(
+            self.structure,
+            self.parameters,
+            self.dt,
+            covariance=self.covariance,
+            noise=self.noise,
+            input_hold=self.filter.input_hold,
+            input_map=self.preprocess.input_map,
+            input_level=entered,
+            output_level=given,
+            input_name=self.input_name,
+            output_name=self.output_name,
+            simulated_fit=self.simulation.fit,
+            one_step_fit=self.one_step,
+            rejected=tuple(self.rejected.items()),
+            verdict=self.verdict,
+            provenance=Provenance(self.method, self.source, self.sha256, self.samples),
+        )
+
+    @property
+    def working_point(self) -> tuple[float, float]:
+        """Levels of the mapped input and of the output between which G(s) acts: of a model at rest, or the means."""
+        assert self.record is not None, "`fit` keeps the record"
+        if not self.simulation.is_prediction and has_rest(self.transfer_function, self.record.span):
+            return float(self.preprocess.input_offset), self.simulation.offset
+        return self.means
+
+    def bridged(self, y: FloatArray) -> FloatArray:
+        """Return an output (K,) with the model's where it is missing or an outlier: what the model was made from."""
+        rows = np.concatenate([self.outliers, self.stuck, self.missing])
+        y = vector("y", y).copy()
+        if y.size != self.simulation.output.size:
+            raise InvalidArgumentError(
+                f"y must be the output of the record, {self.simulation.output.size} samples long, got {y.size}"
+            )
+        y[rows] = self.simulation.output[rows]
+        return y
+
+    def __repr__(self) -> str:
+        return notation.in_lines("FitResult", self.model, self.samples, self.verdict.reasons)
+
+    def _repr_html_(self) -> str:
+        return notation.with_picture(self.model)
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Standard deviations of parameters, poles, gain and response; None for least squares, which noise biases."""
+        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
+
+    @property
+    def fixed_filter(self) -> StateVariableFilter:
+        """The filter used; 1/A of the result if it was the refined filter."""
+        return self.filter.fixed_at(self.transfer_function.den, self.dt)
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """The estimate as G(s)."""
+        return self.structure.transfer_function(self.parameters)
+
+
+@dataclass(frozen=True, eq=False)
+class ReferenceUse:
+    """What a reference was worth to a fit.
+
+    Attributes
+    ----------
+    signal : (K,) array
+        The reference as it was given.
+    used : bool
+        Whether instruments were made from it.
+    finding : str
+        In one line what is wrong with it; empty where nothing is.
+    explained : float
+        Share of the input's power that it explains.
+    misfit : float
+        J, the part of the whitened residual that the reference explains, over the residual's variance: chi-square at a
+        right model, whatever the noise is.  NaN where it was not used.
+    degrees : int
+        Degrees of freedom of J.
+    """
+
+    signal: FloatArray
+    used: bool
+    finding: str
+    explained: float
+    misfit: float = math.nan
+    degrees: int = 0
+
+    @property
+    def misfit_limit(self) -> float:
+        """What J of a right model exceeds with the chance 1e-4; NaN where the reference was not used."""
+        return float(chi2_quantile(1.0 - ALPHA, self.degrees)) if self.degrees > 0 else math.nan
+
+    def given_up(self) -> ReferenceUse:
+        """Return it as one that is not used, where there was no reason yet because no model was found with it."""
+        reason = self.finding or f"no model was found with the reference: {WITHOUT}"
+        return replace(self, used=False, finding=reason)
+
+    def concluded(self, structure: Structure, found: Refined) -> ReferenceUse:
+        """Return it with what the fit has found."""
+        if not self.used:
+            return self
+        degrees = max(LAGUERRE - structure.coefficients, 0)  # the constant counts on both sides
+        return replace(self, explained=found.explained, misfit=found.misfit, degrees=degrees)
+
+
+@quiet
+def use_of(signal: FloatArray, record: Record) -> ReferenceUse:
+    """Return whether a record's reference can be used, and if not why."""
+    r, u = record.r, record.u
+    assert r is not None
+    fault = fault_of(r, u)
+    if fault:
+        return ReferenceUse(signal, False, f"{fault}: {WITHOUT}", 1.0 if fault == COPIED else 0.0)
+    found = Reference.projected(r, u, record.y)
+    share = float(found.input @ found.input) / max(float(np.sum((u - u.mean()) ** 2)), np.finfo(float).tiny)
+    if not found.strength > 1.0:
+        return ReferenceUse(signal, False, f"{IDLE}: {WITHOUT}", share)
+    return ReferenceUse(signal, True, "", share)

@@ -1,0 +1,247 @@
+"""Inspect a log: its columns, its clock, what its columns look like, and the options of a first fit."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from replant.errors import ReplantError
+from replant.logs.columns import Clock, Column, Contents, find_clock, read_contents
+from replant.logs.conditioning import from_rest
+from replant.logs.formats import read_columns
+from replant.logs.influence import Response, prepared, response
+from replant.logs.log import Log
+from replant.logs.rasters import side_by_side
+from replant.logs.recording import Recording
+from replant.logs.roles import INPUT, OUTPUT, Roles, find_roles
+from replant.logs.table import Table
+from replant.numerics.arguments import FloatArray
+from replant.verdict.assess import MOST_SAMPLES
+from replant.verdict.other_columns import OtherColumn
+
+MOST_SAMPLES_OF_FIRST = 1000  # samples that a first model is made from: evenly spaced ones of a longer record [samples]
+DELAYS = 12  # dead times that it tries beside 0, from a sample to a quarter of the record, by equal factors [count]
+
+
+@dataclass(frozen=True)
+class FirstModel:
+    """A model that the verdict trusts."""
+
+    delay: float  # dead time in s
+    time_constant: float  # in s
+    fit: float  # fit of the simulated output in percent
+
+
+def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
+    """Return the model of one pole and a dead time that explains ``y`` (K,) best; None where none is trusted.
+
+    A step test moves the input once: no correlation is beyond chance, though a model explains all of the output.
+    """
+    from replant.fitting.structure_search import search
+
+    every = -(-u.size // MOST_SAMPLES_OF_FIRST)
+    u, y, dt = u[::every], y[::every], dt * every
+    u = np.where(np.isfinite(u), u, np.nan)
+    if u.size < 2 * DELAYS or not np.isfinite(u).any() or not np.nanmax(u) > np.nanmin(u):
+        return None
+    delays = dt * np.unique([0.0, *np.geomspace(1.0, u.size / 4, DELAYS).round()])
+    log = Log(u, y, dt)
+    for begins in (lambda log: log, from_rest):  # of a step at once, its gain is known from rest alone
+        try:
+            found = search(begins(log), poles=1, zeros=0, delays=delays.tolist()).best
+        except ReplantError:
+            continue
+        if found.verdict.status == "trusted":
+            slowest = found.transfer_function.modes[0].time_constant
+            return FirstModel(found.structure.delay, slowest, found.simulation.fit)
+    return None
+
+
+def with_others(recording: Recording) -> Recording:
+    """Return a recording whose log, if it is held in memory, has the other columns of numbers that change.
+
+    Those of another length are left out: their rows are of other times.
+    """
+    log = recording.held
+    return recording if log is None else replace(recording, held=_with_others(recording, log))
+
+
+def _with_others(recording: Recording, log: Log) -> Log:
+    roles = {log.input_name, log.output_name, log.reference_name}
+    names = recording.table.names
+    if not set(names) - roles:
+        return log
+    contents = read_contents(recording.table)
+    others = {
+        column.name: contents.values[column.number]
+        for column in contents.columns
+        if column.is_signal and column.rows == log.input.size and column.name not in roles
+        and names.count(column.name) == 1
+    }  # fmt: skip
+    return replace(log, others=others)
+
+
+def beside_first_model(
+    u: FloatArray, y: FloatArray, dt: float, delay: float, others: Mapping[str, FloatArray]
+) -> tuple[OtherColumn, ...]:
+    """Return the columns that explain a part of what a model of one pole leaves; none if there is no model."""
+    from replant.fitting.fit import fit
+
+    if not others:
+        return ()
+    rows = slice(0, MOST_SAMPLES)
+    shown = {name: signal[rows] for name, signal in others.items()}
+    try:
+        log = Log(u[rows], y[rows], dt, None, "u", "y", Path("log"), others=shown)
+        return fit(log, poles=1, delay=delay, method="srivc").other_columns
+    except ReplantError:
+        return ()
+
+
+POLES = 2  # poles of the model that is suggested first [count]
+DEAD = 1.0
+"""Delay that is a dead time, not a slow beginning [part of the time from there to half the response].
+Derivation: the slow beginning of two equal poles reaches 0.6.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+CLEAR = 3.0  # delay from which on a search for the dead time is suggested [samples]
+TRIED = 6  # dead times that this search tries [count]
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """What is in a log."""
+
+    table: Table  # the file
+    contents: Contents  # its columns with their values
+    record: tuple[Column, ...]  # the columns of the record: those as long as the time, or of the length that most have
+    clock: Clock | None
+    roles: Roles
+    response: Response | None  # of the output to the input
+    time_given: bool = False  # whether the time column was given
+    # further columns that explain a part of what a first model leaves of the output
+    others: tuple[OtherColumn, ...] = ()
+    # a model of one pole, where the input moves too seldom for a correlation, as in a step test
+    first: FirstModel | None = None
+
+    @property
+    def rows(self) -> int:
+        """Rows of the record that were looked at."""
+        return max((column.rows for column in self.record), default=0)
+
+    @property
+    def delay(self) -> float | None:
+        """Lag at which the response seems to begin, in s; None where it is not known."""
+        if self.first is not None:
+            return float(f"{self.first.delay:.2g}")
+        if self.response is None or self.clock is None or math.isnan(self.clock.dt):
+            return None
+        return float(f"{self.response.delay * self.clock.dt:.2g}")
+
+
+def inspect(
+    path: str | os.PathLike[str],
+    *,
+    input: str | int | None = None,  # noqa: A002 - the field's word
+    output: str | int | None = None,
+    time: str | int | None = None,
+) -> Inspection:
+    """Return what is in a log file; what is guessed is marked as a guess."""
+    table = side_by_side(read_columns(path))
+    given = {role: table.find(key) for role, key in ((INPUT, input), (OUTPUT, output)) if key is not None}
+    for number in given.values():
+        table.column(number)  # raises, with the place of the cell that is no number
+    contents = read_contents(table)
+    clock = find_clock(table, contents, None if time is None else table.find(time), set(given.values()))
+    record = _record(contents, clock, given)
+    signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
+    roles = find_roles(signals, contents.values, given)
+    seen = None
+    if roles.input and roles.output:
+        u, y = (prepared(contents.values[role.column.number]) for role in (roles.input, roles.output))
+        seen = response(u, y) if u.size == y.size else None
+    found = Inspection(table, contents, record, clock, roles, seen, time is not None)
+    if seen is None and roles.input and roles.output:
+        u, y = (contents.values[role.column.number] for role in (roles.input, roles.output))
+        found = replace(found, first=first_model(u, y, _sampling_time(found)) if u.size == y.size else None)
+    return replace(found, others=_others(found, signals))
+
+
+def _others(found: Inspection, signals: list[Column]) -> tuple[OtherColumn, ...]:
+    """Return which of the other signals explain what a model of one pole leaves."""
+    u, y, r = found.roles.input, found.roles.output, found.roles.reference
+    if (found.response is None and found.first is None) or u is None or y is None:
+        return ()
+    values, known = found.contents.values, {each.column.number for each in (u, y, r) if each is not None}
+    others = {each.name: values[each.number] for each in signals if each.number not in known}
+    dt = _sampling_time(found)
+    delay = math.floor(found.response.delay) * dt if found.response is not None else found.first.delay  # type: ignore[union-attr]
+    return beside_first_model(values[u.column.number], values[y.column.number], dt, delay, others)
+
+
+def _sampling_time(found: Inspection) -> float:
+    """Return the sampling time in s, or 1 where time is counted in samples."""
+    return 1.0 if found.clock is None or math.isnan(found.clock.dt) else found.clock.dt
+
+
+def _record(contents: Contents, clock: Clock | None, given: dict[str, int]) -> tuple[Column, ...]:
+    """Return the columns of the record, and text beside them."""
+    sizes = [contents.values[number].size for number in given.values()]
+    sizes += [clock.column.rows] if clock is not None else []
+    length = sizes[0] if sizes else contents.usual_length
+    return tuple(column for column in contents.columns if column.rows == length)
+
+
+def options_of(found: Inspection) -> tuple[str, ...]:
+    """Return the options of a first fit: columns, number of poles, and what the clock and the delay need.
+
+    Empty if no pair of input and output was found.
+    """
+    u, y, r = found.roles.input, found.roles.output, found.roles.reference
+    if u is None or y is None:
+        return ()
+    poles = POLES if found.first is None else 1
+    words = ["-i", key_of(found.table, u.column), "-o", key_of(found.table, y.column), "-p", str(poles)]
+    if r is not None:
+        words += ["--reference", key_of(found.table, r.column)]
+    return (*words, *clock_options(found), *_delay_options(found))
+
+
+def clock_options(found: Inspection) -> tuple[str, ...]:
+    """Return the option that gives the sampling time, where the time column does not."""
+    clock = found.clock
+    if clock is None or math.isnan(clock.dt):
+        return ("--dt", "1")
+    if clock.problem:
+        return ("--dt", f"{clock.dt:.6g}")
+    return ("--time", key_of(found.table, clock.column)) if clock.guess or found.time_given else ()
+
+
+def _delay_options(found: Inspection) -> tuple[str, ...]:
+    """Return a range of dead times about that of the response, where this begins later than a plant without one."""
+    seen, dt = found.response, 1.0 if found.clock is None else found.clock.dt
+    if found.first is not None and found.first.delay > 0.0:
+        step = rounded_up(1.5 * found.first.delay / (TRIED - 1))
+        return ("--delay", f"0:{step * (TRIED - 1):.6g}:{step:.6g}")
+    if seen is None or math.isnan(dt) or seen.delay < max(CLEAR, DEAD * (seen.half - 1 - seen.delay)):
+        return ()
+    step = rounded_up(1.5 * seen.delay * dt / (TRIED - 1))
+    return ("--delay", f"0:{step * (TRIED - 1):.6g}:{step:.6g}")
+
+
+def rounded_up(value: float) -> float:
+    """Return a positive number with one digit, not less than ``value``."""
+    size = 10.0 ** math.floor(math.log10(value))
+    return float(f"{math.ceil(value / size - 1e-9) * size:.6g}")
+
+
+def key_of(table: Table, column: Column) -> str:
+    """Return how an option names a column: by its name, or by its number where the name is not unique or odd."""
+    alone = sum(name == column.name for name in table.names) == 1
+    plain = column.name.isprintable() and column.name.strip() == column.name and not column.name.startswith("-")
+    return column.name if alone and plain else str(column.number)

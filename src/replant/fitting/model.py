@@ -1,0 +1,354 @@
+"""Model: an identified plant with everything that is worth keeping of its identification."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError, shown
+from replant.estimation.simulation.fitted_run import bridged
+from replant.estimation.simulation.model_run import model_output
+from replant.fitting import model_file, model_json, notation
+from replant.fitting.fields import ModelFields
+from replant.fitting.model_file import AnyPath
+from replant.fitting.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
+from replant.fitting.validation import Validation, validate
+from replant.logs.log import Log
+from replant.model.response import Response
+from replant.numerics.arguments import FloatArray, record, vector, whole
+from replant.numerics.autoregression import ahead
+from replant.numerics.limits import increasing
+from replant.numerics.linear_algebra import quiet
+from replant.plotting.style import axes_for
+
+SAME_CLOCK = 0.1  # difference of intervals up to which the noise model predicts [part of the interval]
+
+
+class Model(ModelFields):
+    r"""An identified plant in the units of its signals.
+
+    .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
+
+    Parameters
+    ----------
+    structure : Structure
+    parameters : (P,) array
+        In physical units, in the order of ``structure.names``.
+    dt : float
+        Sampling time in s of the record that the model was made from.
+    covariance : (P, P) array or None
+        Of the parameters; None where the estimator gives none.
+    noise : NoiseModel or None
+        Of the residual, where the method has one.
+    input_hold : {"zoh", "foh"}
+        What the input does between samples.
+    input_map : {"identity", "square"} or callable
+        A static nonlinearity ahead of G(s).
+    input_level, output_level : float
+        Working point: with the mapped input at the one, the output rests at the other.
+    input_name, output_name : str
+        Names of the signals, with their units in brackets at the end.
+    simulated_fit, one_step_fit : float
+        Fit in percent to the record that the model was made from; NaN where it is not known.
+    rejected : tuple of (str, int)
+        How many samples were left out, by reason.
+    verdict : Verdict
+    provenance : Provenance
+
+    Examples
+    --------
+    >>> import replant as rp
+    >>> u = np.repeat([1.0, 3.0, 2.0, 4.0, 1.0], 40)
+    >>> y = 7.0 + rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u - 1.0, dt=0.1)
+    >>> model = rp.fit(u, y, 0.1, poles=1).model
+    >>> model
+    <Model 2 / (s + 0.5): u -> y, fit 100.0 %, trusted>
+    >>> model.simulate([1.0, 1.0, 2.0, 2.0]).round(3)          # in absolute units
+    array([7.   , 7.   , 7.   , 7.195])
+    """
+
+    @quiet
+    def simulate(self, u: Any, t: Any = None, *, y: Any = None) -> FloatArray:
+        """Return the output (K,) from the input alone, in absolute units.
+
+        Without ``y`` the plant begins at rest at the first input; one without a known rest, as it integrates, is
+        unstable, or slower than the record that it was made from, begins at its working point.  With ``y`` offset and
+        initial state are estimated.  What the input does between samples is `input_hold`, however far they are apart.
+
+        Parameters
+        ----------
+        u : (K,) array
+            Raw input; one that is not finite is replaced by the last finite one.
+        t : (K,) array, optional
+            Time stamps in s, strictly increasing; without them samples are `dt` apart.
+        y : (K,) array, optional
+            Measured output; NaN where there is none.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the arrays differ in length, or the stamps do not increase.
+
+        Examples
+        --------
+        >>> from replant import Structure
+        >>> model = Model(Structure(1), [1.0, 2.0], dt=1.0, input_level=3.0, output_level=10.0)
+        >>> model.simulate([3.0, 4.0, 4.0]).round(3)
+        array([10.   , 10.   , 11.264])
+        >>> model.simulate([5.0, 5.0])
+        array([14., 14.])
+        """
+        v = self.linear_input(u)
+        stamps = None if t is None else increasing(t, v.size)
+        if y is not None:
+            u, y = record(u, y)
+            return model_output(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
+        v, g = bridged(v)[0], self.transfer_function
+        at_rest = float(v[0]) if v.size and self.rests else 0.0
+        v = v - at_rest
+        intervals = None if stamps is None else np.diff(stamps, prepend=stamps[:1] - self.dt)
+        # of this usual interval none is taken for a lost sample
+        dt = self.dt if intervals is None else float(intervals.max(initial=self.dt))
+        forced = Response(g, dt, self.input_hold).take(v, intervals).output
+        return np.asarray(self.output_level + (g.dc_gain * at_rest if at_rest else 0.0) + forced)
+
+    @quiet
+    def predict(self, u: Any, y: Any, horizon: int = 1, t: Any = None) -> FloatArray:
+        """Return the output (K,) predicted ``horizon`` samples ahead: from the input, and the output until then.
+
+        What the simulated output leaves is predicted by the noise model; without one this is the simulated output.
+        Offset and initial state are estimated from the whole record.
+
+        Parameters
+        ----------
+        u, y : (K,) arrays
+            Raw input and measured output.
+        horizon : int
+            In samples, 1 or more.
+        t : (K,) array, optional
+            Time stamps in s, strictly increasing.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the horizon is longer than 1 for an unstable model, whose simulation runs away, or the stamps are usually
+            another time apart than the samples of the noise model.
+        """
+        u, y = record(u, y)
+        horizon = whole("horizon", horizon, 1)
+        stamps = None if t is None else increasing(t, u.size)
+        dt = self.dt if stamps is None else usual_interval(stamps, self.dt)
+        found = model_output(self.transfer_function, self.linear_input(u), y, dt, input_hold=self.input_hold, t=stamps)
+        if found.is_prediction and horizon > 1:
+            raise InvalidArgumentError(
+                f"horizon must be 1 for an unstable model, got {shown(horizon)}: what it predicts runs away"
+            )
+        if found.is_prediction or self.noise is None:
+            return found.output
+        if not abs(dt / self.noise.dt - 1.0) < SAME_CLOCK:
+            raise InvalidArgumentError(
+                f"the noise model is that of samples {self.noise.dt:g} s apart, t is usually {dt:g} s: "
+                "simulate instead, or identify at this sampling time"
+            )
+        residual = np.where(np.isfinite(y), y - found.output, 0.0)
+        return found.output + ahead(self.noise.coefficients, residual, horizon)
+
+    def of_log(self, input_name: str, output_name: str, source: str, sha256: str = "") -> Model:
+        """Return the same model with the names of its signals, and the name and digest of the log's file.
+
+        Parameters
+        ----------
+        input_name, output_name : str
+            With the units in brackets at the end.
+        source, sha256 : str
+        """
+        made = dataclasses.replace(self.provenance, source=source, sha256=sha256)
+        return dataclasses.replace(self, input_name=input_name, output_name=output_name, provenance=made)
+
+    def step(self, duration: float | None = None) -> StepResponse:
+        """Return the output by a unit step of the mapped input, with its standard deviation.
+
+        Parameters
+        ----------
+        duration : float, optional
+            In s; by default until the slowest mode has settled.
+        """
+        return StepResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
+
+    def impulse(self, duration: float | None = None) -> ImpulseResponse:
+        """Return the output by a unit impulse of the mapped input, with its standard deviation.
+
+        Parameters
+        ----------
+        duration : float, optional
+            In s; by default until the slowest mode has settled.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If there are as many zeros as poles: the output then holds an impulse itself.
+        """
+        return ImpulseResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
+
+    def bode(self, frequency: Any = None) -> Bode:
+        """Return magnitude and phase over frequency in rad/s, with their standard deviations.
+
+        Parameters
+        ----------
+        frequency : (F,) array, optional
+            In rad/s; by default from below the slowest pole or zero to above the fastest, at most Nyquist's.
+        """
+        return Bode.of(self.transfer_function, self.uncertainty, self.dt, frequency)
+
+    def nyquist(self, frequency: Any = None) -> Nyquist:
+        """Return G(i omega) in the complex plane, with its standard deviations.
+
+        Parameters
+        ----------
+        frequency : (F,) array, optional
+            In rad/s; by default as for `bode`.
+        """
+        return Nyquist.of(self.transfer_function, self.uncertainty, self.dt, frequency)
+
+    def poles(self) -> PoleMap:
+        """Return poles and zeros in rad/s, with the covariances of the poles."""
+        return PoleMap.of(self.transfer_function, self.uncertainty)
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw step response, poles, and Bode diagram; return four axes of matplotlib.
+
+        Parameters
+        ----------
+        axes : four matplotlib axes, optional
+            Drawn into; without them a figure is made.
+        """
+        step, poles, magnitude, phase = axes_for("axes", axes, 4, (9.0, 6.4), nrows=2, ncols=2)
+        self.step().plot(step)
+        self.poles().plot(poles)
+        self.bode().plot((magnitude, phase))
+        return np.array([step, poles, magnitude, phase], dtype=object)
+
+    def validate(self, log: Log | Any, y: Any = None, t: Any = None, *, reference: Any = None) -> Validation:
+        """Compare the model with another record; offset and initial state are estimated, nothing else.
+
+        Parameters
+        ----------
+        log : Log or (K,) array
+            The record, or its raw input.
+        y : (K,) array, optional
+            Measured output, where ``log`` is an array.
+        t : (K,) array, optional
+            Time stamps in s, where ``log`` is an array; without them samples are `dt` apart.
+        reference : (K,) array, optional
+            Set-point or dither, where ``log`` is an array and a controller makes the input; see `replant.fit`.
+
+        Returns
+        -------
+        Validation
+            Fit, residual, error by frequency and verdict, by this record alone.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the record is too short, or has no input and output.
+        """
+        return validate(self, *_signals(log, y, t, reference, self.dt))
+
+    def score(self, log: Log | Any, y: Any = None, t: Any = None) -> float:
+        """Return the simulated fit in percent to another record; see `validate`."""
+        return self.validate(log, y, t).fit
+
+    def to_control(self, pade: int | None = None) -> Any:
+        """Return G(s) as `control.TransferFunction`, in deviations from the working point.
+
+        See `TransferFunction.to_control`.
+        """
+        return self.transfer_function.to_control(pade)
+
+    def to_scipy(self) -> Any:
+        """Return G(s) as `scipy.signal.TransferFunction`, in deviations from the working point."""
+        return self.transfer_function.to_scipy()
+
+    def to_sympy(self) -> Any:
+        """Return G(s) as an expression of SymPy in the symbol s."""
+        return self.transfer_function.to_sympy()
+
+    def to_json(self) -> str:
+        """Return the model as one JSON object, whose entries the page Models describes.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the input map is a Python function, which no file can hold.
+        """
+        return model_json.dumps(self)
+
+    @classmethod
+    def from_json(cls, written: str | bytes) -> Model:
+        """Return the model that `to_json` has written, equal to the bit.
+
+        Parameters
+        ----------
+        written : str or bytes
+            What `to_json` has returned, or the content of a file of `save`.
+
+        Raises
+        ------
+        ModelFileError
+            If it is no such JSON, or of a newer version.
+        """
+        return cls(**model_json.loads(written))
+
+    def save(self, path: AnyPath) -> None:
+        """Write the model as JSON; the file is whole at every moment.
+
+        Parameters
+        ----------
+        path : path
+            Of the file, which is replaced.
+
+        Raises
+        ------
+        ModelFileError
+            If the file cannot be written.
+        InvalidArgumentError
+            If the input map is a Python function.
+        """
+        model_file.write(path, self.to_json())
+
+    def __repr__(self) -> str:
+        return notation.one_line(self)
+
+    def _repr_latex_(self) -> str:
+        return f"$\\displaystyle {notation.latex(self.transfer_function)}$"
+
+    def _repr_html_(self) -> str:
+        return notation.html(self)
+
+
+def usual_interval(t: FloatArray, dt: float) -> float:
+    """Return the usual interval of time stamps (K,) in s; of fewer than two ``dt``."""
+    return float(np.median(np.diff(t))) if t.size > 1 else dt
+
+
+def _signals(
+    log: Any, y: Any, t: Any, reference: Any, dt: float
+) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None, float]:
+    """Return input, output, stamps, reference and sampling time of a log, or of arrays."""
+    if isinstance(log, Log):
+        if y is not None or t is not None or reference is not None:
+            raise InvalidArgumentError("a log has its own output, time and reference: leave out y, t and reference")
+        stamps = None if log.stamps is None else increasing(log.stamps, log.input.size)
+        return log.input, log.output, stamps, log.reference, log.dt
+    if y is None:
+        raise InvalidArgumentError("give a Log, or the input and the output: model.validate(u, y)")
+    u, y = record(log, y)
+    r = None if reference is None else vector("reference", reference)
+    if r is not None and r.size != u.size:
+        raise InvalidArgumentError(f"reference must have one value for each of {u.size} samples, got {r.size}")
+    if t is None:
+        return u, y, None, r, dt
+    stamps = increasing(t, u.size)
+    return u, y, stamps, r, usual_interval(stamps, dt)

@@ -1,0 +1,71 @@
+"""Model files: what may be overwritten, writing, and reading with a reason where it cannot be done."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from replant.errors import ModelFileError
+from replant.fitting.model_json import LARGEST
+from replant.numerics import operating_system
+from replant.numerics.limits import file_path
+from replant.numerics.operating_system import reason_of
+
+AnyPath = str | os.PathLike[str]
+
+
+def check_target(path: AnyPath) -> None:
+    """Check that a model may be written to a file: that it does not exist, or holds a model, and its folder exists."""
+    path = file_path("path", path)
+    try:
+        file = Path(path).resolve()
+        if not file.parent.is_dir():
+            raise ModelFileError(f"{path}: there is no folder {file.parent}")
+        if not file.exists():
+            return
+        begin = b""
+        if file.is_file():
+            with file.open("rb") as stream:
+                begin = stream.read(LARGEST)
+    except (OSError, ValueError, RuntimeError) as error:
+        if isinstance(error, ModelFileError):
+            raise
+        raise ModelFileError(f"{path}: the model could not be written ({reason_of(error)})") from error
+    if not _looks_like_model(begin):
+        raise ModelFileError(f"{path}: it exists and is no model; give another name")
+
+
+def holds_model(path: AnyPath) -> bool:
+    """Return whether a file looks like a model that `write` has written; False where it cannot be read."""
+    try:
+        file = Path(path)
+        return file.is_file() and _looks_like_model(file.read_bytes() if file.stat().st_size <= LARGEST else b"")
+    except (OSError, ValueError):
+        return False
+
+
+def _looks_like_model(begin: bytes) -> bool:
+    return b'"schema_version"' in begin and b'"den"' in begin
+
+
+def write(path: AnyPath, written: str) -> None:
+    """Write a text so that nobody reads half of it, see `numerics.operating_system.whole_file.replacing`."""
+    check_target(path)
+    try:
+        with operating_system.replacing(Path(path).resolve()) as new:
+            new.write_text(written, encoding="utf-8", newline="\n")
+    except (OSError, ValueError, RuntimeError) as error:
+        raise ModelFileError(f"{path}: the model could not be written ({reason_of(error)})") from error
+
+
+def read(path: AnyPath) -> bytes:
+    """Return the bytes of a file."""
+    path = file_path("path", path)
+    try:
+        size = Path(path).stat().st_size if Path(path).is_file() else -1
+        if 0 <= size <= LARGEST:
+            return Path(path).read_bytes()
+    except (OSError, ValueError) as error:
+        raise ModelFileError(f"{path}: it cannot be read ({reason_of(error)})") from error
+    missing = not Path(path).exists()
+    raise ModelFileError(f"{path}: " + ("no such file" if missing else "it is no model that --save has written"))

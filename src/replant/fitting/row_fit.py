@@ -1,0 +1,211 @@
+"""fit of several inputs: a row of transfer functions, each with poles and a dead time of its own, and one output."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError, shown
+from replant.estimation.simulation.row import Row, RowRecord
+from replant.estimation.solver.row_start import start
+from replant.fitting.fields import Provenance
+from replant.fitting.row_model import RowModel, one_step_percent
+from replant.fitting.row_solve import RowEstimate, solve_row
+from replant.fitting.row_verdict import judged
+from replant.fitting.samples import Samples
+from replant.logs.log import Log
+from replant.model.noise import NoiseModel
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import FloatArray, array_of_reals, iterable, vector
+from replant.numerics.limits import duration, increasing
+from replant.numerics.linear_algebra import quiet
+from replant.verdict import fit_percent
+from replant.verdict.row_tests import left_out
+from replant.verdict.verdict import Verdict
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RowFit:
+    r"""The result of `fit` with several inputs.
+
+    .. math:: y = \sum_i \frac{B_i(s)}{A_i(s)} e^{-s\,\mathrm{delay}_i} u_i + \mathrm{offset} + \mathrm{noise}
+
+    Attributes
+    ----------
+    model : RowModel
+        What is worth keeping: each G(s), working point, names, joint uncertainty, noise model, fit and verdict.
+    output : (K,) array
+        Simulated from the inputs alone, offset and initial states estimated; NaN where an input cannot be used.
+    """
+
+    model: RowModel
+    output: FloatArray
+
+    @property
+    def transfer_functions(self) -> tuple[TransferFunction, ...]:
+        """G(s) from each input."""
+        return self.model.transfer_functions
+
+    @property
+    def parameters(self) -> FloatArray:
+        """In physical units (P,): a_{n-1} .. a_0, b_m .. b_0 of the first input, then of the next."""
+        return self.model.parameters
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters in their order, each with that of its input."""
+        return self.model.names
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of the parameters (P, P), jointly."""
+        assert self.model.covariance is not None, "a fit has a covariance"
+        return self.model.covariance
+
+    @property
+    def uncertainty(self) -> tuple[Uncertainty, ...]:
+        """Standard deviations of each G(s): of its parameters, poles, gain and response."""
+        assert self.model.uncertainty is not None, "a fit has a covariance"
+        return self.model.uncertainty
+
+    @property
+    def noise(self) -> NoiseModel:
+        """The autoregression of the residual; white where the noise model had to be given up, see `verdict`."""
+        assert self.model.noise is not None, "a fit has a noise model"
+        return self.model.noise
+
+    @property
+    def fit(self) -> float:
+        """Of ``output``, in percent."""
+        return self.model.simulated_fit
+
+    @property
+    def samples(self) -> int:
+        """Outputs used."""
+        return self.model.provenance.samples
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether to trust the row, and why in plain words."""
+        return self.model.verdict
+
+    def __repr__(self) -> str:
+        pairs = zip(self.model.input_names, self.transfer_functions, strict=True)
+        head = f"RowFit of {self.samples} samples, fit {self.fit:.2f} %, {self.verdict.status}"
+        reasons = (f"  {reason}" for reason in self.verdict.reasons)
+        return "\n".join([head, *(f"  {name}: {g}" for name, g in pairs), *reasons])
+
+
+def is_row(u: Any, *orders: Any) -> bool:
+    """Return whether several inputs are asked for: by columns, by a log of several, or by an entry for each."""
+    columns = isinstance(u, np.ndarray) and u.ndim == 2
+    logs = u if isinstance(u, list | tuple) else [u]
+    several = any(isinstance(each, Log) and each.more_inputs for each in logs)
+    return columns or several or any(isinstance(each, tuple) for each in orders)
+
+
+@quiet
+def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> RowFit:
+    """Return the fit of a row to samples of several inputs, see `replant.fitting.fit.fit`."""
+    columns = _inputs(given.inputs)
+    output, dt = vector("y", given.y), duration("dt", given.dt)
+    if output.size != len(columns):
+        raise InvalidArgumentError(f"u has {len(columns)} rows and y {output.size} samples: give one row for each")
+    structures = structures_of(columns.shape[1], poles, zeros, delay)
+    stamps = None if given.t is None else increasing(given.t, output.size)
+    ready = RowRecord.of(columns, output, dt, stamps, given.input_hold, given.begins)
+    record, inputs = ready.record, ready.inputs
+    size = sum(each.size + each.poles for each in structures) + 1
+    if record.count <= size:
+        raise InvalidArgumentError(
+            f"the record has {record.count} usable samples, fewer than the {size + 1} that {size} unknowns need: "
+            "record more, or ask for fewer poles and zeros"
+        )
+    longest = max(each.delay for each in structures)
+    if not longest < record.span:
+        raise InvalidArgumentError(
+            f"the dead time of {longest:g} s is no shorter than the record, which lasts {record.span:.6g} s"
+        )
+    begins = start(structures, record, inputs)
+    if not begins:
+        raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
+    row = Row(structures, record, inputs, given.input_names)
+    found = solve_row(row, begins, partial(start, structures, record, inputs))
+    rest = {name: signal[ready.used] for name, signal in given.others.items() if name not in given.more_inputs}
+    others = [*found.findings, *left_out(row, found.point, found.noise, rest)]
+    verdict = judged(row, record, found.point, found.noise, found.covariance, others)
+    simulated = ready.simulated(row, found.point, found.noise)
+    fits = fit_percent(output, simulated), one_step_percent(row, found.point)
+    made = Provenance("srivc", given.source, given.sha256, row.count)
+    return RowFit(row_model(row, ready, found, dt, given.output_name, fits, verdict, made), simulated)
+
+
+def row_model(
+    row: Row,
+    ready: RowRecord,
+    found: RowEstimate,
+    dt: float,
+    output_name: str,
+    fits: tuple[float, float],
+    verdict: Verdict,
+    made: Provenance,
+) -> RowModel:
+    """Return what is kept of an estimate; ``fits`` are those of the simulation and one step ahead, in percent."""
+    point, noise = found.point, found.noise
+    left = max(row.count - point.theta.size - row.nuisances, 1)
+    levels, level = ready.levels(row, point)
+    return RowModel(
+        row.structures,
+        point.theta,
+        dt,
+        covariance=found.covariance,
+        noise=NoiseModel(noise.coefficients, point.cost / left, point.power / left, dt),
+        input_hold=row.record.input_hold,
+        input_names=row.names,
+        output_name=output_name,
+        input_levels=levels,
+        output_level=level,
+        simulated_fit=fits[0],
+        one_step_fit=fits[1],
+        verdict=verdict,
+        provenance=made,
+    )
+
+
+def structures_of(inputs: int, poles: Any, zeros: Any, delay: Any) -> tuple[Structure, ...]:
+    """Return the structure of each of several inputs; a single number of zeros or dead time is that of all.
+
+    >>> structures_of(2, (2, 1), 0, (0.0, 0.3))[1].delay
+    0.3
+    """
+    if not iterable(poles):
+        raise InvalidArgumentError(
+            f"u has {inputs} inputs: give the number of poles of each, poles=({', '.join(['1'] * inputs)})"
+        )
+    given = {"poles": poles, "zeros": zeros, "delay": delay}
+    each: dict[str, list[Any]] = {k: list(v) if iterable(v) else [v] * inputs for k, v in given.items()}
+    for name, values in each.items():
+        if len(values) != inputs:
+            raise InvalidArgumentError(
+                f"{name} has {len(values)} {'entry' if len(values) == 1 else 'entries'} and u {inputs} "
+                f"{'input' if inputs == 1 else 'inputs'}: give one entry for each"
+            )
+    structures = tuple(Structure(*values) for values in zip(*each.values(), strict=True))
+    total = sum(structure.poles for structure in structures)
+    if total > Structure.MOST_POLES:
+        raise InvalidArgumentError(f"poles must be at most {Structure.MOST_POLES} in all, got {total}")
+    return structures
+
+
+def _inputs(u: Any) -> FloatArray:
+    columns = np.asarray(array_of_reals("u", u), np.float64)
+    if columns.ndim != 2 or not columns.shape[1]:
+        raise InvalidArgumentError(
+            f"u must have a column for each input, shape (K, q), got shape {shown(columns.shape)}"
+        )
+    return columns

@@ -1,0 +1,301 @@
+"""RowModel: an identified plant of several inputs; and the model in a file, of one input or of several."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError, ModelFileError, shown
+from replant.estimation.simulation.fitted_run import bridged, fit_percent
+from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate, noise_of
+from replant.fitting import model_file, model_json
+from replant.fitting.fields import RowFields, has_rest
+from replant.fitting.model import Model, usual_interval
+from replant.fitting.model_file import AnyPath
+from replant.fitting.validation import Validation
+from replant.logs.log import Log
+from replant.model import interop
+from replant.model.response import Response
+from replant.numerics.arguments import FloatArray, array_of_reals, vector
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.limits import increasing
+from replant.numerics.linear_algebra import quiet
+from replant.verdict.row_tests import lacking
+from replant.verdict.verdict import Verdict, conclude
+
+UNSEEN = "the inputs explain no more of this record than the model says"
+
+
+class RowModel(RowFields):
+    r"""An identified plant of several inputs and one output, in the units of its signals.
+
+    .. math:: y = \mathrm{output\_level} + \sum_i G_i(s)\,(u_i - \mathrm{input\_levels}_i)
+
+    Parameters
+    ----------
+    structures : tuple of Structure
+        One per input.
+    parameters : (P,) array
+        In physical units: a_{n-1} .. a_0, b_m .. b_0 of the first input, then of the next, see `names`.
+    dt : float
+        Sampling time in s of the record that the model was made from.
+    covariance : (P, P) array or None
+        Of the parameters, jointly.
+    noise : NoiseModel or None
+        Of the residual.
+    input_hold : {"zoh", "foh"}
+        What the inputs do between samples.
+    input_names : tuple of str
+        By default u1, u2, ..; with the units in brackets at the end.
+    output_name : str
+    input_levels : (q,) array
+        Working point: with the inputs there, the output rests at ``output_level``.
+    output_level : float
+    simulated_fit, one_step_fit : float
+        Fit in percent to the record that the model was made from; NaN where it is not known.
+    verdict : Verdict
+    provenance : Provenance
+
+    Examples
+    --------
+    >>> model = RowModel((Structure(1), Structure(1, delay=0.2)), [1.0, 2.0, 3.0, 4.0], dt=0.1)
+    >>> print(*model.transfer_functions, sep=", ")
+    2 / (s + 1), 4 / (s + 3) exp(-0.2 s)
+    >>> model.simulate([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]]).round(4)
+    array([0.    , 0.    , 0.1903])
+    """
+
+    def of_input(self, which: int | str) -> Model:
+        """Return the model of one input, the others at rest: for its responses, plots and conversions.
+
+        Parameters
+        ----------
+        which : int or str
+            Name of the input, or its number from 0.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If there is no such input.
+        """
+        names = list(self.input_names)
+        number = names.index(which) if which in names else which
+        if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(names):
+            raise InvalidArgumentError(
+                f"which must be one of {', '.join(names)}, or its number from 0, got {shown(which)}"
+            )
+        rows = self.places[number]
+        return Model(
+            self.structures[number], self.parameters[rows], self.dt,
+            covariance=None if self.covariance is None else self.covariance[rows, rows],
+            noise=self.noise, input_hold=self.input_hold,
+            input_level=float(self.input_levels[number]), output_level=self.output_level,
+            input_name=names[number], output_name=self.output_name, verdict=self.verdict, provenance=self.provenance,
+        )  # fmt: skip
+
+    @quiet
+    def simulate(self, u: Any, t: Any = None) -> FloatArray:
+        """Return the output (K,) from the inputs alone, in absolute units; the plant begins at rest at the first row.
+
+        One without a known rest, as it integrates or is slower than the record that it was made from, begins at its
+        working point.
+
+        Parameters
+        ----------
+        u : (K, q) array
+            A column per input; one that is not finite is replaced by the last finite one.
+        t : (K,) array, optional
+            Time stamps in s, strictly increasing; without them samples are `dt` apart.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the columns are not as many as the inputs, or the stamps do not increase.
+        """
+        columns = self._columns(u)
+        stamps = None if t is None else increasing(t, len(columns))
+        intervals = None if stamps is None else np.diff(stamps, prepend=stamps[:1] - self.dt)
+        dt = self.dt if intervals is None else float(intervals.max(initial=self.dt))
+        span = self.dt * self.provenance.samples or math.inf
+        rests = all(has_rest(g, span) for g in self.transfer_functions)
+        output = np.full(len(columns), self.output_level)
+        for g, column, level in zip(self.transfer_functions, columns.T, self.input_levels.tolist(), strict=True):
+            v = bridged(np.where(np.isfinite(column), column - level, np.nan))[0]
+            at_rest = float(v[0]) if v.size and rests else 0.0
+            forced = Response(g, dt, self.input_hold).take(v - at_rest, intervals).output
+            output += forced + (g.dc_gain * at_rest if at_rest else 0.0)
+        return output
+
+    def _columns(self, u: Any) -> FloatArray:
+        columns = np.asarray(array_of_reals("u", u), np.float64)
+        if columns.ndim != 2 or columns.shape[1] != len(self.structures):
+            raise InvalidArgumentError(
+                f"u must have a column for each of {len(self.structures)} inputs, got shape {shown(columns.shape)}"
+            )
+        return columns
+
+    @quiet
+    def validate(self, log: Log | Any, y: Any = None, t: Any = None) -> Validation:
+        """Compare the model with another record; offset and initial states are estimated, nothing else.
+
+        The verdict tests what filters of the inputs explain of what the model leaves, beyond chance and beyond the
+        model's own uncertainty.
+
+        Parameters
+        ----------
+        log : Log or (K, q) array
+            The record, or its inputs.
+        y : (K,) array, optional
+            Measured output, where ``log`` is an array.
+        t : (K,) array, optional
+            Time stamps in s, where ``log`` is an array; without them samples are `dt` apart.
+
+        Returns
+        -------
+        Validation
+            Without correlations and error by frequency.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the record is too short, or its inputs are not those of the model.
+        """
+        columns, output, stamps, dt = self._record(log, y, t)
+        ready = RowRecord.of(columns, output, dt, stamps, self.input_hold)
+        row = Row(self.structures, ready.record, ready.inputs, self.input_names)
+        if row.count <= row.nuisances:
+            raise InvalidArgumentError(
+                f"the record has {row.count} usable samples, a validation needs {row.nuisances + 1}"
+            )
+        free = evaluate(row, self.parameters, Autoregression.white(1.0, row.count))
+        noise = noise_of(row, free)
+        point = evaluate(row, self.parameters, noise, free)
+        simulated = ready.simulated(row, point, noise)
+        size = self.parameters.size
+        found = list(lacking(row, point, noise, np.zeros((size, size)) if self.covariance is None else self.covariance))
+        clock = np.asarray(dt * np.arange(output.size), np.float64) if stamps is None else stamps
+        return Validation(
+            fit_percent(output, simulated), one_step_percent(row, point),
+            self._offset(ready, row, point), simulated, output - simulated, clock, None, None,
+            Verdict(*conclude(found, UNSEEN)), row.count, False,
+        )  # fmt: skip
+
+    def _offset(self, ready: RowRecord, row: Row, point: Point) -> float:
+        """Return by how much a record's working point lies above the model's."""
+        if not all(has_rest(g, ready.record.span) for g in self.transfer_functions):
+            return math.nan
+        at, level = ready.levels(row, point)
+        gains = np.array([g.dc_gain for g in self.transfer_functions])
+        return float(level - self.output_level - gains @ (at - self.input_levels))
+
+    def _record(self, log: Any, y: Any, t: Any) -> tuple[FloatArray, FloatArray, FloatArray | None, float]:
+        """Return inputs, output, stamps and sampling time of a log, or of arrays."""
+        if isinstance(log, Log):
+            if y is not None or t is not None:
+                raise InvalidArgumentError("a log has its own output and time: leave out y and t")
+            return self._columns(log.inputs), log.output, log.stamps, log.dt
+        if y is None:
+            raise InvalidArgumentError("give a Log, or the inputs and the output: model.validate(u, y)")
+        columns, output = self._columns(log), vector("y", y)
+        if output.size != len(columns):
+            raise InvalidArgumentError(f"u has {len(columns)} rows and y {output.size} samples: give one row for each")
+        stamps = None if t is None else increasing(t, output.size)
+        return columns, output, stamps, self.dt if stamps is None else usual_interval(stamps, self.dt)
+
+    def of_log(self, input_names: tuple[str, ...], output_name: str, source: str, sha256: str = "") -> RowModel:
+        """Return the same model with the names of its signals, and the name and digest of the log's file.
+
+        Parameters
+        ----------
+        input_names : tuple of str
+        output_name, source, sha256 : str
+        """
+        made = dataclasses.replace(self.provenance, source=source, sha256=sha256)
+        return dataclasses.replace(self, input_names=input_names, output_name=output_name, provenance=made)
+
+    def to_control(self, pade: int | None = None) -> Any:
+        """Return the row as `control.TransferFunction` of one output and q inputs, see `TransferFunction.to_control`.
+
+        Parameters
+        ----------
+        pade : int, optional
+            Order of the approximation of dead times.
+        """
+        return interop.control_row([g.to_control(pade) for g in self.transfer_functions])
+
+    def to_json(self) -> str:
+        """Return the model as one JSON object, whose entries the page JSON describes."""
+        return model_json.dumps(self)
+
+    @classmethod
+    def from_json(cls, written: str | bytes) -> RowModel:
+        """Return the model that `to_json` has written, equal to the bit.
+
+        Parameters
+        ----------
+        written : str or bytes
+            What `to_json` has returned, or the content of a file of `save`.
+
+        Raises
+        ------
+        ModelFileError
+            If it is no such JSON, or of a newer version.
+        """
+        return cls(**model_json.loads(written, model_json.OF_SEVERAL))
+
+    def save(self, path: AnyPath) -> None:
+        """Write the model as JSON; the file is whole at every moment.
+
+        Parameters
+        ----------
+        path : path
+            Of the file, which is replaced.
+
+        Raises
+        ------
+        ModelFileError
+            If the file cannot be written.
+        """
+        model_file.write(path, self.to_json())
+
+    def __repr__(self) -> str:
+        fit = "" if math.isnan(self.simulated_fit) else f", fit {self.simulated_fit:.1f} %"
+        lines = [f"\n  {name}: {g}" for name, g in zip(self.input_names, self.transfer_functions, strict=True)]
+        signals = f"{', '.join(self.input_names)} -> {self.output_name}"
+        return f"<RowModel {signals}{fit}, {self.verdict.status}{''.join(lines)}>"
+
+
+def one_step_percent(row: Row, point: Point) -> float:
+    """Return the fit in percent of the whitened error of a row: of the output predicted one step ahead."""
+    left = np.concatenate([each.y[each.measured] for each in row.stretches])
+    spread = float(np.linalg.norm(left - left.mean()))
+    return 100.0 * (1.0 - math.sqrt(point.cost) / spread) if spread > 0.0 else math.nan
+
+
+def load_model(path: AnyPath) -> Model | RowModel:
+    """Return the model in a file that ``save`` of a model or ``--save`` has written: a RowModel if of several inputs.
+
+    Parameters
+    ----------
+    path : path
+        Of the JSON file.
+
+    Raises
+    ------
+    ModelFileError
+        If the file cannot be read, holds no model, or is of a newer version.
+
+    Examples
+    --------
+    >>> load_model("no-such-file.json")
+    Traceback (most recent call last):
+    replant.errors.ModelFileError: no-such-file.json: no such file
+    """
+    written = model_file.read(path)
+    try:
+        return RowModel.from_json(written) if model_json.is_row(written) else Model.from_json(written)
+    except ModelFileError as error:
+        raise ModelFileError(f"{path}: {error}") from error

@@ -1,0 +1,103 @@
+"""The verdict of a row: what each input is worth, and what the inputs leave."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.row import Point, Row
+from replant.estimation.solver.refined import relative_uncertainty
+from replant.estimation.solver.row_start import start
+from replant.estimation.solver.row_steps import refine
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.verdict.estimate_tests import MOST_UNCERTAIN
+from replant.verdict.row_tests import lacking
+from replant.verdict.verdict import Finding, Verdict, conclude, percent
+
+
+def judged(
+    row: Row, record: Record, point: Point, noise: Autoregression, covariance: FloatArray, others: list[Finding]
+) -> Verdict:
+    """Return the verdict of a point, with other findings about it."""
+    findings = [*_at_rest(row), *_uncertain(row, record, point, covariance)]
+    if not findings:
+        findings += [*_useless(row, point, noise), *lacking(row, point, noise)]
+    return Verdict(
+        *conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
+    )
+
+
+def _at_rest(row: Row) -> Iterator[Finding]:
+    for i in range(len(row.structures)):
+        if not any(np.ptp(stretch.inputs[i].u) > 0.0 for stretch in row.stretches):
+            yield Finding("not excited", f"input {row.names[i]} does not move: move it, or leave it out")
+
+
+def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -> Iterator[Finding]:
+    """Inputs that move together, and else transfer functions that the record does not tell."""
+    ends = np.cumsum([each.size for each in row.structures]).tolist()
+    places = [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
+    phi, blamed = np.concatenate(point.phi), set()
+    slopes = np.zeros((len(places), point.theta.size))  # of the gains b0/a0
+    for number, (structure, rows) in enumerate(zip(row.structures, places, strict=True)):
+        a0, b0 = point.theta[rows][structure.poles - 1], point.theta[rows][-1]
+        slopes[number, rows.start + structure.poles - 1], slopes[number, rows.stop - 1] = -b0 / a0**2, 1.0 / a0
+    gains = slopes @ covariance @ slopes.T
+    std = np.sqrt(np.maximum(np.diag(gains), 0.0))
+    sizes = np.array(
+        [abs(point.theta[k][-1] / point.theta[k][s.poles - 1]) for s, k in zip(row.structures, places, strict=True)]
+    )
+    for i, j in itertools.combinations(range(len(places)), 2):
+        if not std[i] * std[j] > 0.0:
+            continue
+        correlation = min(abs(gains[i, j]) / (std[i] * std[j]), 1.0)
+        alone = math.sqrt(1.0 - correlation**2)  # what a deviation would be if the other gain were known
+        # most of the variance comes of the other gain, which is enough to make this one uncertain
+        if alone**2 < 0.5 and any(alone * std[k] <= MOST_UNCERTAIN * sizes[k] < std[k] for k in (i, j)):
+            blamed |= {i, j}
+            yield Finding(
+                "converging",
+                f"inputs {row.names[i]} and {row.names[j]} move together: their gains correlate by {correlation:.3f}, "
+                "and only a sum of them is known; move one of them alone",
+            )
+    for i, (structure, rows) in enumerate(zip(row.structures, places, strict=True)):
+        of_it = replace(record, y=record.y, before=None)
+        part = relative_uncertainty(structure, point.theta[rows], covariance[rows, rows], phi[:, rows], of_it)
+        if i not in blamed and not part <= MOST_UNCERTAIN:
+            yield Finding(
+                "converging",
+                f"input {row.names[i]}: a coefficient is known to {percent(part)} only; move the input more, or record "
+                "more",
+            )
+
+
+def _useless(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
+    """Inputs without which the record is as likely, by the Bayesian information criterion."""
+    count = len(row.structures)
+    useless = [i for i in range(count) if count > 1 and _is_left_out(row, point, noise, i)]
+    if len(useless) > 1 and not _is_left_out(row, point, noise, *useless):
+        named = " and ".join(row.names[i] for i in useless)
+        yield Finding(
+            "inconsistent", f"inputs {named} move together, and any of them explains what all do: move one alone"
+        )
+        return
+    for i in useless:
+        yield Finding("inconsistent", f"input {row.names[i]} explains nothing of the output: leave it out")
+
+
+def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) -> bool:
+    """Return whether the record is as likely without some of the inputs."""
+    less = [k for k in range(len(row.structures)) if k not in left_out]
+    power = sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
+    if less:
+        others = row.of_inputs(less)
+        begins = start(others.structures, others.record, others.inputs, noise)
+        power = min((refine(others, begin.theta, noise, begin).cost for begin in begins), default=power)
+    size = sum(row.structures[i].size for i in left_out)
+    return row.count * math.log(max(power, 1e-300) / max(point.cost, 1e-300)) < size * math.log(row.count)

@@ -1,0 +1,283 @@
+"""Samples: what `fit`, `search` and `run` are given: logs, arrays or a table; and the checked record of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.estimation.engine.record import Record, ready_record
+from replant.estimation.simulation.fitted_run import FittedRun
+from replant.fitting.fit_result import FitResult
+from replant.logs.log import Log
+from replant.model.preprocess import Preprocess, screen
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.autoregression import one_step, one_step_with_lost
+from replant.verdict import Simulation, fit_percent, simulate
+
+CLOCKS = ("t", "time", "timestamp")
+# a gap of any length begins a new part; none of the estimate depends on it
+BETWEEN = 10.0  # gap between two logs that are fitted together [longest interval beside it]
+SAME_CLOCK = 1e-3  # difference of two logs' sampling times up to which they are the same [part]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Signals as they were given, not checked yet, and the names of a log."""
+
+    u: Any
+    y: Any
+    dt: float
+    t: Any  # time stamps in s, or None
+    reference: Any  # set-point or dither, or None
+    input_name: str = "u"
+    output_name: str = "y"
+    source: str = ""  # name of the log's file
+    is_log: bool = False
+    input_hold: str = "zoh"
+    sha256: str = ""
+    others: Mapping[str, FloatArray] = field(default_factory=dict)  # further columns of the same rows
+    begins: tuple[int, ...] = ()  # samples at which another log begins: its offset and initial state are its own
+    reference_name: str = ""
+    more_inputs: tuple[str, ...] = ()  # names of those of ``others`` that are inputs too
+
+    @classmethod
+    def of(
+        cls,
+        u: Any,
+        y: Any,
+        dt: float | None,
+        t: Any,
+        reference: Any,
+        input: Any = None,  # noqa: A002 - the word of `fit`
+        output: Any = None,
+    ) -> Samples:
+        """Return the samples of a log, given as ``u`` alone, or those of arrays, or of columns of a table."""
+        if is_frame(u):
+            if y is not None:
+                raise InvalidArgumentError("a table has its own output: name its column, output=..., and leave out y")
+            u, t, dt, reference = log_of_frame(u, input, output, t, dt, reference), None, None, None
+        elif input is not None or output is not None:
+            raise InvalidArgumentError("input and output name columns of a table, which is to be given in place of u")
+        if isinstance(u, list | tuple) and u and all(isinstance(each, Log) for each in u):
+            if any(given is not None for given in (y, dt, t, reference)):
+                raise InvalidArgumentError("logs have their own outputs, clocks and references: give them alone")
+            return cls.of_several(list(u))
+        if isinstance(u, Log):
+            if any(given is not None for given in (y, dt, t, reference)):
+                raise InvalidArgumentError(
+                    "a log has its own output, clock and reference: leave out y, dt, t, reference"
+                )
+            return cls(
+                u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
+                u.input_hold, u.sha256, u.others, more_inputs=u.more_inputs,
+            )  # fmt: skip
+        if y is None or dt is None:
+            raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
+        return cls(u, y, dt, t, reference)
+
+    @classmethod
+    def of_several(cls, logs: list[Log]) -> Samples:
+        """Return the samples of several logs of one rig, one behind the other with a gap between.
+
+        Behind the gap the state is estimated anew, as behind any other, and the offset too: the logs may have begun at
+        other levels.
+        """
+        first, origin, last = logs[0], 0.0, 0.0
+        stamps: list[FloatArray] = []
+        for number, log in enumerate(logs):
+            if not log.input.size:
+                raise InvalidArgumentError(f"log {number} has no samples; leave it out")
+            for what in ("input_names", "output_name", "reference_name", "input_hold"):
+                if getattr(log, what) != getattr(first, what):
+                    raise InvalidArgumentError(
+                        f"log {number} differs in its {what}: {getattr(log, what)!r}, the first has "
+                        f"{getattr(first, what)!r}; give logs of the same signals"
+                    )
+            if not abs(log.dt / first.dt - 1.0) < SAME_CLOCK:
+                raise InvalidArgumentError(
+                    f"log {number} has the sampling time {log.dt:g} s, the first {first.dt:g} s; resample one of them"
+                )
+            t = first.dt * np.arange(log.input.size) if log.stamps is None else log.stamps - log.stamps[0]
+            beside = max(first.dt, float(t[1] - t[0]), last) if t.size > 1 else first.dt
+            stamps.append(np.asarray(origin + BETWEEN * beside * bool(stamps) + t, np.float64))
+            origin, last = float(stamps[-1][-1]), float(t[-1] - t[-2]) if t.size > 1 else first.dt
+        if len(logs) == 1:
+            return cls.of(first, None, None, None, None)
+        u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("input", "output"))
+        references = [log.reference for log in logs if log.reference is not None]
+        r = np.concatenate(references) if references else None
+        named = [name for name in first.others if all(name in log.others for log in logs)]
+        others = {name: np.concatenate([log.others[name] for log in logs]) for name in named}
+        source = ", ".join(log.path.name for log in logs)
+        return cls(
+            u, y, first.dt, np.concatenate(stamps), r, first.input_name, first.output_name, source, True,
+            first.input_hold, others=others, more_inputs=first.more_inputs,
+            begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
+            reference_name=first.reference_name,
+        )  # fmt: skip
+
+    @property
+    def inputs(self) -> Any:
+        """Raw inputs (K, q), where there are several."""
+        return np.column_stack([self.u, *(self.others[name] for name in self.more_inputs)]) if self.is_log else self.u
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs of a log; none of arrays."""
+        return (self.input_name, *self.more_inputs) if self.is_log else ()
+
+    @property
+    def preprocess(self) -> Preprocess:
+        """Working point by default: a rig is rarely at rest at zero; of arrays nothing is known."""
+        return Preprocess("identity", "mean", "mean") if self.is_log else Preprocess()
+
+    def named(self, result: FitResult) -> FitResult:
+        """Return the result of a fit with the names of these samples."""
+        return replace(
+            result, input_name=self.input_name, output_name=self.output_name, source=self.source, sha256=self.sha256
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RawRecord:
+    """A record as it was given, checked, and a structure to fit to it."""
+
+    structure: Structure
+    dt: float
+    preprocess: Preprocess  # with numbers for the working point
+    u: FloatArray  # (K,)
+    y: FloatArray  # (K,)
+    stamps: FloatArray | None  # time stamps in s; None for a regular clock
+    input_hold: str
+    begins: tuple[int, ...] = ()  # samples at which another record begins, whose offset and initial state are its own
+
+    @cached_property
+    def mapped(self) -> FloatArray:
+        """The input (K,) behind its map."""
+        return self.preprocess.map_input(self.u)
+
+    @cached_property
+    def known(self) -> BoolArray:
+        """Which inputs (K,) can be used."""
+        return screen(self.mapped, np.zeros(self.u.size))[0]
+
+    @cached_property
+    def made_use_of(self) -> BoolArray:
+        """Which samples (K,) a record made ready has: inputs that can be used, from the first output to the last."""
+        usable = self.usable
+        return self.known & np.logical_or.accumulate(usable) & np.logical_or.accumulate(usable[::-1])[::-1]
+
+    @cached_property
+    def usable(self) -> BoolArray:
+        """Which samples (K,) can be used."""
+        return screen(self.mapped, self.y)[0]
+
+    def made_ready(self, y: FloatArray, r: FloatArray | None) -> Record:
+        """Return the record with another output (K,), and a reference (K,) or None."""
+        ready = ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, self.input_hold, r)
+        if not self.begins:
+            return ready
+        places = np.searchsorted(np.flatnonzero(self.made_use_of), self.begins)
+        begins = tuple(sorted({int(place) for place in places if 0 < place < ready.u.size}))
+        return replace(ready, begins=begins).levelled
+
+    def levelled(self, y: FloatArray) -> FloatArray:
+        """Return an output (K,) less the mean of each record: what the model is to explain of them."""
+        return np.concatenate([y[rows] - self._mean(y[rows]) for rows in self._records])
+
+    @property
+    def _records(self) -> list[slice]:
+        return [slice(*rows) for rows in pairwise([0, *self.begins, self.u.size])]
+
+    @staticmethod
+    def _mean(y: FloatArray) -> float:
+        known = np.isfinite(y)
+        return float(y[known].mean()) if known.any() else 0.0
+
+    def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:
+        """Return a model run from the input, offset and initial state fitted to the outputs (K,) that are not NaN."""
+        linear_input = np.where(self.known, self.mapped - float(self.preprocess.input_offset), np.nan)
+        if not self.begins:
+            return simulate(model, linear_input, y, self.dt, input_hold=self.input_hold, t=self.stamps)
+        runs = [(rows, FittedRun(model, self.dt, self.input_hold)) for rows in self._records]
+        stamps = self.stamps
+        parts = [run.take(linear_input[k], y[k], None if stamps is None else stamps[k]) for k, run in runs]
+        output, known = (np.concatenate(signals) for signals in zip(*parts, strict=True))
+        return Simulation(output, runs[0][1].offset, self.fit(known, known - output))
+
+    def fit(self, y: FloatArray, error: FloatArray) -> float:
+        """Return the fit in percent of an output (K,) with an error (K,), each record around its own level."""
+        levelled = self.levelled(y) if self.begins else y
+        return fit_percent(levelled, levelled - error)
+
+    def one_step(self, residual: FloatArray) -> FloatArray:
+        """Return the one-step prediction error (K,) of a free run's residual (K,)."""
+        return one_step(residual) if self.stamps is None else one_step_with_lost(residual, self.stamps, self.dt)
+
+
+def is_frame(value: Any) -> bool:
+    """Return whether a value is a table with named columns."""
+    return hasattr(value, "columns") and hasattr(value, "__getitem__") and not isinstance(value, np.ndarray)
+
+
+def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | None, reference: Any) -> Log:  # noqa: A002
+    """Return the log of a table's columns, and the other columns of numbers beside them.
+
+    The clock is ``dt``, or the column ``time``, or that called t, time or timestamp, or an index of dates or rising
+    numbers with a name.
+    """
+    names = [str(name) for name in frame.columns]
+    if input is None or output is None:
+        raise ArgumentTypeError(f"name columns of the table, input=... and output=...; there are {', '.join(names)}")
+    roles = {"input": input, "output": output, "t": time, "reference": reference}
+    for role, name in roles.items():
+        if name is not None and (not isinstance(name, str) or name not in names):
+            raise InvalidArgumentError(f"{role} must name a column, got {shown(name)}; there are {', '.join(names)}")
+    signals = {role: _numbers(frame, name) for role, name in roles.items() if name is not None}
+    found = [name for name in names if name.lower() in CLOCKS and name not in roles.values()]
+    if time is None and len(found) == 1:
+        signals["t"] = _numbers(frame, found[0])
+    stamps = None if dt is not None else signals.get("t", _of_index(frame))
+    if dt is None:
+        if stamps is None:
+            raise InvalidArgumentError(
+                "the table has no column t, time or timestamp: give dt, or t, the name of its clock"
+            )
+        steps = np.diff(stamps)
+        dt = float(f"{np.median(steps):.12g}") if steps.size else 1.0
+    used = {*roles.values(), *found}
+    others = {name: _numbers(frame, name) for name in names if name not in used and _is_numeric(frame, name)}
+    return Log(
+        signals["input"], signals["output"], dt, stamps, input, output,
+        reference=signals.get("reference"), reference_name=reference or "", others=others,
+    )  # fmt: skip
+
+
+def _of_index(frame: Any) -> FloatArray | None:
+    index = getattr(frame, "index", None)
+    if index is None or not (np.asarray(index).dtype.kind in "mM" or getattr(index, "name", None)):
+        return None
+    return _seconds(np.asarray(index))
+
+
+def _numbers(frame: Any, name: str) -> FloatArray:
+    return _seconds(np.asarray(frame[name]))
+
+
+def _seconds(values: Any) -> FloatArray:
+    """Return numbers as float64, and dates or durations as s since the first."""
+    if values.dtype.kind in "mM":
+        return np.asarray((values - values[0]) / np.timedelta64(1, "s"), np.float64)
+    return np.asarray(values, np.float64)
+
+
+def _is_numeric(frame: Any, name: str) -> bool:
+    return np.asarray(frame[name]).dtype.kind in "iufb"

@@ -1,0 +1,196 @@
+r"""Evidence for a structure: how likely a model of it makes all samples of a record.
+
+A model gives the density of every output, its past known: that of the innovation, the error of the output predicted one
+step ahead, filtered by an autoregression D(q) of its own.  Of a stable model this error is that of the simulation; an
+unstable one is judged by the same figure.  The evidence is
+
+.. math:: \ln p(y \mid \hat\theta) - \tfrac12 N \ln K,
+
+with N numbers fitted to K samples: the coefficients, a dead time, the initial state, the autoregression.  It is
+Laplace's approximation of the marginal likelihood.  A wrong model can leave the answer of the plant to its
+autoregression, but pays for that one too.
+
+All structures are compared over the same samples.  With a dead time the first outputs answer to inputs from before
+the record.  Either the input was held before it, as before a step test: the record is then continued back.  Or the
+plant was in motion: these outputs are then predicted from the outputs before them, without a model of the plant.
+
+Source: Schwarz (1978), "Estimating the dimension of a model", Annals of Statistics 6; Ljung (1999), "System
+Identification: Theory for the User", section 16.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, stability_margin
+from replant.estimation.solver.refined import Refined, without_nuisances
+from replant.estimation.solver.srivc import refine
+from replant.kernels.schema import LAGS
+from replant.model.dead_time import unknown_outputs
+from replant.model.structure import Structure
+from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.linear_algebra import quiet, real_coefficients
+from replant.verdict.assess import MOST_SAMPLES
+from replant.verdict.estimate_tests import MOST_UNCERTAIN, without_longer
+from replant.verdict.verdict import Assessment
+
+# a converter of 20 bits resolves as much
+FINEST = 1e-6  # deviation of a residual below which it is no evidence [part of the output's standard deviation]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A structure fitted to a record of K samples."""
+
+    structure: Structure
+    found: Refined
+    likelihood: float  # logarithm of that of all samples
+    price: float  # ln(K) / 2 for every number that was fitted
+    fit: float  # in percent, of the simulated output, or of an unstable model of that predicted one step ahead
+
+    @property
+    def evidence(self) -> float:
+        """The log-likelihood less the price."""
+        return self.likelihood - self.price
+
+    def uncertainty(self, span: float) -> float:
+        """Return the largest standard deviation of a coefficient as a part of its size.
+
+        Of a_i the size is that of the coefficient of prod(s + abs(pole)), as it would be if all poles were real; of b_j
+        it is its own.
+        """
+        structure, theta = self.structure, self.found.theta
+        std = np.sqrt(np.maximum(np.diag(self.found.covariance)[: structure.coefficients], 0.0))
+        denominator = real_coefficients(theta[structure.denominator], 1.0 / span)
+        sizes = np.concatenate([denominator, np.abs(theta[structure.numerator])])
+        largest = float((std / np.maximum(sizes, np.finfo(float).tiny)).max())
+        return largest if math.isfinite(largest) else math.inf
+
+    def grown(self, structure: Structure, dt: float) -> FloatArray:
+        """Return the model as one of a larger structure: with poles as fast as the sampling."""
+        less, theta = self.structure, self.found.theta
+        a, b = np.concatenate([[1.0], theta[less.denominator]]), theta[less.numerator]
+        for _ in range(structure.poles - less.poles):
+            a, b = np.convolve(a, [1.0, 1.0 / dt]), b / dt
+        model = np.zeros(theta.size + structure.coefficients - less.coefficients + structure.poles - less.poles)
+        model[structure.denominator] = a[1:]
+        model[structure.coefficients - b.size : structure.coefficients] = b
+        return model
+
+
+class Evidence:
+    """Fits structures to one record, and says how likely they make it."""
+
+    @quiet
+    def __init__(self, record: Record, *, at_rest: bool) -> None:
+        self.record, self.at_rest = record, at_rest
+        self._least = (FINEST * float(np.std(record.y))) ** 2
+        self._known = record.is_measured
+        self._alone = self._densities(record.y - record.y[self._known].mean(), self._known)[0]
+        self._alone[: LAGS + 1] = np.median(self._alone)  # what they begin with is free in every model
+
+    @quiet
+    def of(self, structure: Structure, given: Sequence[FloatArray], *, afresh: bool = False) -> Trial | None:
+        """Return the trial of a structure, started from given estimates; None where no start leads to a model."""
+        record, own = self._with_beginning(structure.delay)
+        found = refine(structure, record, given, afresh=afresh)
+        if found is None:
+            return None
+        referenced = record.r is not None
+        model = AuxiliaryModel(
+            structure, record.dt, record.input_hold, margin=stability_margin(record), reference=referenced
+        )
+        error = model.run(found.theta, record, np.zeros((record.u.size, 2)) if referenced else None).ahead[own]
+        explained = self._explained(structure.delay)
+        if not (np.isfinite(error).all() and explained.any()):
+            return None
+        densities, order = self._densities(error, explained)
+        numbers = structure.size + structure.poles + bool(structure.delay) + order
+        measured = self.record.y[explained]
+        spread = max(float(np.linalg.norm(measured - measured.mean())), np.finfo(float).tiny)
+        return Trial(
+            structure,
+            found,
+            float(np.where(explained, densities, self._alone).sum()),
+            0.5 * numbers * math.log(error.size),
+            100.0 * (1.0 - float(np.linalg.norm(error[explained])) / spread),
+        )
+
+    def _with_beginning(self, delay: float) -> tuple[Record, BoolArray]:
+        """Return the record, continued back for a dead time if it begins at rest, and which samples are its own."""
+        record, own = self.record, self._known
+        intervals = np.broadcast_to(record.intervals, own.shape)
+        usual = float(np.median(intervals))
+        count = unknown_outputs(delay, usual)
+        if not (self.at_rest and count):
+            return record, np.ones(own.size, bool)
+        begins = np.array([rows.start for rows in record.parts])
+        at = np.repeat(begins, count)
+        if record.intervals.size > 1:
+            longer, firsts = np.insert(intervals, at, usual), begins + count * np.arange(begins.size)
+            longer[firsts], longer[firsts + count] = intervals[begins], usual
+        else:
+            longer = record.intervals
+        u, y = (np.insert(signal, at, signal[at]) for signal in (record.u, record.y))
+        r = None if record.r is None else np.insert(record.r, at, record.r[at])
+        measured = None if record.measured is None else np.insert(record.measured, at, record.measured[at])
+        later = {int(begin): int(begin) + count * k for k, begin in enumerate(begins)}
+        own_begins = tuple(later[begin] for begin in record.begins)
+        longer_record = replace(record, u=u, y=y, r=r, intervals=longer, measured=measured, begins=own_begins)
+        return longer_record, np.insert(np.ones(own.size, bool), at, False)
+
+    def _explained(self, delay: float) -> BoolArray:
+        """Return which outputs (K,) answer to inputs that are known."""
+        return self._known if self.at_rest else self._known & self.record.answers(delay)
+
+    def _densities(self, error: FloatArray, explained: BoolArray) -> tuple[FloatArray, int]:
+        """Return the log-densities (K,) of an error (K,) under an autoregression of its own, and its order."""
+        known = replace(self.record, measured=explained).predecessors
+        power = float(error[explained] @ error[explained])
+        noise = Autoregression.white(power, error.size)
+        if power > self._least * error.size:
+            noise = Autoregression.of_residual(error, known, error.size)
+        white = noise.whiten_known(error, known)
+        variance = max(float(np.mean(white[explained] ** 2)), self._least, np.finfo(float).tiny)
+        # a sample with a shorter past is known less well
+        power = max(float(noise.powers[noise.order]), np.finfo(float).tiny)
+        wider = np.maximum(noise.powers[np.minimum(known, noise.order)] / power, 1.0)
+        return -0.5 * (white**2 / variance + np.log(2.0 * math.pi * variance * wider)), noise.order
+
+
+def is_asked_for(verdict: Assessment, structure: Structure) -> bool:
+    """Return whether a smaller model is worth trying: a coefficient is not known."""
+    return (
+        structure.poles > 1
+        and not structure.feedthrough
+        and verdict.uncertainty > MOST_UNCERTAIN
+        and bool(verdict.excited)
+    )
+
+
+def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: FloatArray, record: Record) -> Assessment:
+    """Return the verdict on a model (P,) that names the fewer poles of more evidence: first, unless it is trusted."""
+    fewer = _fewer_poles(structure, parameters, record.last(MOST_SAMPLES))
+    if fewer is None:
+        return verdict
+    reason = f"with fewer poles the record is likelier: ask for {'one pole' if fewer == 1 else f'{fewer} poles'}"
+    verdict = without_longer(verdict)  # of a pole that is not there no record tells more
+    reasons = (*verdict.reasons, reason) if verdict.status == "trusted" else (reason, *verdict.reasons)
+    return replace(verdict, reasons=reasons)
+
+
+def _fewer_poles(structure: Structure, parameters: FloatArray, record: Record) -> int | None:
+    """Return the fewer poles with the most evidence, by the measure of the search; None where the model has more."""
+    evidence = Evidence(record, at_rest=not structure.delay)
+    trials = [evidence.of(structure, [without_nuisances(structure, parameters)])]
+    for poles in range(1, structure.poles):
+        smaller = Structure(poles, min(structure.zeros, poles - 1), structure.delay, structure.bias)
+        trials.append(evidence.of(smaller, ()))
+    best = max(filter(None, trials), key=lambda trial: trial.evidence, default=None)
+    return None if best is None or best.structure.poles == structure.poles else best.structure.poles

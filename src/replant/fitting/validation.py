@@ -1,0 +1,229 @@
+r"""Validation: a model beside a record that it was not made from.
+
+Offset and initial state are estimated, everything else is the model's.  What the model leaves is tested for being
+white and independent of the input.  The error by frequency is what the input explains of the residual,
+:math:`E(i \omega) = \Phi_{eu} / \Phi_u`, over abs G; its standard deviation for M independent segments is
+:math:`\sqrt{(\Phi_e - |\Phi_{eu}|^2 / \Phi_u) / (M \Phi_u)}`.
+
+Source: Ljung (1999), "System Identification: Theory for the User", sections 6.4 and 16.6.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.fitted_run import fit_percent
+from replant.estimation.simulation.model_run import model_output
+from replant.fitting.fields import ModelFields
+from replant.model.preprocess import screen
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import one_step
+from replant.numerics.linear_algebra import quiet
+from replant.numerics.residuals import Correlations, correlation_lags, correlations
+from replant.plotting.diagrams import draw_validation
+from replant.verdict import assess_record
+from replant.verdict.newton_step import EXCITED, SEGMENT
+from replant.verdict.verdict import Verdict
+
+FEWEST_SEGMENTS = 8  # segments below which a spectrum tells nothing [count]
+CHANCE = 0.05
+"""How often the error of a right model exceeds its limit [share].
+Level: 95 %.
+"""
+ROUNDING = 1e-9
+"""Residual below which it is rounding, which nothing is tested for [part of the output's spread].
+Derivation: some million times the precision of float64.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorByFrequency:
+    """What the input explains of the residual, over abs G, at the frequencies that the input excites.
+
+    Attributes
+    ----------
+    frequency : (F,) array
+        In rad/s.
+    error : (F,) array
+        Relative to abs G.
+    limit : (F,) array
+        95 % limit of the error of a model that is right.
+    """
+
+    frequency: FloatArray
+    error: FloatArray
+    limit: FloatArray
+
+    @property
+    def worst(self) -> float:
+        """Largest error that chance does not explain, relative to abs G; 0 where none is.
+
+        The largest of F errors of a right model exceeds the limit that each of them exceeds with the chance 0.05 / F in
+        one record of twenty.
+        """
+        beyond = self.error > self.limit * math.sqrt(1.0 + math.log(self.error.size) / -math.log(CHANCE))
+        return float(self.error[beyond].max()) if beyond.any() else 0.0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation:
+    """A model beside a record that it was not made from.
+
+    Attributes
+    ----------
+    fit : float
+        Simulated fit in percent: the model run from the input alone; of an unstable one that of its prediction.
+    one_step : float
+        Fit in percent one step ahead: what is left is predicted from past residuals.
+    offset : float
+        By how much the record's working point lies above the model's, in the unit of the output.
+    output, residual : (K,) arrays
+        The model's output in absolute units, and the measured one less it; NaN where there is no measured output.
+    time : (K,) array
+        In s.
+    correlations : Correlations or None
+        Of the residual with itself and with the input; None where there are too few samples.
+    by_frequency : ErrorByFrequency or None
+        None on an irregular clock, and where there are too few samples.
+    verdict : Verdict
+        On the model by this record alone.
+    samples : int
+        Samples with a measured output.
+    is_prediction : bool
+        Whether ``output`` is predicted one step ahead, as of an unstable model.
+    """
+
+    fit: float
+    one_step: float
+    offset: float
+    output: FloatArray
+    residual: FloatArray
+    time: FloatArray
+    correlations: Correlations | None
+    by_frequency: ErrorByFrequency | None
+    verdict: Verdict
+    samples: int
+    is_prediction: bool
+
+    @property
+    def how(self) -> str:
+        """In words what the output is made from."""
+        return "predicted from input and past output" if self.is_prediction else "simulated from the input alone"
+
+    @property
+    def outside(self) -> tuple[float, float]:
+        """Part of the lags at which the residual's correlation with itself and with the input exceeds its 95 % limit.
+
+        About 0.05 each for a model that explains the record completely; NaN where there are too few samples.
+        """
+        return (math.nan, math.nan) if self.correlations is None else self.correlations.outside
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw both outputs, the residual's correlations, and the error by frequency; return four axes of matplotlib.
+
+        Parameters
+        ----------
+        axes : four matplotlib axes, optional
+            Drawn into; without them a figure is made.
+        """
+        return draw_validation(self, axes)
+
+    def __repr__(self) -> str:
+        return f"<Validation over {self.samples} samples: fit {self.fit:.1f} %, {self.verdict.status}>"
+
+
+@quiet
+def validate(
+    model: ModelFields, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray | None, dt: float
+) -> Validation:
+    """Return a model beside a record."""
+    v = model.linear_input(u)
+    y = np.where(screen(v, y)[0], y, np.nan)
+    if r is not None:
+        y = np.where(np.isfinite(r), y, np.nan)
+    kept, needed = np.isfinite(y), model.structure.size + 1
+    if kept.sum() < needed:
+        raise InvalidArgumentError(f"the record has {int(kept.sum())} usable samples, a validation needs {needed}")
+    g = model.transfer_function
+    simulation = model_output(g, v, y, dt, input_hold=model.input_hold, t=t)
+    residual = y - simulation.output
+    clock = np.asarray(dt * np.arange(u.size), np.float64) if t is None else t
+    one_step_fit = simulation.fit if simulation.is_prediction else fit_percent(y, y - one_step(residual))
+    lags = correlation_lags([mode.time_constant for mode in g.modes], u.size, dt)
+    return Validation(
+        simulation.fit,
+        one_step_fit,
+        simulation.offset - model.output_level if not simulation.is_prediction else math.nan,
+        simulation.output,
+        residual,
+        clock,
+        correlations(residual, v, lags) if _is_more_than_rounding(residual, y) else None,
+        _by_frequency(model, v, residual, dt) if t is None else None,
+        _verdict(model, v, y, clock, r, dt, regular=t is None),
+        int(kept.sum()),
+        simulation.is_prediction,
+    )
+
+
+def _verdict(
+    model: ModelFields,
+    v: FloatArray,
+    y: FloatArray,
+    clock: FloatArray,
+    r: FloatArray | None,
+    dt: float,
+    *,
+    regular: bool,
+) -> Verdict:
+    """Return the verdict on the model by the samples of a record that have input and output."""
+    kept = np.isfinite(y)
+    intervals = np.array([dt]) if regular and kept.all() else np.diff(clock[kept], prepend=clock[kept][:1] - dt)
+    # the constant beside G(s) is estimated from the record: its mean keeps the numbers small
+    record = Record(
+        v[kept] - v[kept].mean(), y[kept] - y[kept].mean(), intervals, model.input_hold, None if r is None else r[kept]
+    )
+    instruments = model.provenance.method != "least_squares"
+    found = assess_record(
+        model.structure, model.parameters, record, dt, model.covariance, instruments=instruments, unseen=True
+    )
+    return Verdict(found.status, found.reasons, found.excited)
+
+
+def _is_more_than_rounding(residual: FloatArray, y: FloatArray) -> bool:
+    kept = np.isfinite(residual)
+    return bool(kept.any()) and float(np.std(residual[kept])) > ROUNDING * float(np.std(y[np.isfinite(y)]))
+
+
+def _by_frequency(model: ModelFields, v: FloatArray, residual: FloatArray, dt: float) -> ErrorByFrequency | None:
+    """Return the error of a model by frequency; None for a record too short, or an input that rests."""
+    from scipy.signal import csd, welch
+
+    segment = min(SEGMENT, v.size // FEWEST_SEGMENTS)
+    known = np.isfinite(residual) & np.isfinite(v)
+    if segment < 16 or not known.any():
+        return None
+    e = np.where(known, residual - residual[known].mean(), 0.0)
+    u = np.where(np.isfinite(v), v - v[np.isfinite(v)].mean(), 0.0)
+    how: Any = {"fs": 1.0 / dt, "nperseg": segment}
+    hertz, power = welch(u, **how)
+    _, left = welch(e, **how)
+    _, cross = csd(u, e, **how)
+    omega = math.tau * hertz[1:-1]
+    power, left, cross = power[1:-1], left[1:-1], cross[1:-1]
+    gain = np.abs(model.transfer_function.response(omega))
+    made = gain**2 * power
+    excited = (made > EXCITED * made.max(initial=0.0)) & (power > 0.0)
+    if not excited.any():
+        return None
+    segments = max(1.0, v.size / segment)
+    omega, power, left, cross, gain = (each[excited] for each in (omega, power, left, cross, gain))
+    noise = np.maximum(left - np.abs(cross) ** 2 / power, 0.0)
+    # abs E has two parts: of a right model, its square over the mean of its square is exponentially distributed
+    limit = np.sqrt(-math.log(CHANCE) * noise / (segments * power))
+    return ErrorByFrequency(omega, np.abs(cross) / power / gain, limit / gain)

@@ -1,0 +1,8 @@
+"""Live samples from a connection, a recorded log or a simulated rig: ``open_source(url).batches()``."""
+
+from __future__ import annotations
+
+from replant.live.streams.opening import open_source
+from replant.live.streams.source import Batch, Source
+
+__all__ = ["Batch", "Source", "open_source"]

@@ -1,0 +1,269 @@
+"""Sources without a rig: a recorded log in real time or faster, and the simulated actuator."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.live.streams.opening import Address
+from replant.live.streams.reader import Reader, StopRequest
+from replant.live.streams.source import Batch
+from replant.logs import Table, read_columns
+from replant.logs.rasters import on_one_clock
+from replant.logs.sampling_time import time_candidates, unit_in_seconds
+from replant.model import state_space
+from replant.model.response import Response
+from replant.numerics.arguments import FloatArray
+from replant.rigs import Rig, deap_rig, motor_rig
+from replant.signals import random_steps, white_noise
+
+REPLAYED = 1 << 12  # samples handed over at once at the most [samples]
+
+
+class ReplaySource(Reader):
+    """A log as a stream, ``logs.log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
+
+    def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float = math.inf) -> None:
+        super().__init__(name, waits=True, capacity=4 * REPLAYED)
+        self._record = record
+        self._elapsed = elapsed
+        self._pace = Pace(speed)
+
+    def _read(self) -> None:
+        self._connected()
+        last = self._numbering.last
+        assert self._record.sequence is not None
+        at = 0 if last is None else int(np.searchsorted(self._record.sequence, last, side="right"))
+        start = float(self._elapsed[at]) if at < len(self._record) else 0.0
+        while at < len(self._record) and not self._stop.requested:
+            due = int(np.searchsorted(self._elapsed, start + self._pace.elapsed(), side="right"))
+            end = min(due, at + REPLAYED)
+            if end > at:
+                self._deliver(replace(self._record.select(slice(at, end)), arrived=time.monotonic()))
+                at = end
+            else:
+                self._pace.wait(self._stop, float(self._elapsed[at]) - start)
+
+
+def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySource:
+    """Return the source of a recorded log, whose path and options are in the address."""
+    address.allow("input", "output", "reference", "time", "dt", "speed")
+    options = address.options
+    table = read_columns(Path(address.path))
+    speed, dt = speed_of(address, math.inf), address.positive("dt")
+    if dt is not None and "time" in options:
+        raise InvalidArgumentError(f"{address.name}: give one of time and dt")
+    stamps = None if dt is not None else time_column(table, options.get("time"))
+    keys: list[str | int] = [options.get("input", "u"), options.get("output", "y")]
+    referenced = "reference" in options
+    if referenced:
+        keys.append(options["reference"])
+    if table.stamps is not None:
+        roles = dict(zip(("input", "output", "reference"), map(table.find, keys), strict=False))
+        table, roles = on_one_clock(table, roles, is_timed=dt is not None or "time" in options)
+        stamps = roles.pop("time", stamps)
+        keys = list(roles.values())
+    if stamps is not None:
+        keys.append(stamps)
+    columns_read = table.columns(keys)
+    rows = min(column.size for column in columns_read)
+    u, y, *others = (column[:rows] for column in columns_read)
+    record = Batch(u, y, None, np.arange(rows), 0.0, others[0] if referenced else None)
+    if stamps is None:
+        if dt is None and not math.isinf(speed):
+            raise InvalidArgumentError(f"{address.name}: no column is the time; add &time=COLUMN or &dt=SECONDS")
+        return ReplaySource(address.name, record, np.arange(rows, dtype=np.float64) * (dt or 0.0), speed)
+    unit = 1.0 if stamps in table.in_seconds else unit_in_seconds(table.names[stamps])
+    return stamped_source(address.name, record, others[-1] * unit, speed)
+
+
+def time_column(table: Table, named: str | None) -> int | None:
+    """Return the index of the column of time stamps."""
+    if named is not None:
+        return table.find(named)
+    candidates = time_candidates(table.names)
+    return candidates[0] if len(candidates) == 1 else None
+
+
+def stamped_source(name: str, record: Batch, t: FloatArray, speed: float) -> ReplaySource:
+    """Return the source of a record with time stamps; rows without a finite stamp are left out and counted."""
+    kept = np.isfinite(t)
+    record = replace(record, t=t).select(kept)
+    elapsed = np.maximum.accumulate(t[kept]) - t[kept][:1]
+    source = ReplaySource(name, record, elapsed, speed)
+    source.count_refused("time not finite", int(kept.size - kept.sum()))
+    return source
+
+
+LONGEST_PAUSE = 3600.0  # the longest single pause: the system's timers may refuse a longer one [s]
+
+
+class Pace:
+    """A clock that runs ``speed`` times as fast as real time, and starts when it is first read."""
+
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self._start: float | None = None
+
+    def elapsed(self) -> float:
+        """Return the time of the record that has passed, in s."""
+        now = time.monotonic()
+        self._start = now if self._start is None else self._start
+        return math.inf if math.isinf(self._speed) else (now - self._start) * self._speed
+
+    def wait(self, stop: StopRequest, until: float) -> None:
+        """Wait until ``until`` s of the record have passed, or a stop is requested."""
+        stop.wait(min(max(until - self.elapsed(), 0.0) / self._speed, LONGEST_PAUSE))
+
+
+def speed_of(address: Address, default: float) -> float:
+    """Return the option ``speed`` of a URL: a positive number, or infinity for ``max``."""
+    if address.options.get("speed") == "max":
+        return math.inf
+    return address.positive("speed") or default
+
+
+_LOOP_BLOCK = 1 << 12  # samples simulated at once: what acts on them follows from seed and number [samples]
+
+PROPORTIONAL = 0.3  # gain of the controller: the loop's poles are at -7 and -43 rad/s [V per rad/s]
+INTEGRAL = 0.6  # integral gain of the controller [V per rad]
+LOWEST, HIGHEST = 30.0, 70.0  # range of the set-point [rad/s]
+SHORTEST, LONGEST = 50, 400  # shortest and longest step of the set-point [samples]
+DITHER = 1.0  # dither of the set-point, up and down: it excites the loop while the set-point stands still [rad/s]
+DITHER_HOLD = 5  # samples that each value of it lasts [samples]
+LOAD = 0.4  # standard deviation of the load, as the voltage that would do the same [V]
+LOAD_TIME = 0.5  # time constant with which the load wanders [s]
+
+
+def controlled(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray, FloatArray]]:
+    """Yield blocks of 4096 samples: the number of the first one, voltage in V, speed and reference in rad/s.
+
+    At each sample the controller reads the speed and sets the voltage, which the motor gets until the next one:
+
+        u_k = 0.3 (r_k - y_k) + integral of 0.6 (r - y),    y = G(s) (u + load) + noise.
+    """
+    rig, number = motor_rig(), 0
+    state = np.zeros(4)
+    while True:
+        draw = int(np.random.SeedSequence([seed, number, 1]).generate_state(1, np.uint64)[0])
+        r = set_point(_LOOP_BLOCK, draw)
+        u, y, state = _one_block(rig, r, state, draw)
+        if number >= skip:
+            yield number * _LOOP_BLOCK, u, y, r
+        number += 1
+
+
+def set_point(samples: int, seed: int) -> FloatArray:
+    """Return a reference (K,) in rad/s: steps of 0.5 to 4 s between 30 and 70 rad/s, with a dither added."""
+    steps = random_steps(samples, shortest=SHORTEST, longest=LONGEST, low=LOWEST, high=HIGHEST, seed=seed)
+    signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // DITHER_HOLD))
+    return steps + DITHER * np.repeat(signs, DITHER_HOLD)[:samples]
+
+
+def _one_block(rig: Rig, r: FloatArray, state: FloatArray, draw: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return voltage and speed (K,) under the reference ``r`` (K,), and the state after it."""
+    model = state_space.companion(rig.plant.den)
+    transition, column, _ = state_space.exact(model.matrix, model.column, rig.dt, "zoh")
+    (a, b), (c, d) = transition.tolist()
+    to_first, to_second = column.tolist()
+    gain = float(rig.plant.num[0] / model.scale[-1])
+    keep = math.exp(-rig.dt / LOAD_TIME)
+    kicks = white_noise(r.size, LOAD * math.sqrt(1.0 - keep * keep), draw + 1).tolist()
+    first, second, load, integral = state.tolist()
+    voltages, speeds = [], []
+    for set_to, noise, kick in zip(r.tolist(), white_noise(r.size, rig.noise, draw + 2).tolist(), kicks, strict=True):
+        speed = gain * second + noise
+        voltage = PROPORTIONAL * (set_to - speed) + integral
+        voltages.append(voltage)
+        speeds.append(speed)
+        integral += INTEGRAL * rig.dt * (set_to - speed)
+        acts = voltage + load
+        first, second = a * first + b * second + to_first * acts, c * first + d * second + to_second * acts
+        load = keep * load + kick
+    return np.array(voltages), np.array(speeds), np.array([first, second, load, integral])
+
+
+BLOCK = 1 << 16  # samples simulated at once: input and noise follow from seed and number [samples]
+
+PART = 1 << 12  # samples handed over at once at the most [samples]
+LONGEST_STEP = 4000  # longest step of the voltage: the slow mode is seen within seconds [samples]
+FLUTTER = 0.2  # of the voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]
+FLUTTER_HOLD = 20  # samples that each value of it lasts [samples]
+LOOPS = (
+    "none",
+    "pi",
+)  # the values of the option loop: the actuator, driven from outside, or the motor under a controller
+
+
+class DemoSource(Reader):
+    """The rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples."""
+
+    def __init__(self, name: str = "demo", speed: float = 1.0, seed: int = 0, *, looped: bool = False) -> None:
+        super().__init__(name, waits=True, capacity=4 * PART)
+        self._seed = seed
+        self._looped = looped
+        self._pace = Pace(speed)
+
+    def _read(self) -> None:
+        self._connected()
+        dt = motor_rig().dt if self._looped else deap_rig().dt
+        last = self._numbering.last
+        at = 0 if last is None else max(last + 1, 0)
+        start = at
+        for first, u, y, *others in self._blocks(at):
+            beyond = first + u.size
+            while at < beyond:
+                if self._stop.requested:
+                    return
+                end = int(min(start + self._pace.elapsed() / dt + 1.0, at + PART, beyond))
+                if end > at:
+                    sequence = np.arange(at, end)
+                    chosen = slice(at - first, end - first)
+                    t, r = np.asarray(sequence * dt), [signal[chosen] for signal in others]
+                    self._deliver(Batch(u[chosen], y[chosen], t, sequence, time.monotonic(), *r))
+                    at = end
+                else:
+                    self._pace.wait(self._stop, (at - start) * dt)
+
+    def _blocks(self, at: int) -> Iterator[Any]:
+        """Return the blocks from the one that holds sample ``at`` on."""
+        if self._looped:
+            return controlled(self._seed, at // _LOOP_BLOCK)
+        return simulated(self._seed, at // BLOCK)
+
+
+def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray]]:
+    """Yield blocks of samples: the number of the first one, voltage (`BLOCK`,) in kV, displacement (`BLOCK`,) in mm."""
+    rig = deap_rig()
+    preprocess, response = rig.preprocess, Response(rig.plant, rig.dt)
+    number = 0
+    while True:
+        draw = int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0])
+        u = demo_voltage(BLOCK, draw)
+        still = rig.output_rest + response.take(preprocess.map_input(u) - float(preprocess.input_offset)).output
+        if number >= skip:
+            yield number * BLOCK, u, still + white_noise(BLOCK, rig.noise, draw + 1)
+        number += 1
+
+
+def demo_voltage(samples: int, seed: int) -> FloatArray:
+    """Return an input (K,) between 2 and 5.5 kV: steps of 10 ms to 4 s with a random flutter added."""
+    steps = random_steps(
+        samples, shortest=10, longest=LONGEST_STEP, low=2.0 + FLUTTER, high=5.5 - FLUTTER, seed=seed
+    )  # fmt: skip
+    signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // FLUTTER_HOLD))
+    return steps + FLUTTER * np.repeat(signs, FLUTTER_HOLD)[:samples]
+
+
+def open_demo(address: Address, columns: tuple[str, ...] | None) -> DemoSource:
+    """Return the source of the URL ``demo``."""
+    address.allow("speed", "seed", "loop")
+    looped = address.one_of("loop", LOOPS, "none") == "pi"
+    return DemoSource(address.name, speed_of(address, 1.0), address.whole("seed", 0, least=0), looped=looped)

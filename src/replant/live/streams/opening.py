@@ -1,0 +1,195 @@
+"""`open_source` finds the source of an address and imports only its module; the parts of an address."""
+
+from __future__ import annotations
+
+import importlib
+import math
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
+
+from replant.errors import InvalidArgumentError
+from replant.live.streams.parser import FIELDS
+from replant.live.streams.source import Source
+
+
+@dataclass(frozen=True)
+class Address:
+    """The parts of a source's URL."""
+
+    name: str  # the URL without password, for messages
+    scheme: str  # scheme, host, path: after a host, the path is without its first slash
+    host: str = ""
+    port: int | None = None
+    path: str = ""
+    user: str | None = None
+    password: str | None = field(default=None, repr=False)
+    options: dict[str, str] = field(default_factory=dict)  # the options ``name=value`` after the question mark
+
+    def allow(self, *known: str) -> None:
+        """Check that the source knows every option that is given."""
+        for option in self.options:
+            if option not in known:
+                listed = ", ".join(known)
+                raise InvalidArgumentError(f"{self.name}: unknown option {option!r}; known are: {listed}")
+
+    def host_and_port(self, example: str) -> tuple[str, int]:
+        """Return host and port."""
+        if not self.host:
+            raise InvalidArgumentError(f"{self.name}: the host is missing; write {example}")
+        if self.port is None:
+            raise InvalidArgumentError(f"{self.name}: the port is missing; write {example}")
+        return self.host, self.port
+
+    def whole(self, option: str, default: int, *, least: int) -> int:
+        """Return an option as a whole number."""
+        text = self.options.get(option, str(default))
+        try:
+            value = int(text)
+        except ValueError:
+            value = least - 1
+        if value < least:
+            raise InvalidArgumentError(
+                f"{self.name}: {option} must be a whole number of at least {least}, got {text!r}; "
+                f"write {option}={max(default, least)}"
+            )
+        return value
+
+    def positive(self, option: str) -> float | None:
+        """Return an option as a positive number, None where it is not given."""
+        text = self.options.get(option)
+        if text is None:
+            return None
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not 0.0 < value < math.inf:
+            raise InvalidArgumentError(
+                f"{self.name}: {option} must be a positive number, got {text!r}; write {option}=1"
+            )
+        return value
+
+    def one_of(self, option: str, choices: Collection[str], default: str) -> str:
+        """Return an option that must be one of several words."""
+        value = self.options.get(option, default)
+        if value not in choices:
+            listed = ", ".join(choices)
+            raise InvalidArgumentError(f"{self.name}: {option} must be one of {listed}; got {value!r}")
+        return value
+
+
+NO_PORT = "the port must be a number from 0 to 65535"
+
+
+def split(url: str) -> Address:
+    """Return the parts of a URL that has a scheme and ``//``."""
+    try:
+        parts = urlsplit(url)
+    except ValueError as cause:
+        raise InvalidArgumentError(f"{url}: not a URL ({cause}); write scheme://host:port") from None
+    name = without_password(parts)
+    try:
+        port = parts.port
+    except ValueError:
+        raise InvalidArgumentError(f"{name}: {NO_PORT}") from None
+    return Address(
+        name,
+        parts.scheme.lower(),
+        parts.hostname or "",
+        port,
+        unquote(parts.path).removeprefix("/") if parts.netloc else unquote(parts.path),
+        None if parts.username is None else unquote(parts.username),
+        None if parts.password is None else unquote(parts.password),
+        options_of(name, parts.query),
+    )
+
+
+def without_password(parts: SplitResult) -> str:
+    """Return the URL without its password."""
+    url = parts.geturl() if parts.netloc else parts.geturl().replace(":", "://", 1)  # geturl leaves an empty host out
+    return url if parts.password is None else url.replace(f":{parts.password}@", "@", 1)
+
+
+def options_of(name: str, query: str) -> dict[str, str]:
+    """Return the options that a query ``name=value&name=value`` holds; ``name`` is the URL, for the message."""
+    try:
+        return dict(parse_qsl(query, keep_blank_values=True, strict_parsing=bool(query)))
+    except ValueError:
+        raise InvalidArgumentError(
+            f"{name}: options are written ?name=value&name=value after the address, not ?{query}"
+        ) from None
+
+
+#: For each scheme of a URL: the function that opens it, and an example.
+SCHEMES = {
+    "tcp": ("lines.open_tcp", "tcp://127.0.0.1:9000"),
+    "udp": ("payloads.open_udp", "udp://0.0.0.0:9000"),
+    "serial": ("lines.open_serial", "serial:///dev/ttyUSB0?baud=115200"),
+    "mqtt": ("payloads.open_mqtt", "mqtt://127.0.0.1:1883/rig/1"),
+}
+_OTHERS = "-, demo, log.csv?speed=10"
+
+
+def open_source(url: str) -> Source:
+    """Open a stream of live samples.
+
+    =======================================  =========================================================================
+    ``tcp://host:port``                      lines of a peer that listens
+    ``udp://0.0.0.0:port``                   datagrams that come to a port of ours
+    ``serial:///dev/ttyUSB0?baud=115200``    lines of a microcontroller; ``serial://COM3``
+    ``mqtt://host:1883/topic``               messages of a topic; ``mqtt://user:password@host/topic?qos=1``
+    ``-``                                    lines from standard input
+    ``logs.log.csv?speed=10``                     a recorded log; ``input``, ``output`` (u, y), ``reference``, ``time``,
+                                             ``dt`` name its columns as `read_log` does; as fast as possible without
+                                             ``speed``
+    ``demo``                                 the simulated actuator in real time; ``demo?speed=max&seed=1``;
+                                             ``demo?loop=pi``: under a controller, with its reference
+    =======================================  =========================================================================
+
+    Lines are CSV, of two fields ``u,y``, three ``t,u,y`` or four ``n,t,u,y`` (sequence number, time stamp in s, input,
+    output) or as the URL's option says, ``?columns=n,u,y,r`` (r: reference); or they are JSON objects with these names.
+
+    >>> source = open_source("demo?speed=max")
+    >>> batch = next(filter(len, source.batches()))
+    >>> batch.t[:3], batch.sequence[:3]
+    (array([0.   , 0.001, 0.002]), array([0, 1, 2]))
+    """
+    address, opener = _address_of(url)
+    module, _, function = opener.partition(".")
+    source: Source = getattr(importlib.import_module(f"replant.live.streams.{module}"), function)(
+        address, _columns_of(address)
+    )
+    return source
+
+
+def _address_of(url: str) -> tuple[Address, str]:
+    """Return the parts of a URL, and the name of the function that opens it."""
+    scheme, separator, _ = url.partition("://")
+    if separator:
+        if scheme.lower() in SCHEMES:
+            return split(url), SCHEMES[scheme.lower()][0]
+        examples = ", ".join(example for _, example in SCHEMES.values())
+        raise InvalidArgumentError(f"{url}: unknown scheme {scheme!r}; known are {examples}, {_OTHERS}")
+    path, mark, query = url.rpartition("?")
+    if not mark or Path(url).exists():
+        path, query = url, ""
+    if not path:
+        raise InvalidArgumentError(f"{url!r}: the source is missing; write {SCHEMES['tcp'][1]}, {_OTHERS}")
+    address = Address(url, "", path=path, options=options_of(url, query))
+    return address, {"-": "lines.open_pipe", "demo": "demo.open_demo"}.get(path, "demo.open_replay")
+
+
+def _columns_of(address: Address) -> tuple[str, ...] | None:
+    """Return the column names of the option ``columns``, None where it is not given."""
+    text = address.options.get("columns")
+    if text is None:
+        return None
+    columns = tuple(name.strip() for name in text.split(","))
+    if not {"u", "y"} <= set(columns) <= set(FIELDS) or len(set(columns)) < len(columns):
+        raise InvalidArgumentError(
+            f"{address.name}: columns={text} must name u and y, and may name n, t and r, each once; "
+            "write columns=n,t,u,y"
+        )
+    return columns

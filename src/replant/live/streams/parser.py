@@ -1,0 +1,377 @@
+"""Parse lines and payloads of live samples: CSV with or without a header, and JSON.
+
+A faulty line raises `Malformed` with the reason, under which it is counted.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+from itertools import chain
+from operator import itemgetter
+from typing import Any, TypeVar
+
+import numpy as np
+
+from replant.live.streams.source import Batch
+from replant.logs.text_cells import parse_number
+from replant.logs.text_layout import is_data
+from replant.numerics.arguments import FloatArray
+
+#: The fields of a sample: sequence number, time stamp in s, input, output, reference.
+FIELDS = ("n", "t", "u", "y", "r")
+#: The columns of lines with two, three and four cells, where the URL does not name them.
+BY_WIDTH = {2: ("u", "y"), 3: ("t", "u", "y"), 4: ("n", "t", "u", "y")}
+
+Row = tuple[float, ...]
+
+
+class Malformed(Exception):  # noqa: N818 - not an error of the program: a reason to count
+    """A line or message that holds no sample; its text is the reason."""
+
+
+def from_cells(line: str) -> Row:
+    """Parse one line of CSV; a missing cell is NaN, as in a log."""
+    try:
+        return tuple(map(parse_number, line.split(",")))
+    except ValueError:
+        raise Malformed("not a number") from None
+
+
+def check_width(row: Row, width: int) -> None:
+    """Check that a row has ``width`` cells."""
+    if len(row) != width:
+        raise Malformed("fields missing" if len(row) < width else "too many fields")
+
+
+def table_from_cells(lines: Sequence[str], width: int) -> FloatArray | None:
+    """Parse lines of CSV as a whole, in C; return None if a line has anything but ``width`` numbers."""
+    try:
+        table = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
+    except ValueError:
+        return None
+    return table if table.shape[1] == width else None
+
+
+def json_value(line: str) -> Any:
+    """Parse one line of JSON."""
+    try:
+        return json.loads(line)
+    except (ValueError, RecursionError):
+        raise Malformed("not JSON") from None
+
+
+def json_values(lines: Sequence[str]) -> list[Any] | None:
+    """Parse lines of JSON as a whole; return None if a line is anything but an object or an array."""
+    try:
+        values = json.loads(f"[{',null,'.join(lines)}]")  # the null between keeps two lines from forming one object
+    except (ValueError, RecursionError):
+        return None
+    if len(values) != 2 * len(lines) - 1 or any(value is not None for value in values[1::2]):
+        return None
+    values = values[::2]
+    return values if all(type(value) in (dict, list) for value in values) else None
+
+
+def table_from_json(values: Sequence[Any], columns: Sequence[str]) -> FloatArray | None:
+    """Return JSON objects of one sample each as a table (K, C); None if they are anything else."""
+    try:
+        rows = list(map(itemgetter(*columns), values))
+        if set(map(type, chain.from_iterable(rows))) <= {float, int}:
+            return np.array(rows, dtype=np.float64)
+    except (LookupError, TypeError, OverflowError):
+        pass
+    return None
+
+
+def columns_of(value: Any) -> tuple[str, ...] | None:
+    """Return the columns of a JSON object, or of the first in an array; None if it holds no sample."""
+    first = value[0] if isinstance(value, list) and value else value
+    if not isinstance(first, dict) or not {"u", "y"} <= first.keys():
+        return None
+    return tuple(name for name in FIELDS if name in first)
+
+
+def from_json(value: Any, columns: Sequence[str]) -> list[Row]:
+    """Return the samples in a JSON object, or in an array of them.
+
+    ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample.  An object whose fields are arrays holds several samples;
+    its n may be the number of the first.  null is NaN.
+    """
+    rows: list[Row] = []
+    for item in value if isinstance(value, list) else [value]:
+        if not isinstance(item, dict):
+            raise Malformed("not an object")
+        if not set(columns) <= item.keys():
+            raise Malformed("fields missing")
+        rows += _samples(item, columns)
+    return rows
+
+
+def _samples(item: dict[str, Any], columns: Sequence[str]) -> list[Row]:
+    fields = {name: item[name] for name in columns}
+    if not isinstance(item["u"], list):
+        return [tuple(_number(name, value) for name, value in fields.items())]
+    count = len(item["u"])
+    if type(fields.get("n")) is int:
+        fields["n"] = list(range(fields["n"], fields["n"] + count))
+    if any(not isinstance(values, list) or len(values) != count for values in fields.values()):
+        raise Malformed("arrays of different lengths")
+    return list(zip(*(_numbers(name, values) for name, values in fields.items()), strict=True))
+
+
+def _numbers(name: str, values: Sequence[Any]) -> list[float]:
+    if set(map(type, values)) <= {float, int}:
+        with contextlib.suppress(OverflowError):
+            return list(map(float, values))
+    return [_number(name, value) for value in values]
+
+
+def _number(name: str, value: Any) -> float:
+    kind = type(value)
+    if value is None and name in ("u", "y", "r"):
+        return float("nan")
+    if kind is float or kind is int:  # bool is neither
+        with contextlib.suppress(OverflowError):
+            return float(value)
+    raise Malformed("not a number")
+
+
+LONGEST = 1 << 16  # the longest line; a longer one is skipped [bytes]
+
+
+class LineSplitter:
+    """Splits one stream into lines."""
+
+    def __init__(self, counters: Counter[str], longest: int = LONGEST) -> None:
+        self._counters = counters
+        self._longest = longest
+        self._tail = b""
+        self._skipping = False  # bytes are skipped until the next line begins
+        self._midway = False  # the line being skipped has not been counted yet
+
+    def split(self, data: bytes) -> bytes:
+        """Return the lines that ``data`` completes, each with its line end."""
+        if self._skipping:
+            skipped, end, data = data.partition(b"\n")
+            counted = self._midway and bool(skipped.strip())
+            if counted:
+                self._counters["cut off"] += 1
+            self._skipping = not end
+            self._midway = self._midway and not end and not counted
+        last = data.rfind(b"\n") + 1
+        complete = self._tail + data[:last] if last else b""
+        tail = data[last:] if last else self._tail + data
+        if len(tail) > self._longest:
+            self._counters["too long"] += 1
+            self._skipping, tail = True, b""
+        self._tail = tail
+        return self._without_long(complete)
+
+    def _without_long(self, block: bytes) -> bytes:
+        if len(block) <= self._longest + 1:
+            return block
+        ends = np.flatnonzero(np.frombuffer(block, np.uint8) == ord("\n"))
+        if np.diff(ends, prepend=-1).max() <= self._longest + 1:
+            return block
+        lines = [line + b"\n" for line in block[:-1].split(b"\n")]
+        kept = [line for line in lines if len(line) <= self._longest + 1]
+        self._counters["too long"] += len(lines) - len(kept)
+        return b"".join(kept)
+
+    def rest(self) -> bytes:
+        """Return the last line, which ended with the stream."""
+        tail, self._tail = self._tail, b""
+        return tail + b"\n" if tail.strip() else b""
+
+    def restart(self) -> None:
+        """Start again at the beginning of a line; an unfinished line is dropped and counted as "cut off"."""
+        if self._tail.strip():
+            self._counters["cut off"] += 1
+        self._tail, self._skipping, self._midway = b"", False, False
+
+    def restart_midway(self) -> None:
+        """Start again in the middle of a line; the rest of that line is skipped."""
+        self.restart()
+        self._skipping = self._midway = True
+
+
+Item = TypeVar("Item")
+
+FEW = 10  # lines up to which a block is parsed line by line: parsing it as a whole costs as much as ten lines [lines]
+LARGEST_NUMBER = 2.0**53  # largest whole number up to which float64 represents every one exactly [number]
+#: The reason under which a row with an invalid number or time stamp is counted.
+REASONS = {"n": "not a sequence number", "t": "time not finite"}
+
+
+class Parser:
+    """Parses the lines of one stream; each line is CSV or JSON.
+
+    The columns are those of ``columns``, or follow from the first two lines of CSV of equal width (the first line may
+    have been cut), or from the first JSON object.  Blank lines and comments are skipped.  Every other line gives
+    samples, or is counted by the reason why it gives none.
+    """
+
+    def __init__(self, counters: Counter[str], columns: tuple[str, ...] | None = None) -> None:
+        self.columns = columns
+        self._counters = counters
+        self._waiting: Row | None = None  # the first line of CSV, until a second line confirms its width
+
+    def parse(self, block: bytes, arrived: float) -> Batch | None:
+        """Return the samples in a block of whole lines, None if there are none."""
+        return self.batch(self.tables(block), arrived)
+
+    def tables(self, block: bytes) -> list[FloatArray]:
+        """Return the rows in a block of whole lines as tables (K, C), whose columns are `columns`."""
+        lines = block.decode("ascii", "replace").replace("\r\n", "\n").split("\n")
+        if not lines[-1]:
+            lines.pop()  # the empty rest behind the last line end
+        return self._tables(lines)
+
+    def finish(self, arrived: float) -> Batch | None:
+        """Return the sample of the first line if the stream ended before a second line confirmed it."""
+        row, self._waiting = self._waiting, None
+        if row is None:
+            return None
+        self.columns = BY_WIDTH[len(row)]
+        return self.batch([np.array([row])], arrived)
+
+    def batch(self, tables: Sequence[FloatArray], arrived: float) -> Batch | None:
+        """Return the rows of tables as samples; rows with an invalid number or time stamp are dropped and counted."""
+        if not tables or self.columns is None:
+            return None
+        table = self._valid_rows(np.concatenate(tables) if len(tables) > 1 else tables[0])
+        by_name = {name: table[:, column].copy() for column, name in enumerate(self.columns)}
+        sequence = by_name["n"].astype(np.int64) if "n" in by_name else None
+        return Batch(by_name["u"], by_name["y"], by_name.get("t"), sequence, arrived, by_name.get("r"))
+
+    def _valid_rows(self, table: FloatArray) -> FloatArray:
+        """Return the rows with a valid number and time stamp; count the others."""
+        for column, name in enumerate(self.columns or ()):
+            if name in REASONS:
+                values = table[:, column]
+                fine = np.isfinite(values) if name == "t" else is_number(values)
+                if not fine.all():
+                    self.count(REASONS[name], int(fine.size - fine.sum()))
+                    table = table[fine]
+        return table
+
+    def count(self, reason: str, samples: int = 1) -> None:
+        """Count lines or samples that were refused."""
+        if samples:
+            self._counters[reason] += samples
+
+    def set_columns(self, columns: tuple[str, ...]) -> None:
+        """Set the columns; a first line of CSV that still waits has others, and is counted as refused."""
+        self.columns = columns
+        if self._waiting is not None:
+            self.count("fields missing")
+            self._waiting = None
+
+    def _tables(self, lines: list[str]) -> list[FloatArray]:
+        """Return the rows of lines; a block with a faulty line is halved until few lines are left to parse singly."""
+        if self.columns is None or len(lines) <= FEW:
+            return self._each(filter(is_data, lines), self._line)
+        if lines[0].startswith(("{", "[")):
+            values = json_values(lines)
+            if values is not None:
+                table = table_from_json(values, self.columns)
+                return self._each(values, self._value) if table is None else [table]
+        elif any(map(str.strip, lines)):  # loadtxt warns about a block without data
+            table = table_from_cells(lines, len(self.columns))
+            if table is not None:
+                return [table]
+        middle = len(lines) // 2
+        return self._tables(lines[:middle]) + self._tables(lines[middle:])
+
+    def _each(self, items: Iterable[Item], read: Callable[[Item], list[Row]]) -> list[FloatArray]:
+        """Return the rows that ``read`` finds in the items; items that it refuses are counted."""
+        rows: list[Row] = []
+        for item in items:
+            try:
+                rows += read(item)
+            except Malformed as reason:
+                self.count(str(reason))
+        return [np.array(rows)] if rows else []
+
+    def _line(self, line: str) -> list[Row]:
+        line = line.strip()
+        if line[0] in "{[":
+            return self._value(json_value(line))
+        row = from_cells(line)
+        if self.columns is not None:
+            check_width(row, len(self.columns))
+            return [row]
+        check_width(row, min(max(len(row), min(BY_WIDTH)), max(BY_WIDTH)))
+        first, self._waiting = self._waiting, row
+        if first is None:
+            return []
+        check_width(first, len(row))  # a first line of another width was cut
+        self.columns, self._waiting = BY_WIDTH[len(row)], None
+        return [first, row]
+
+    def _value(self, value: Any) -> list[Row]:
+        columns = columns_of(value) if self.columns is None else self.columns
+        rows = from_json(value, columns or ("u", "y"))
+        if self.columns is None and rows and columns:
+            self.set_columns(columns)
+        return rows
+
+
+def is_number(values: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return which values (K,) are valid sequence numbers: whole, not negative, exact in float64."""
+    return np.asarray((values >= 0.0) & (values < LARGEST_NUMBER) & (values == np.trunc(values)))
+
+
+#: The first bytes of a packed payload; four letters that name its columns follow ("ntuy", "tuyr", "uy  ").
+MAGIC = b"RPL1"
+HEADER = 8  # bytes before the numbers of a packed payload [bytes]
+
+
+class Payloads:
+    """Parses the payloads of one stream.
+
+    A payload holds one or more lines (see `Parser`), or it is packed: `MAGIC`, the columns' letters padded with blanks
+    to four, then rows of little-endian float64.
+    """
+
+    def __init__(self, parser: Parser, *, bare: bool = False) -> None:
+        self._parser = parser
+        self._bare = bare
+
+    def parse(self, payloads: Sequence[bytes], arrived: float) -> Batch | None:
+        """Return the samples in payloads, None if there are none."""
+        if not self._bare and not any(payload.startswith(MAGIC) for payload in payloads):
+            return self._parser.parse(b"\n".join(payloads), arrived)
+        tables: list[FloatArray] = []
+        for payload in payloads:
+            if self._bare or payload.startswith(MAGIC):
+                try:
+                    tables.append(self._unpack(payload))
+                except Malformed as reason:
+                    self._parser.count(str(reason))
+            else:
+                tables += self._parser.tables(payload)
+        return self._parser.batch(tables, arrived)
+
+    def _unpack(self, payload: bytes) -> FloatArray:
+        names = (
+            self._parser.columns
+            if self._bare
+            else tuple(payload[len(MAGIC) : HEADER].decode("ascii", "replace").strip())
+        )
+        numbers = payload if self._bare else payload[HEADER:]
+        if names is None or not {"u", "y"} <= set(names) <= set(FIELDS) or len(set(names)) < len(names):
+            raise Malformed("not packed right")
+        if not numbers or len(numbers) % (8 * len(names)):
+            raise Malformed("not packed right")
+        table = np.frombuffer(numbers, "<f8").astype(np.float64).reshape(-1, len(names))
+        if self._parser.columns is None:
+            self._parser.set_columns(names)
+        if self._parser.columns is None or names == self._parser.columns:
+            return table
+        if not set(self._parser.columns) <= set(names):
+            raise Malformed("fields missing")
+        return table[:, [names.index(name) for name in self._parser.columns]]

@@ -1,0 +1,290 @@
+"""The thread that reads samples, the bounded queue to the session that learns them, and its stop."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import socket
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections import Counter
+from collections.abc import Iterator
+from types import TracebackType
+from typing import Any, Protocol
+
+import numpy as np
+
+from replant.live.streams.parser import LineSplitter, Parser
+from replant.live.streams.source import Batch, Numbering
+from replant.numerics.operating_system import Worker
+
+
+class HasFile(Protocol):
+    """A socket, or any other object that `select` can wait for."""
+
+    def fileno(self) -> int:
+        """Return the file descriptor."""
+        ...
+
+
+class StopRequest:
+    """A request to stop, made once and never withdrawn.  Within a ``with`` block it also wakes the waiting thread."""
+
+    def __init__(self) -> None:
+        self.requested = False
+        self._sockets: tuple[socket.socket, socket.socket] | None = None
+
+    def __enter__(self) -> StopRequest:
+        receiver, sender = socket.socketpair()
+        sender.setblocking(False)
+        self._sockets = receiver, sender
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._sockets is not None:
+            for end in self._sockets:
+                end.close()
+
+    def request(self) -> None:
+        """Request the stop, and wake the waiting thread."""
+        self.requested = True
+        if self._sockets is not None:
+            # the buffer is full after many requests; the sockets are closed after the ``with`` block
+            with contextlib.suppress(OSError):
+                self._sockets[1].send(b"\0")
+
+    def wait(self, timeout: float) -> bool:
+        """Wait for the request, at most ``timeout`` s; return whether it was made."""
+        self.wait_readable(None, timeout)
+        return self.requested
+
+    def wait_readable(self, file: HasFile | int | None, timeout: float) -> bool:
+        """Wait until ``file`` can be read, at most ``timeout`` s."""
+        if self.requested or self._sockets is None:
+            return False
+        files = [self._sockets[0]] if file is None else [self._sockets[0], file]
+        readable, _, _ = select.select(files, [], [], timeout)
+        return bool(readable) and not self.requested
+
+
+CAPACITY = 1 << 17  # samples that wait at the most: 0.6 s at 200,000 samples/s, 4 MB [samples]
+LARGEST_BATCH = 1 << 14  # samples handed over at once at the most [samples]
+
+EMPTY = np.empty(0)
+
+
+class Inbox:
+    """A ring buffer of samples.  Its memory never grows; samples that arrived one by one are returned together."""
+
+    def __init__(self, capacity: int = CAPACITY, *, drop: bool) -> None:
+        self._capacity = capacity
+        self._drop = drop
+        self._ring: dict[str, np.ndarray[Any, Any]] = {}
+        self._head = 0
+        self._size = 0
+        self._changed = threading.Condition()
+        self._abandoned = False
+        self._failure: BaseException | None = None
+        self.ended = False  # no sample follows; those in the buffer can still be read
+
+    def put(self, batch: Batch) -> int:
+        """Append samples; return how many samples were dropped.  All batches have the fields of the first one."""
+        samples, done, dropped = len(batch), 0, 0
+        if not samples:
+            return 0
+        with self._changed:
+            if not self._ring:
+                self._ring = {name: np.empty(self._capacity, kind) for name, kind in fields(batch).items()}
+            if self._drop:
+                done = max(samples - self._capacity, 0)
+                over = max(self._size + samples - done - self._capacity, 0)
+                self._remove(over)
+                dropped = done + over
+            while done < samples and not self._abandoned:
+                part = min(self._capacity - self._size, samples - done)
+                self._append(batch, done, part)
+                done += part
+                self._changed.notify_all()
+                if done < samples:
+                    self._changed.wait()
+        return dropped
+
+    def get(self, timeout: float) -> Batch:
+        """Return the samples in the buffer, the oldest first; an empty batch if none came within ``timeout`` s."""
+        with self._changed:
+            if not self._size and not self.ended:
+                self._changed.wait(timeout)
+            if self.ended and not self._size and self._failure is not None:
+                raise self._failure
+            count = min(self._size, self._capacity - self._head, LARGEST_BATCH)
+            if not count:
+                return Batch(EMPTY, EMPTY, None, None, time.monotonic())
+            taken = {name: column[self._head : self._head + count].copy() for name, column in self._ring.items()}
+            self._remove(count)
+            self._changed.notify_all()
+        arrived = float(taken["arrived"][-1])
+        return Batch(taken["u"], taken["y"], taken.get("t"), taken.get("sequence"), arrived, taken.get("r"))
+
+    def end(self, failure: BaseException | None = None) -> None:
+        """Mark the end of the stream; `get` raises ``failure`` once the buffer is empty."""
+        with self._changed:
+            self.ended, self._failure = True, failure
+            self._changed.notify_all()
+
+    def abandon(self) -> None:
+        """Mark that `get` is not called any more: from now on `put` does not wait."""
+        with self._changed:
+            self._abandoned = True
+            self._changed.notify_all()
+
+    def __len__(self) -> int:
+        return self._size
+
+    def _append(self, batch: Batch, done: int, count: int) -> None:
+        start = (self._head + self._size) % self._capacity
+        first = min(count, self._capacity - start)
+        for name, ring in self._ring.items():
+            if name == "arrived":
+                ring[start : start + first] = ring[: count - first] = batch.arrived
+            else:
+                column = getattr(batch, name)
+                ring[start : start + first] = column[done : done + first]
+                if first < count:
+                    ring[: count - first] = column[done + first : done + count]
+        self._size += count
+
+    def _remove(self, count: int) -> None:
+        self._size -= count
+        self._head = (self._head + count) % self._capacity if self._size else 0
+
+
+def fields(batch: Batch) -> dict[str, type]:
+    """Return the fields that a batch has, with the type of each."""
+    given = {"u": float, "y": float, "t": float, "r": float, "sequence": np.int64, "arrived": float}
+    return {name: kind for name, kind in given.items() if getattr(batch, name) is not None}
+
+
+TICK = 0.1  # time without samples after which an empty batch comes [s]
+CLOSE_TIMEOUT = 1.0  # time that a closed source may still take to let go of what it reads from [s]
+BACKOFF = 0.1, 5.0  # first and longest pause before connecting again [s]
+
+
+class Reader(ABC):
+    """A `Source` that is read by its own thread."""
+
+    def __init__(self, name: str, *, waits: bool, replays: bool = True, capacity: int = CAPACITY) -> None:
+        self.name = name
+        self.trouble = ""  # why the source is not connected, for messages
+        self._counts: Counter[str] = Counter()
+        self._numbering = Numbering(self._counts, replays=replays)
+        self._inbox = Inbox(capacity, drop=not waits)
+        self._stop = StopRequest()
+        self._state = "connecting"
+        self._backoff = BACKOFF[0]
+        self._again = False  # whether it has been connected before
+
+    @abstractmethod
+    def _read(self) -> None:
+        """Read and `_deliver` samples until the stream ends or a stop is requested."""
+
+    def batches(self) -> Iterator[Batch]:
+        """Yield samples as they arrive, see `Source.batches`."""
+        thread = Worker(self._run)
+        with self._stop:
+            thread.start()
+            try:
+                yield from self._batches_until_end()
+            finally:
+                self.close()
+                self._inbox.abandon()
+                thread.join(CLOSE_TIMEOUT)
+                self._state = "ended"
+
+    def seek(self, sequence: int) -> None:
+        """Continue after this sequence number, see `Source.seek`."""
+        self._numbering.last = sequence
+
+    def close(self) -> None:
+        """Stop reading, see `Source.close`."""
+        self._stop.request()
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """How often each fault has occurred, see `Source.counters`."""
+        return {reason: count for reason, count in dict(self._counts).items() if count}
+
+    @property
+    def state(self) -> str:
+        """One of "connecting", "connected", "waiting" and "ended"."""
+        return self._state
+
+    def _batches_until_end(self) -> Iterator[Batch]:
+        deadline = float("inf")
+        while True:
+            batch = self._inbox.get(TICK)
+            if len(batch):
+                yield batch
+            elif self._inbox.ended or time.monotonic() > deadline:
+                return
+            elif self._stop.requested:
+                deadline = min(deadline, time.monotonic() + CLOSE_TIMEOUT)
+            else:
+                yield batch
+
+    def _run(self) -> None:
+        failure: BaseException | None = None
+        try:
+            self._read()
+        except BaseException as error:
+            failure = error  # `Inbox.get` raises it in the session's thread; here nobody would see it
+        self._inbox.end(failure)
+
+    def count_refused(self, reason: str, samples: int) -> None:
+        """Count samples that were refused before the reading began."""
+        self._counts[reason] += samples
+
+    def _deliver(self, batch: Batch | None) -> None:
+        """Put the samples that `Numbering` accepts into the inbox."""
+        if batch is not None:
+            dropped = self._inbox.put(self._numbering.screen(batch))
+            if dropped:
+                self._counts["dropped"] += dropped
+
+    def _connected(self) -> None:
+        self._numbering.connect()
+        self._state, self.trouble, self._backoff = "connected", "", BACKOFF[0]
+        self._counts["reconnects"] += self._again
+        self._again = True
+
+
+class Wire(Reader):
+    """A connection whose lines or payloads are parsed, opened again when it is lost."""
+
+    def __init__(self, name: str, columns: tuple[str, ...] | None, *, waits: bool, replays: bool = True) -> None:
+        super().__init__(name, waits=waits, replays=replays)
+        self._parser = Parser(self._counts, columns)
+        self._lines = LineSplitter(self._counts)
+
+    @abstractmethod
+    def _session(self) -> str | None:
+        """Connect, and deliver samples until the connection ends; return why, None at the end of the stream."""
+
+    def _read(self) -> None:
+        while not self._stop.requested:
+            trouble = self._session()
+            if trouble is None or self._stop.requested:
+                break
+            self._pause(trouble)
+        self._deliver(self._parser.finish(time.monotonic()))
+
+    def _deliver_lines(self, data: bytes) -> None:
+        self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
+
+    def _pause(self, trouble: str) -> None:
+        """Pause before the next attempt to connect; each pause is twice as long as the one before."""
+        self._state, self.trouble = "waiting" if self._again else "connecting", trouble
+        self._stop.wait(self._backoff)
+        self._backoff = min(2.0 * self._backoff, BACKOFF[1])

@@ -1,0 +1,212 @@
+"""A source of live samples: what every source gives, and the sequence numbers that tell lost samples."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+
+#: The values of `Source.state`.
+STATES = ("connecting", "connected", "waiting", "ended")
+
+
+class Source(Protocol):
+    """A stream of live samples."""
+
+    name: str  # the URL of the source without password, for messages
+    trouble: str  # why the source is not connected, for messages; empty while it is
+
+    def batches(self) -> Iterator[Batch]:
+        """Yield samples as they arrive; while none arrive, yield an empty batch at least every 0.1 s.
+
+        The iterator ends at the end of the stream, or after `close` once every complete sample has been yielded.
+        """
+        ...
+
+    def seek(self, sequence: int) -> None:
+        """Continue after this sequence number; called before `batches`.
+
+        A source that can send samples again does so: a TCP peer is asked to, a log skips rows.  Any other source
+        continues with the samples that arrive.  `seek` raises no error.
+        """
+        ...
+
+    def close(self) -> None:
+        """Stop reading; may be called from any thread and from a signal handler."""
+        ...
+
+    @property
+    def counters(self) -> dict[str, int]:
+        """How often each fault has occurred; faults that never occurred are not listed."""
+        ...
+
+    @property
+    def state(self) -> str:
+        """One of "connecting", "connected", "waiting" (before connecting again) and "ended"."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Batch:
+    """Samples that arrived together; empty while the source is idle."""
+
+    u: FloatArray  # u, y: (K,): input and output in the device's units; NaN where the device sent none
+    y: FloatArray
+    # (K,): the device's time stamps in s.  None: the device sends no stamps; the clock is regular, and each sample is
+    # one sampling time after the one before
+    t: FloatArray | None
+    # (K,): the device's sequence numbers, strictly increasing; a gap means lost samples
+    sequence: IntArray | None
+    arrived: float  # `time.monotonic()` when the newest sample arrived
+    # (K,): the reference; NaN where the device sent none.  None: there is no reference
+    r: FloatArray | None = None
+
+    def __len__(self) -> int:
+        return int(self.u.size)
+
+    def select(self, rows: slice | BoolArray | IntArray) -> Batch:
+        """Return the samples that ``rows`` selects: a slice, a mask (K,) or indices."""
+        return Batch(
+            self.u[rows],
+            self.y[rows],
+            None if self.t is None else self.t[rows],
+            None if self.sequence is None else self.sequence[rows],
+            self.arrived,
+            None if self.r is None else self.r[rows],
+        )
+
+    def followed_by(self, other: Batch) -> Batch:
+        """Return the samples of this batch and then those of ``other``, which has the same fields."""
+        return Batch(
+            np.concatenate([self.u, other.u]),
+            np.concatenate([self.y, other.y]),
+            None if self.t is None or other.t is None else np.concatenate([self.t, other.t]),
+            None
+            if self.sequence is None or other.sequence is None
+            else np.concatenate([self.sequence, other.sequence]),
+            other.arrived,
+            None if self.r is None or other.r is None else np.concatenate([self.r, other.r]),
+        )
+
+
+LEAP = 50
+"""Numbers ahead of the last one beyond which a number leaps, and within which the next one confirms it [samples].
+Derivation: a misread number that is less ahead costs the samples up to it, as duplicates: twice as many would be more
+than learning may stand still for; half as many, and losses in bursts are leaps more often, which costs no sample.
+"""
+
+MISORDER = 1000
+"""Numbers back beyond which a number, with its successor after it, is a device that started anew, where nothing is
+sent again [samples].
+Derivation: the rule of RFC 3550, appendix A.1, with more room for packets that overtake.
+"""
+
+WRAPS = 1 << 16, 1 << 32  # values at which the counters of devices wrap [count]
+LEAPS_KEPT = 8  # number of remembered leaps, from which the numbers may return [count]
+
+
+class Numbering:
+    """Screens the samples of one stream by their sequence numbers.
+
+    A number continues the sequence if it is at most `LEAP` ahead of the last one.  A number that leaps further is held
+    back with its sample until the next number comes.  If the next number is a successor, it confirms the leap: both
+    samples are taken, and the numbers between are counted as lost.  Any other next number shows that the number was
+    misread.
+
+    A number far back is confirmed by its successor, too, if the sender never sends anything again: the device was
+    reset.  If the sender may send samples again, only numbers never used are accepted: after a counter has wrapped at
+    2^16 or 2^32, or between the two ends of a leap, within one connection.
+    """
+
+    def __init__(self, counters: Counter[str], *, replays: bool) -> None:
+        self.last: int | None = None
+        self._counters = counters
+        self._replays = replays
+        self._candidate: int | None = None  # a number that did not continue; its successor would confirm it
+        self._held: Batch | None = None  # the sample of a candidate that leapt ahead
+        self._unused: list[tuple[int, int]] = []  # leaps of this connection: last number before, first number after
+        self._heard = False  # whether a number has come over this connection
+        self._alone = False  # whether the last number is the first one and not confirmed yet
+
+    def connect(self) -> None:
+        """Record that a connection begins, over which samples may be sent again."""
+        self._unused, self._heard = [], False
+        self._candidate = self._held = None
+
+    def screen(self, batch: Batch) -> Batch:
+        """Return the samples of ``batch`` whose numbers continue, preceded by a held sample that they confirm."""
+        numbers = batch.sequence
+        if numbers is None or not numbers.size:
+            return batch
+        if self.last is not None and not self._alone:
+            steps = np.diff(numbers, prepend=self.last)
+            if steps.min() > 0 and steps.max() <= LEAP:
+                self._advance(self.last, int(numbers[-1]), numbers.size)
+                return batch
+        return self._one_by_one(batch, numbers.tolist())
+
+    def _one_by_one(self, batch: Batch, numbers: list[int]) -> Batch:
+        """Screen each sample by its number in ``numbers``."""
+        kept: list[int] = []
+        held = None  # index of the candidate's sample in ``batch``
+        if self._held is not None:
+            batch, held = self._held.followed_by(batch), 0
+        for at, number in enumerate(numbers, start=len(batch) - len(numbers)):
+            candidate = self._candidate
+            if candidate is not None and not self._continues(number) and self._confirms(candidate, number):
+                kept += [] if held is None else [held]
+            if self._continues(number):
+                kept.append(at)
+                self._advance(number - 1 if self.last is None else self.last, number, 1)
+                held = None
+            else:
+                ahead = self.last is not None and number > self.last
+                self._candidate, held = number, at if ahead else None
+                self._counters["number leap" if ahead else "duplicate"] += 1
+        self._held = None if held is None else batch.select(slice(held, held + 1))
+        return batch.select(np.array(kept, np.int64))
+
+    def _advance(self, before: int, last: int, samples: int) -> None:
+        if last - before > samples:
+            self._counters["lost"] += last - before - samples
+        self._alone = self.last is None
+        self.last, self._candidate, self._held, self._heard = last, None, None, True
+
+    def _continues(self, number: int) -> bool:
+        return self.last is None or 0 < number - self.last <= LEAP
+
+    def _confirms(self, candidate: int, number: int) -> bool:
+        """Return whether ``number`` confirms the candidate; if so, the candidate becomes the last number."""
+        last = self.last or 0
+        # a confirming number follows soon, or by about the distance of the leap: some devices count in steps
+        if not 0 < number - candidate <= max(LEAP, 2 * (candidate - last)):
+            return False
+        left = next((leap for leap in self._unused if leap[0] < candidate < leap[1]), None)
+        if candidate > last:
+            self._unused = [*self._unused, (last, candidate)][-LEAPS_KEPT:]
+            self._counters["number leap"] -= 1
+            self._advance(last, candidate, 1)
+        elif left is not None:  # the numbers return into a leap: its end was misread more than once
+            self._unused.remove(left)
+            self._counters["restarts"] += 1
+            self._counters["lost"] -= left[1] - left[0] - 1
+            self._advance(left[0], candidate, 1)
+        elif self._is_restart(last, candidate):
+            self._counters["restarts"] += 1
+            self._advance(candidate - 1, candidate, 1)
+        else:
+            return False
+        return True
+
+    def _is_restart(self, last: int, number: int) -> bool:
+        """Return whether the device was reset, its counter wrapped, or the first number was misread."""
+        if self._alone:
+            return number < last - LEAP
+        if not self._replays:
+            return number < last - MISORDER
+        return self._heard and number < MISORDER and any(0 < wrap - last <= MISORDER for wrap in WRAPS)

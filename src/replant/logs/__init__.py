@@ -1,0 +1,25 @@
+"""Recorded logs: files of many formats read into input, output and sampling time."""
+
+from replant.logs.formats import read_columns
+from replant.logs.log import Log
+from replant.logs.read import (
+    doubtful_unit,
+    open_recording,
+    read_log,
+    stamped_interval,
+    with_inputs,
+)
+from replant.logs.recording import Recording
+from replant.logs.table import Table
+
+__all__ = [
+    "Log",
+    "Recording",
+    "Table",
+    "doubtful_unit",
+    "open_recording",
+    "read_columns",
+    "read_log",
+    "stamped_interval",
+    "with_inputs",
+]

@@ -1,0 +1,345 @@
+"""Files of measured channels: MDF (asammdf), TDMS of LabVIEW (npTDMS), ULog of PX4 (pyulog), MCAP and ROS 2 (mcap).
+
+A channel with waveform properties (wf_start_offset, wf_increment, perhaps wf_start_time) has time stamps of its own.
+In a file where one has none, the time is a column, as in a table.
+
+Messages of ROS 2 (CDR) and JSON are decoded.  The time of a message is that at which it was recorded, which all topics
+share; the stamp of a header is a column of its own.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import LogError, shown
+from replant.logs.isolated import allow
+from replant.logs.rasters import Channel, Signal, channel_table
+from replant.logs.table import DEFLATE_RATIO, Table, at_most, damage_as_log_error, needed
+from replant.logs.text_cells import with_units
+
+TIME = 1  # kind of a group's master channel that is time; others are angle, distance and index [code]
+
+_MAGIC = (b"MDF     ", b"UnFinMF ")
+_REMEDY = "copy it again, or export it as CSV"
+_COPIES = 4  # arrays held beside a column: asammdf's bytes, stamps and values, and ours [count]
+
+
+def read_mdf(path: Path) -> Table:
+    """Open a measurement data file of version 3 or 4.
+
+    A channel is called by its name; where several groups have it, as ``group/name``.
+    """
+    with _opened(path) as log:
+        found = list(at_most(path, _listed(log), "channels"))
+    twice = {name for name, count in Counter(name for _, _, _, name, _ in found).items() if count > 1}
+    names = with_units(
+        [f"{group}/{name}" if name in twice else name for _, _, group, name, _ in found], [unit for *_, unit in found]
+    )
+    places = [(group, number) for group, number, *_ in found]
+    return channel_table(
+        path,
+        [Channel(name, partial(_signal, path, name, *place)) for name, place in zip(names, places, strict=True)],
+    )
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    asammdf = needed(path, "asammdf", "reading MDF needs asammdf", "asammdf")
+    with path.open("rb") as file:
+        if not file.read(len(_MAGIC[0])).startswith(_MAGIC):
+            raise LogError(f"{path}: not a measurement data file; {_REMEDY}")
+    with damage_as_log_error(path, "measurement data file", _REMEDY), asammdf.MDF(str(path)) as log:
+        yield log
+
+
+def _listed(file: Any) -> Iterator[tuple[int, int, str, str, str]]:
+    """Yield the channels over time: group, number in the group, name of the group, name, unit."""
+    for group, about in enumerate(file.groups):
+        master = file.masters_db.get(group)
+        if master is None or getattr(about.channels[master], "sync_type", TIME) != TIME:
+            continue
+        name = str(getattr(about.channel_group, "acq_name", "") or f"group {group}")
+        for number, channel in enumerate(about.channels):
+            if number != master:
+                yield group, number, name, str(channel.name), _unit(channel)
+
+
+def _unit(channel: Any) -> str:
+    conversion = getattr(channel, "conversion", None)
+    return str(getattr(channel, "unit", "") or getattr(conversion, "unit", "") or "").strip()
+
+
+def _signal(path: Path, name: str, group: int, number: int) -> Signal:
+    """Return stamps and values of a channel, NaN where the logger marked it as invalid."""
+    with _opened(path) as file:
+        rows = min(int(file.groups[group].channel_group.cycles_nr), DEFLATE_RATIO * path.stat().st_size)
+        allow(held=_COPIES * 8 * rows)
+        found = file.get(group=group, index=number, ignore_invalidation_bits=True)
+        if found.samples.dtype.kind not in "biuf" or found.samples.ndim != 1:
+            raise LogError(f"{path}: column {shown(name)} holds no numbers; choose another column")
+        values = np.array(found.samples, np.float64)
+        if found.invalidation_bits is not None:
+            values[np.asarray(found.invalidation_bits, np.bool_)] = np.nan
+        return Signal(np.array(found.timestamps, np.float64), values)
+
+
+_TDMS_COPIES = 3  # arrays held at once, each beside a column as float64: npTDMS's values, ours and the stamps [count]
+
+_Place = tuple[str, str]
+
+
+def read_tdms(path: Path) -> Table:
+    """Open a TDMS file."""
+    with _opened_of_tdms(path) as file:
+        listed = at_most(path, (one for group in file.groups() for one in group.channels()), "channels")
+        channels = [one for one in listed if one.dtype.kind in "biufM" and len(one)]
+        places: list[_Place] = [(one.group_name, one.name) for one in channels]
+        names = with_units(
+            [f"{group}/{name}" for group, name in places],
+            [str(one.properties.get("unit_string", "")).strip() for one in channels],
+        )
+        stamps = frozenset(number for number, one in enumerate(channels) if one.dtype.kind == "M")
+        clocks = [_clock(one) for one in channels]
+    if not channels:
+        raise LogError(f"{path}: no channel of numbers in the file; choose another file")
+    if all(clock is not None for clock in clocks):
+        known = [clock for clock in clocks if clock is not None]
+        starts = [_nanoseconds(start) for start, _, _ in known if start is not None]
+        origin = min(starts) if len(starts) == len(known) else None
+        return channel_table(
+            path,
+            [
+                Channel(name, partial(_signal_of_tdms, path, place, clock, origin))
+                for name, place, clock in zip(names, places, known, strict=True)
+            ],
+        )
+    return Table(path, names, partial(_blocks, path, places), in_seconds=stamps)
+
+
+@contextmanager
+def _opened_of_tdms(path: Path) -> Iterator[Any]:
+    tdms = needed(path, "nptdms", "reading TDMS needs npTDMS", "npTDMS").TdmsFile
+    with damage_as_log_error(path, "TDMS file", _REMEDY), path.open("rb") as opened, tdms.open(opened) as file:
+        yield file
+
+
+def _clock(channel: Any) -> tuple[Any, float, float] | None:
+    """Return start time (or None), offset and increment of a waveform; None if it is none."""
+    about = channel.properties
+    increment = float(about.get("wf_increment", 0.0))
+    if not increment > 0.0 or channel.dtype.kind == "M":
+        return None
+    return about.get("wf_start_time"), float(about.get("wf_start_offset", 0.0)), increment
+
+
+def _nanoseconds(start: Any) -> int:
+    return int(np.datetime64(start, "ns").astype(np.int64))
+
+
+def _signal_of_tdms(path: Path, place: _Place, clock: tuple[Any, float, float], origin: int | None) -> Signal:
+    start, offset, increment = clock
+    with _opened_of_tdms(path) as file:
+        values = _values(file, place, path.stat().st_size)
+    begin = offset + (0.0 if origin is None else (_nanoseconds(start) - origin) / 1e9)
+    return Signal(np.asarray(begin + increment * np.arange(values.size), np.float64), values)
+
+
+def _blocks(path: Path, places: Sequence[_Place], numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    with _opened_of_tdms(path) as file:
+        yield [_values(file, places[number], path.stat().st_size) for number in numbers]
+
+
+def _values(file: Any, place: _Place, size: int) -> NDArray[np.float64]:
+    group, name = place
+    channel = file[group][name]
+    allow(held=_TDMS_COPIES * 8 * min(len(channel), size))
+    values = np.asarray(channel[:])
+    if values.dtype.kind == "M":
+        counts = values.astype("datetime64[ns]").astype(np.int64)
+        return np.asarray((counts - counts[:1]) / 1e9, np.float64)
+    return np.array(values, np.float64)
+
+
+_STAMP = "timestamp"
+_ULOG_COPIES = 2  # size of what pyulog holds: the messages, and their fields as arrays [times the file]
+_PER_SECOND = 1_000_000  # unit of the stamps [1/s]
+
+
+def read_ulog(path: Path) -> Table:
+    """Open a ULog file.  Of several instances of a topic the columns are ``topic[0].field``, ``topic[1].field``."""
+    pyulog = needed(path, "pyulog", "reading ULog needs pyulog", "'replant[ulog]'")
+    with damage_as_log_error(path, "ULog file", "copy it again"), path.open("rb") as file:
+        allow(held=_ULOG_COPIES * path.stat().st_size)  # pyulog holds all that is in it
+        log = pyulog.ULog(file)
+        topics = [topic for topic in log.data_list if len(topic.data.get(_STAMP, ()))]
+        instances = Counter(topic.name for topic in topics)
+        channels = [
+            _channel(f"{_name(topic, instances)}.{field}", topic.data[_STAMP], values, log.start_timestamp)
+            for topic in topics
+            for field, values in topic.data.items()
+            if field != _STAMP and values.dtype.kind in "biuf"
+        ]
+        notes = _notes(path, log)
+    table = channel_table(path, channels)
+    return Table(table.path, table.names, table.blocks, table.describe_row, notes=notes, stamps=table.stamps)
+
+
+def _name(topic: Any, instances: Counter[str]) -> str:
+    return f"{topic.name}[{topic.multi_id}]" if instances[topic.name] > 1 else str(topic.name)
+
+
+def _channel(name: str, stamps: Any, values: Any, start: int) -> Channel:
+    def read_channel() -> Signal:
+        elapsed = (np.asarray(stamps, np.uint64) - np.uint64(start % 2**64)).astype(np.int64)  # modulo 2**64
+        return Signal(np.asarray(elapsed / _PER_SECOND, np.float64), np.array(values, np.float64))
+
+    return Channel(name, read_channel)
+
+
+def _notes(path: Path, log: Any) -> tuple[str, ...]:
+    notes = []
+    if log.dropouts:
+        lost = sum(dropout.duration for dropout in log.dropouts)
+        notes.append(f"{path}: the logger lost samples for {lost / 1000:.3g} s, in {len(log.dropouts)} gaps")
+    if log.file_corruption:
+        notes.append(f"{path}: a part of the file is damaged and left out")
+    return tuple(notes)
+
+
+MOST_ITEMS = 64  # length up to which the items of a list are columns [items]
+
+DEEPEST = 32  # objects within each other in a message that are looked into [count]
+_COUNTED = 1 << 14  # messages after which memory is asked for [messages]
+_MCAP_COPIES = 3  # numbers held at once for each value: stamps and values while they are read, and as arrays [count]
+
+_Keys = tuple[str | int, ...]
+
+
+def read_mcap(path: Path) -> Table:
+    """Open an MCAP file, or the folder of a ROS 2 bag with such files.  The columns are those of each first message."""
+    parts = parts_of(path) if path.is_dir() else [path]
+    first: dict[str, Any] = {}
+    origin: int | None = None
+    encodings: set[str] = set()
+    for part in parts:
+        with _opened_of_mcap(part) as reader:
+            for topic, begin in _first_messages(reader):
+                origin = begin if origin is None else min(origin, begin)
+                if topic in first:
+                    continue
+                try:
+                    _, first[topic] = next(_messages(reader, topic))
+                except _UnknownEncodingError as error:
+                    encodings.add(str(error))
+    if not first:
+        known = f" ({', '.join(sorted(encodings))})" if encodings else ""
+        raise LogError(f"{path}: no message of ROS 2 or JSON in the file{known}; choose another file")
+    assert origin is not None
+    fields = ((topic, keys) for topic, message in first.items() for keys in _keys_of(message))
+    return channel_table(
+        path,
+        [
+            Channel(topic + _written(keys), partial(_signal_of_mcap, parts, topic, keys, origin))
+            for topic, keys in at_most(path, fields, "columns")
+        ],
+    )
+
+
+def parts_of(folder: Path) -> list[Path]:
+    """Return the MCAP files in a folder, in the order of the numbers in their names."""
+    found = [part for part in folder.iterdir() if part.suffix.lower() == ".mcap" and not part.name.startswith(".")]
+    return sorted(found, key=lambda part: (len(part.name), part.name))
+
+
+class _UnknownEncodingError(ValueError):
+    """The messages of a topic cannot be decoded."""
+
+
+@contextmanager
+def _opened_of_mcap(path: Path) -> Iterator[Any]:
+    for module in ("mcap_ros2.decoder", "mcap.reader"):
+        mcap = needed(path, module, "reading MCAP needs mcap", "'replant[mcap]'")
+    with damage_as_log_error(path, "MCAP file", "repair it with: mcap recover"), path.open("rb") as file:
+        yield mcap.make_reader(file, validate_crcs=True)
+
+
+def _first_messages(reader: Any) -> Iterator[tuple[str, int]]:
+    """Yield each topic with the time of its first message, in ns."""
+    summary = reader.get_summary()
+    topics = {channel.topic for channel in summary.channels.values()} if summary is not None else set()
+    for topic in sorted(topics):
+        for _, _, message in reader.iter_messages(topics=[topic]):
+            yield topic, message.log_time
+            break
+
+
+def _messages(reader: Any, topic: str) -> Iterator[tuple[int, Any]]:
+    from mcap_ros2.decoder import DecoderFactory
+
+    factory = DecoderFactory()
+    decoders: dict[int, Callable[[bytes], Any]] = {}
+    for schema, channel, message in reader.iter_messages(topics=[topic]):
+        decode = decoders.get(channel.id)
+        if decode is None:
+            is_json = channel.message_encoding == "json"
+            decode = json.loads if is_json else factory.decoder_for(channel.message_encoding, schema)
+            if decode is None:
+                raise _UnknownEncodingError(channel.message_encoding)
+            decoders[channel.id] = decode
+        yield message.log_time, decode(message.data)
+
+
+def _signal_of_mcap(parts: Sequence[Path], topic: str, keys: _Keys, origin: int) -> Signal:
+    stamps, values = array("q"), array("d")  # compact: a list takes five times the memory
+    for part in parts:
+        with _opened_of_mcap(part) as reader:
+            for stamp, message in _messages(reader, topic):
+                stamps.append(stamp - origin)
+                values.append(_number(_item(message, keys)))
+                if len(stamps) % _COUNTED == 0:
+                    allow(held=_MCAP_COPIES * 8 * _COUNTED)
+    return Signal(np.array(stamps, np.int64) / 1e9, np.array(values, np.float64))
+
+
+def _items(value: Any) -> Iterator[tuple[str | int, Any]] | None:
+    """Return keys and values of what a message holds; None if it is a single value."""
+    if isinstance(value, Mapping):
+        return iter(value.items())
+    if isinstance(value, list | tuple | array):
+        return iter(enumerate(value)) if len(value) <= MOST_ITEMS else iter(())
+    slots = getattr(type(value), "__slots__", None)  # a message of ROS 2
+    return None if slots is None or isinstance(value, str | bytes) else ((name, getattr(value, name)) for name in slots)
+
+
+def _keys_of(value: Any, above: _Keys = ()) -> Iterator[_Keys]:
+    items = _items(value)
+    if items is not None and len(above) < DEEPEST:
+        for key, item in items:
+            yield from _keys_of(item, (*above, key))
+    elif isinstance(value, bool | int | float):
+        yield above
+
+
+def _written(keys: _Keys) -> str:
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)
+
+
+def _item(message: Any, keys: _Keys) -> Any:
+    for key in keys:
+        message = dict(_items(message) or ()).get(key)
+    return message
+
+
+def _number(value: Any) -> float:
+    return float(value) if isinstance(value, bool | int | float) else math.nan

@@ -1,0 +1,240 @@
+"""The columns of a log: what each holds, its range and resolution; and its clock: interval, jitter and gaps."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from enum import Enum
+from itertools import islice
+
+import numpy as np
+
+from replant.errors import LogError
+from replant.logs.sampling_time import StampUnit, clock_of, time_candidates, unit_of_stamps
+from replant.logs.table import Table, listed
+from replant.numerics.arguments import FloatArray
+
+MOST_CELLS = 1 << 24  # cells of a log that are held at once: 128 MB [count]
+MOST_ROWS = 1 << 20  # rows of a log that are looked at [rows]
+FEWEST_ROWS = 1 << 10  # the same where a log has very many columns [rows]
+MOST_STEPS = 10_000  # steps in its range up to which a column is called quantised: 13 bits and less [count]
+ROUND_OFF = 1e-9  # difference of two values that is a rounding error [part of the largest value]
+ON_GRID = 0.01  # distance from a grid up to which a value lies on it [part of the grid's step]
+
+
+class Kind(Enum):
+    """What a column holds."""
+
+    WHOLE = "whole"
+    REAL = "real"
+    CONSTANT = "constant"
+    EMPTY = "empty"
+    TEXT = "text"
+
+
+@dataclass(frozen=True)
+class Column:
+    """What one column of a log holds."""
+
+    number: int  # its 0-based number
+    name: str  # its name in the file
+    kind: Kind
+    rows: int  # rows that were looked at
+    missing: int  # those of them without a finite number
+    low: float = np.nan  # low, high: the least and the greatest value; NaN if there is none
+    high: float = np.nan
+    levels: int = 0  # number of different values
+    step: float = np.nan  # the smallest difference of two different values; NaN if there are no two
+    quantised: bool = False  # whether all values lie on a grid with this step, of at most `MOST_STEPS` steps
+    held: float = 0.0  # part of the rows whose value is that of the row before
+    problem: str = ""  # why a text column cannot be read as numbers; empty for the others
+
+    @property
+    def is_signal(self) -> bool:
+        """Whether the column holds numbers that change."""
+        return self.kind in (Kind.WHOLE, Kind.REAL)
+
+
+def describe(number: int, name: str, values: FloatArray) -> Column:
+    """Return what a column of numbers ``values`` (K,) holds."""
+    known = values[np.isfinite(values)]
+    missing = int(values.size - known.size)
+    if not known.size:
+        return Column(number, name, Kind.EMPTY, int(values.size), missing)
+    levels = np.unique(known)
+    step = _smallest_step(levels)
+    whole = bool((levels == np.rint(levels)).all())
+    kind = Kind.CONSTANT if levels.size == 1 else Kind.WHOLE if whole else Kind.REAL
+    held = float((known[1:] == known[:-1]).mean()) if known.size > 1 else 0.0
+    return Column(
+        number, name, kind, int(values.size), missing, float(levels[0]), float(levels[-1]), int(levels.size), step,
+        _on_grid(levels, step), held,
+    )  # fmt: skip
+
+
+def _smallest_step(levels: FloatArray) -> float:
+    """Return the smallest difference of sorted values that is no rounding error; NaN if there is none."""
+    with np.errstate(over="ignore"):
+        steps = np.diff(levels)
+    steps = steps[steps > ROUND_OFF * max(abs(float(levels[0])), abs(float(levels[-1])))]
+    return float(f"{steps.min():.9g}") if steps.size else np.nan
+
+
+def _on_grid(levels: FloatArray, step: float) -> bool:
+    if not 0.0 < step < np.inf:
+        return False
+    with np.errstate(over="ignore"):
+        places = (levels - levels[0]) / step
+    if places[-1] > MOST_STEPS:
+        return False
+    return bool((np.abs(places - np.rint(places)) <= ON_GRID).all())
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """The columns of a log, described, with the values of those that are numbers."""
+
+    columns: tuple[Column, ...]
+    values: dict[int, FloatArray]  # the numbers of each column that is no text, by the column's number
+    whole: bool  # whether all rows were looked at
+
+    @property
+    def usual_length(self) -> int:
+        """The length that most columns have; of two that are as usual the longer one."""
+        sizes = [values.size for values in self.values.values()]
+        return max(sizes, key=lambda size: (sizes.count(size), size), default=0)
+
+
+def read_contents(table: Table) -> Contents:
+    """Read the first rows of a log, as many as are held in memory at once, and describe its columns.
+
+    A column with a cell that is not a number is described as text, and the others are read without it.
+    """
+    every = range(len(table.names))
+    most = min(MOST_ROWS, max(FEWEST_ROWS, MOST_CELLS // max(1, len(table.names))))
+    problems: dict[int, str] = {}
+    try:
+        values, whole = _head(table, list(every), most)
+    except LogError:
+        values, whole, problems = _one_by_one(table, most)
+    rows = max((column.size for column in values.values()), default=0)
+    columns = [
+        describe(number, table.names[number], values[number])
+        if number in values
+        else Column(number, table.names[number], Kind.TEXT, rows, rows, problem=problems[number])
+        for number in every
+    ]
+    return Contents(tuple(columns), values, whole)
+
+
+def _head(table: Table, numbers: list[int], most: int) -> tuple[dict[int, FloatArray], bool]:
+    """Return the first rows of some columns, and whether these are all."""
+    read = table.head(numbers, most + 1)
+    return {n: values[:most] for n, values in zip(numbers, read, strict=True)}, max(map(len, read), default=0) <= most
+
+
+def _one_by_one(table: Table, most: int) -> tuple[dict[int, FloatArray], bool, dict[int, str]]:
+    """Read each column by itself; return those that can be read, and why the others cannot."""
+    values: dict[int, FloatArray] = {}
+    problems: dict[int, str] = {}
+    every_row = True
+    for number in range(len(table.names)):
+        try:
+            read, whole = _head(table, [number], most)
+        except LogError as problem:
+            problems[number] = str(problem).removeprefix(f"{table.path}: ")
+            first = problem
+        else:
+            values |= read
+            every_row = every_row and whole
+    if not values or len(set(islice(problems.values(), 2))) < min(2, len(problems)):
+        raise first
+    return values, every_row, problems
+
+
+GAP = 1.5  # interval of a steady clock from which on a sample is lost [usual intervals]
+LOST = 3.5  # the same of a clock that jitters, as GAP of `replant.estimation.engine.record` [usual intervals]
+STEADY = 0.2  # deviation of an interval up to which an unnamed column may be a time [part of the median]
+MOSTLY = 0.95  # part of its intervals that must be steady [part]
+FEWEST = 20  # rows from which on a rising column without a telling name may be a time [rows]
+
+
+@dataclass(frozen=True)
+class Clock:
+    """The time column of a log."""
+
+    column: Column
+    # why the column may not be the time; empty if it is the only one called t, time or timestamp, or was given
+    guess: str
+    unit: float  # one unit of its stamps in s
+    doubt: str  # why the unit may be another one; empty if it is stated
+    dt: float  # the usual (median) interval in s; NaN without a rising step
+    jitter: float  # standard deviation of the intervals that are no gaps, in s
+    gaps: int  # number of intervals above `GAP` usual ones
+    longest: float  # the longest interval in s
+    backward: int  # number of stamps that repeat, go back, or are missing
+    duration: float  # from the first stamp to the last, in s
+    problem: str  # why `replant run` would refuse these stamps; empty if it takes them
+
+
+def find_clock(
+    table: Table, contents: Contents, given: int | None = None, others: Collection[int] = ()
+) -> Clock | None:
+    """Return the clock of a log; None without a column that is or seems to be its time."""
+    if given is not None:
+        return _clock(table, contents, contents.columns[given], "") if given in contents.values else None
+    named = [number for number in time_candidates(table.names) if number in contents.values and number not in others]
+    fitting = [number for number in named if contents.values[number].size == contents.usual_length] or named
+    if fitting:
+        guess = f"{listed([table.names[number] for number in fitting])} could be it" if len(fitting) > 1 else ""
+        return _clock(table, contents, contents.columns[fitting[0]], guess)
+    free = [column for column in contents.columns if column.number not in others]
+    rising = next((column for column in free if _seems_time(column, contents)), None)
+    guess = "no column is called t, time or timestamp, and this one rises in equal steps"
+    return None if rising is None else _clock(table, contents, rising, guess)
+
+
+def _seems_time(column: Column, contents: Contents) -> bool:
+    """Return whether a column without a telling name rises in nearly equal steps."""
+    if column.kind not in (Kind.WHOLE, Kind.REAL) or column.missing or column.rows < FEWEST:
+        return False
+    steps = np.diff(contents.values[column.number])
+    usual = float(np.median(steps))
+    return usual > 0.0 and float((np.abs(steps - usual) <= STEADY * usual).mean()) >= MOSTLY
+
+
+def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Clock:
+    stamps = contents.values[column.number]
+    unit = StampUnit(1.0) if column.number in table.in_seconds else unit_of_stamps(column.name, stamps)
+    with np.errstate(invalid="ignore", over="ignore"):
+        steps = np.diff(stamps)
+    rising = steps[steps > 0.0]
+    usual = float(np.median(rising)) if rising.size else np.nan
+    regular = rising[rising <= GAP * usual]
+    if regular.size and regular.std() > STEADY * usual:
+        regular = rising[rising <= LOST * usual]
+    known = stamps[np.isfinite(stamps)]
+    return Clock(
+        column=column,
+        guess=guess,
+        unit=unit.seconds,
+        doubt=unit.doubt,
+        dt=float(f"{usual * unit.seconds:.9g}"),
+        jitter=float(regular.std()) * unit.seconds if regular.size else np.nan,
+        gaps=int(rising.size - regular.size),
+        longest=float(rising.max()) * unit.seconds if rising.size else np.nan,
+        backward=int(steps.size - rising.size),
+        duration=float(known.max() - known.min()) * unit.seconds if known.size else np.nan,
+        problem=unit.doubt if unit.refused else _refusal(table, column.name, stamps),
+    )
+
+
+def _refusal(table: Table, name: str, stamps: FloatArray) -> str:
+    """Return why these stamps give no sampling time; empty if they give one."""
+    if stamps.size < 2:
+        return "fewer than two stamps"
+    try:
+        clock_of(table.path, name, stamps, table.describe_row)
+    except LogError as problem:
+        return str(problem).removeprefix(f"{table.path}: ")
+    return ""

@@ -1,0 +1,303 @@
+"""What conditions a log before it is identified: stretches, trends, rates, and a beginning at rest.
+
+What a user asks for, and nothing by itself.  The three functions return another `Log`; G(s) links its signals as it
+links those of the log, because each is a linear operation applied to input, output and reference alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError, shown
+from replant.logs.band import bandpass, changed
+from replant.logs.log import Log
+from replant.model.preprocess import accepted
+from replant.numerics.arguments import FloatArray, instance, whole
+from replant.numerics.limits import duration, increasing
+
+BEFORE = 1.0  # rest put before a log: a plant that has not settled by then is slower than it [duration of the log]
+
+
+def from_rest(log: Log) -> Log:
+    r"""Put before a log the rest that it begins from: the plant had settled at the first value of the input.
+
+    `fit`, `run` and `search` estimate the initial state and the offset.  A step test whose input moves within the first
+    samples hardly tells these from the gain; knowing that it began at rest does.  Of a plant of 12 s in a test of 75 s
+    the gain's standard deviation falls from 60 % to 1 % where the step is at the second sample, and to a third where a
+    seventh of the record is before the step.  A plant that was not at rest then gives a wrong model.
+
+    Parameters
+    ----------
+    log : Log
+
+    Returns
+    -------
+    Log
+        Twice as long: before the first sample the input has its first value.  The outputs up to the first move of the
+        input are spread from the new beginning on; all others there are missing.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If no output is known until the input first moves.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import replant as rp
+    >>> u = np.where(np.arange(150) < 1, 0.0, 1.0)
+    >>> y = 5.0 + rp.TransferFunction([2.0], [12.0, 1.0]).simulate(u, 0.5)
+    >>> log = rp.Log(u, y + 0.05 * np.random.default_rng(1).standard_normal(150), 0.5)
+    >>> for each in log, rp.from_rest(log):
+    ...     print(round(float(rp.fit(each, poles=1).uncertainty.dc_gain_std), 2))
+    1.1
+    0.01
+    """
+    log = instance("log", log, Log)
+    u, y = accepted(log.input)[0], accepted(log.output)[0]
+    moves = np.flatnonzero(u[1:] != u[:-1])
+    still = np.flatnonzero(np.isfinite(y[: moves[0] + 2] if moves.size else y))
+    if not still.size or not np.isfinite(u[:1]).all():
+        raise InvalidArgumentError("no output is known until the input moves: what it was at rest cannot be told")
+    count = round(BEFORE * u.size)
+
+    def held(signal: FloatArray) -> FloatArray:
+        signal = accepted(signal)[0]
+        return np.concatenate([np.full(count, signal[0]), signal])
+
+    # at rest an output is as good at any time: as many of them as there were, so that none counts twice, and closer
+    # at the beginning, where a dead time hides the first and the state has to be known
+    output = np.concatenate([np.full(count, np.nan), y])
+    output[count : count + still[-1] + 1] = np.nan
+    places = (count + still[-1]) * np.linspace(0.0, 1.0, still.size) ** 2
+    output[np.maximum(places.round().astype(int), np.arange(still.size))] = y[still]
+    time = log.time
+    if time is not None:
+        time = np.concatenate([time[0] + log.dt * np.arange(-count, 0), time])
+    return changed(log, held, output, time=time)
+
+
+HALF_LENGTH = 10  # half the length of the filter: its edge is then 0.13 new rates wide [new sampling times]
+
+ATTENUATION = 60.0  # attenuation of what would be aliased [dB]
+
+CUTOFF = 0.8  # frequency at which the filter has fallen to a half [new Nyquist frequency]
+
+LONGEST_GAP = 3.0  # distance of two stamps from which on the samples between them are taken for lost [usual intervals]
+
+FINEST = 0.5  # shortest new sampling time: twice as many samples as were measured [usual intervals]
+
+MOST_ROWS = 100.0  # new samples beyond which nearly all lie in gaps [samples of the log]
+
+SAME = 1e-9  # part of an interval that rounding makes [intervals]
+
+COARSEST = 2.0  # longest new sampling time of a log without a filter against aliasing [usual intervals]
+
+
+def detrend(log: Log) -> Log:
+    """Subtract from each signal of a log the straight line that fits it best, and keep its mean.
+
+    A sensor that drifts, or a load that grows, adds a line to the output; the input's own line and the plant's answer
+    to it go with it.  A record that is not much longer than the plant's slowest time constant, a single step, and a
+    plant that integrates are no case for it: there the line is part of the answer.
+
+    Parameters
+    ----------
+    log : Log
+
+    Returns
+    -------
+    Log
+        Samples that are missing stay so.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import replant as rp
+    >>> log = rp.examples.motor()
+    >>> drifting = rp.Log(log.input, log.output + np.linspace(0, 500, len(log)), log.dt, None, "u", "y", log.path)
+    >>> for each in log, drifting, rp.detrend(drifting):
+    ...     print(rp.fit(each, poles=1).transfer_function)
+    3623 / (s + 2.127)
+    408.4 / (s - 0.008127)
+    3632 / (s + 2.163)
+    """
+    log = instance("log", log, Log)
+    since = _clock(log)
+
+    def without_line(signal: FloatArray) -> FloatArray:
+        signal, known = accepted(signal)
+        if known.sum() < 2:
+            return signal
+        t = since - since[known].mean()
+        t /= np.abs(t[known]).max()  # so that no square leaves float64
+        slope = float(t[known] @ signal[known]) / float(t[known] @ t[known])
+        return np.asarray(signal - slope * t)
+
+    return changed(log, without_line, without_line(log.output))
+
+
+def decimate(log: Log, factor: int) -> Log:
+    """Lower the rate of a log: filter every signal against aliasing, then keep one sample of ``factor``.
+
+    The filter is a symmetric FIR filter, 60 dB down at the new rate's Nyquist frequency, of 20 new sampling times: it
+    moves nothing in time.  The filtered input is no longer held between samples: the log says that it goes on in a
+    straight line, and a fit takes it so.  Ten new sampling times at either end, which the filter does not reach, are
+    left out; samples within ten of a missing one are missing.  Outliers are spread: make them missing before.
+
+    Parameters
+    ----------
+    log : Log
+        With a regular clock.
+    factor : int
+        At least 2.
+
+    Returns
+    -------
+    Log
+        With the sampling time ``factor * log.dt`` and the ``input_hold`` "foh".
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the clock is irregular, or the log is shorter than the filter.
+
+    Examples
+    --------
+    >>> import replant as rp
+    >>> log = rp.decimate(rp.examples.motor(), 2)
+    >>> len(log), log.dt, log.input_hold
+    (2027, 0.04, 'foh')
+    """
+    from scipy import signal as filters  # slow to import
+
+    log = instance("log", log, Log)
+    factor = whole("factor", factor, 2)
+    if log.stamps is not None:
+        raise InvalidArgumentError("the clock is irregular: a log is decimated on a regular clock; resample it before")
+    half = HALF_LENGTH * factor
+    if log.input.size <= 2 * half:
+        raise InvalidArgumentError(
+            f"the log has {log.input.size} samples: decimation by {shown(factor)} needs more than {shown(2 * half)}"
+        )
+    weights = filters.firwin(2 * half + 1, CUTOFF / factor, window=("kaiser", filters.kaiser_beta(ATTENUATION)))
+
+    def thinned(signal: FloatArray) -> FloatArray:
+        signal, known = accepted(signal)
+        level = float(signal[known].mean()) if known.any() else 0.0
+        smooth = level + filters.oaconvolve(np.where(known, signal - level, 0.0), weights, mode="valid")
+        if not known.all():
+            unknown = np.concatenate([[0], np.cumsum(~known)])
+            smooth[unknown[2 * half + 1 :] > unknown[: -2 * half - 1]] = np.nan
+        return np.asarray(smooth[::factor])
+
+    def centred(signal: FloatArray) -> FloatArray:
+        """Return a held signal at its stamps as a straight line has it: the mean of the steps that meet there."""
+        signal, _ = accepted(signal)
+        before = np.concatenate([signal[:1], signal[:-1]])
+        return np.asarray((before + signal) / 2 if log.input_hold == "zoh" else signal)
+
+    time = None if log.time is None else log.time[half : log.input.size - half : factor]
+    return changed(
+        log, lambda signal: thinned(centred(signal)), thinned(log.output),
+        dt=log.dt * factor, time=time, input_hold="foh",
+    )  # fmt: skip
+
+
+def resample(log: Log, dt: float) -> Log:
+    """Put a log onto a regular clock, for the methods that need one.
+
+    The input, which is held between its stamps, becomes its mean over each new interval, so that its integral is
+    kept.  The output is interpolated in a straight line between its stamps.  In a gap of more than three usual
+    intervals both are missing.  The methods that use instruments take an irregular clock as it is, without error: keep
+    them where you can.
+
+    Parameters
+    ----------
+    log : Log
+    dt : float
+        New sampling time in s, from half the usual interval to twice of it: beyond, `decimate` lowers the rate without
+        aliasing.
+
+    Returns
+    -------
+    Log
+        With a regular clock.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``dt`` is too short or too long, or the log has fewer than two samples, or hardly any beside its gaps.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from pathlib import Path
+    >>> t = np.array([0.0, 1.0, 2.5, 3.0, 4.0])
+    >>> late = Log(np.array([0.0, 1.0, 2.0, 3.0, 3.0]), 2 * t, 1.0, t, "u", "y", Path("log.csv"))
+    >>> again = resample(late, 1.0)
+    >>> again.input, again.output
+    (array([0. , 1. , 1.5, 3. , 3. ]), array([0., 2., 4., 6., 8.]))
+    """
+    log = instance("log", log, Log)
+    dt = duration("dt", dt)
+    t = _clock(log)
+    if t.size < 2:
+        raise InvalidArgumentError(f"the log has {t.size} samples: resampling needs two at least")
+    usual = float(np.median(np.diff(t)))
+    if dt > COARSEST * usual * (1 + 1e-9):
+        raise InvalidArgumentError(
+            f"the new sampling time of {dt:g} s is more than twice the usual interval of {usual:g} s: samples in "
+            "between would be lost; decimate lowers the rate, with a filter against aliasing"
+        )
+    if dt < FINEST * usual * (1 - 1e-9):
+        raise InvalidArgumentError(
+            f"the new sampling time of {dt:g} s is less than half the usual interval of {usual:g} s: outputs that are "
+            "interpolated tell nothing new, and a fit would count them as measured"
+        )
+    longest = int(np.argmax(np.diff(t)))
+    if t[-1] - t[0] > MOST_ROWS * t.size * dt:
+        raise InvalidArgumentError(
+            f"nearly all of the new samples would be missing: a gap of {t[longest + 1] - t[longest]:g} s follows "
+            f"sample {longest}; leave out what is before or after it"
+        )
+    count = math.floor((t[-1] - t[0]) / dt * (1 + 1e-12)) + 1
+    grid = t[0] + dt * np.arange(count)
+    lost = np.diff(t) > LONGEST_GAP * usual
+    after = np.clip(np.searchsorted(t, grid, "right"), 1, t.size - 1) - 1
+    missing = lost[after] & (grid > t[after]) & (grid < t[after + 1])
+
+    edges = np.append(grid, grid[-1] + dt)
+
+    def integral(signal: FloatArray) -> FloatArray:
+        within = np.concatenate([[0.0], np.cumsum(signal[:-1] * np.diff(t))])
+        return np.asarray(np.interp(edges, t, within) + np.maximum(edges - t[-1], 0.0) * signal[-1])
+
+    def averaged(signal: FloatArray) -> FloatArray:
+        signal, known = accepted(signal)
+        means = np.diff(integral(np.where(known, signal, 0.0))) / dt
+        unknown = np.diff(integral((~known).astype(float))) > SAME * dt
+        return np.asarray(np.where(missing | unknown, np.nan, means))
+
+    def interpolated(signal: FloatArray) -> FloatArray:
+        return np.asarray(np.where(missing, np.nan, np.interp(grid, t, accepted(signal)[0])))
+
+    return changed(log, averaged, interpolated(log.output), dt=dt, time=grid, irregular=False, earlier=0)
+
+
+def _clock(log: Log) -> FloatArray:
+    """Return the time of each sample of a log in s, checked where it comes from stamps."""
+    samples = log.input.size
+    return np.arange(samples, dtype=np.float64) * log.dt if log.stamps is None else increasing(log.stamps, samples)
+
+
+STEPS: Mapping[str, Callable[[Log, Any], Log]] = {
+    "resample": resample,
+    "decimate": decimate,
+    "detrend": lambda log, _: detrend(log),
+    "band": lambda log, edges: bandpass(log, *edges),
+}  # what a user can ask for, in the order in which a log passes it: filters need a regular clock

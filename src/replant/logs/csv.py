@@ -1,0 +1,342 @@
+"""Text logs (.csv, .txt, .tsv, .dat): read in blocks of lines, which NumPy parses in C.
+
+A block with quotes, comments, dates or an error is parsed in Python, which also finds the place of an error.
+"""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import lru_cache, partial
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import LogError, shown
+from replant.logs.table import Table
+from replant.logs.text_cells import (
+    MISSING,
+    CellError,
+    DecimalMark,
+    NumberError,
+    TwoMarksError,
+    common_mark,
+    mark_of,
+    parse_numbers,
+    quote,
+    split_line,
+)
+from replant.logs.text_layout import (
+    COMMENT_MARKS,
+    LONGEST_LINE,
+    QUOTES_REMEDY,
+    Layout,
+    is_data,
+    joined_cell,
+    later_mark,
+    lines_of,
+    sniff,
+    too_long_error,
+)
+from replant.logs.text_times import READ, checked_clocks
+
+_CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
+_DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
+_DATE_REMEDY = f"convert dates and clock times to seconds, or give the sampling time (dt, --dt); as the time {READ}"
+_WORDS = {".": "decimal point", ",": "comma"}
+
+
+def decimal_mark(layout: Layout, column: int) -> DecimalMark | None:
+    """Return what separates the fractions in a column; None: nothing in the log tells, or the delimiter is a comma."""
+    return layout.content.marks.get(column, layout.content.mark)
+
+
+def parse_column(
+    path: Path, layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: int
+) -> NDArray[np.float64]:
+    """Turn the cells of one column into float64: numbers, or seconds since the first stamp of the log."""
+    cells = [row[column] for _, row in rows]
+    form = layout.content.stamps.get(column)
+    try:
+        if form is not None:
+            if form.date_column is not None:
+                cells = [joined_cell(row[form.date_column], row[column]) for _, row in rows]
+            return form.seconds(cells)
+        mark = decimal_mark(layout, column)
+        if mark is None and layout.delimiter != ",":
+            mark = common_mark(mark_of(cell, line) for (line, _), cell in zip(rows, cells, strict=True))
+        return parse_numbers(cells, mark)
+    except CellError as error:
+        line, name = rows[error.at][0], layout.names[column]
+        if isinstance(error, TwoMarksError):
+            assert mark is not None
+            raise LogError(_two_marks(path, name, str(error), line, mark)) from None
+        remedy = _DATE_REMEDY if _DATE.match(cells[error.at]) else _CELL_REMEDY
+        end = f"; {remedy}" if isinstance(error, NumberError) else ""
+        raise LogError(f"{path}: line {line}, column {shown(name)}: {error}{end}") from None
+
+
+def _two_marks(path: Path, name: str, cell: str, line: int, mark: DecimalMark) -> str:
+    """Return the message for 1.234 beside 0,5: the point may be a decimal point or a thousands separator."""
+    return (
+        f"{path}: column {shown(name)} has a {_WORDS[mark.other]} in line {line} ({quote(cell)}) and the log a "
+        f"{_WORDS[mark.mark]} in line {mark.line} ({quote(mark.cell)}); write all numbers one way, without thousands "
+        "separators"
+    )
+
+
+_TAIL_BYTES = 1 << 16  # end of a file in which its last line is looked for [bytes]
+
+
+def cut_line(path: Path, layout: Layout) -> str:
+    """Return the last line if its writer was stopped in the middle of it, else an empty string.
+
+    Such a line has no line feed, and fewer cells than there are columns, or a last cell that cannot be read, as that of
+    the line before can.
+    """
+    before, line = _last_lines(path, layout.encoding)
+    if not is_data(line):
+        return ""
+    last, width = _cells(line, layout), len(layout.names)
+    if last is None or len(last) < width:
+        return line
+    previous = _cells(before, layout)
+    was_readable = previous is not None and len(previous) >= width and _is_readable(path, layout, previous)
+    return line if was_readable and not _is_readable(path, layout, last) else ""
+
+
+def _cells(line: str, layout: Layout) -> list[str] | None:
+    try:
+        return split_line(line, layout.delimiter)
+    except CellError:
+        return None
+
+
+def _is_readable(path: Path, layout: Layout, cells: list[str]) -> bool:
+    """Return whether the last cell of a row is a number, a time stamp or missing, as its column is."""
+    try:
+        parse_column(path, layout, [(0, cells)], len(layout.names) - 1)
+    except LogError:
+        return False
+    return True
+
+
+def unended_line(path: Path, encoding: str) -> str:
+    """Return the last line if it is not the first one and has no end, else an empty string."""
+    return _last_lines(path, encoding)[1]
+
+
+def _last_lines(path: Path, encoding: str) -> tuple[str, str]:
+    """Return the line before the last one, and the last one if it is not the first one and has no end."""
+    with path.open("rb") as file:
+        head = file.read(2)
+        end = file.seek(0, 2)
+        start = max(0, end - _TAIL_BYTES) // 4 * 4  # a character of UTF-16 is not cut
+        file.seek(start)
+        tail = file.read()
+    if encoding == "utf-16":
+        encoding = "utf-16-le" if head == codecs.BOM_UTF16_LE else "utf-16-be"
+    lines = tail.decode(encoding, errors="replace").replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return (lines[-2], lines[-1]) if len(lines) > 1 else ("", "")
+
+
+BLOCK_BYTES = 1 << 21  # text of a log held at a time [bytes]
+
+_HEAD_BYTES = 1 << 16  # beginning of a file that its layout is told from [bytes]
+_WIDE = "utf-16"  # comes as utf-8 from where the file is read
+_BYTE_ORDER_MARK = b"\xef\xbb\xbf"
+_ODD = ('"', *COMMENT_MARKS)  # a block with one of them is not for NumPy
+
+
+def read(path: Path) -> Table:
+    """Open a text log; its first lines determine delimiter, decimal comma and header."""
+    layout, notes = sniff(path), []
+    if layout.title:
+        first, last = layout.title[0], layout.title[-1]
+        lines = f"line {first} is" if first == last else f"lines {first} to {last} are"
+        notes.append(f"{path}: {lines} above the names, and left out")
+    cut = cut_line(path, layout)
+    if cut:
+        layout = replace(layout, is_cut=True)
+        notes.append(f"{path}: the last line is cut off ({quote(cut)}) and left out")
+    mark = layout.content.mark
+    if layout.delimiter != "," and (mark is None or not mark.certain):
+        mark = later_mark(mark, _rows_with_commas(path, layout), layout.content.stamps)
+        layout = replace(layout, content=replace(layout.content, mark=mark))
+    return Table(
+        path,
+        layout.names,
+        partial(_blocks, path, layout),
+        partial(_line_of_row, path, layout),
+        in_seconds=frozenset(layout.content.stamps),
+        origins={n: form.origin for n, form in layout.content.stamps.items() if form.origin is not None},
+        approximate_rows=_approximate_rows(path),
+        notes=tuple(notes),
+    )
+
+
+def check_head(path: Path) -> None:
+    """Check that the beginning of a text log has a row of data."""
+    sniff(path)
+
+
+def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    blocks = (_parse(path, layout, text, first, columns) for first, text in _texts(path, layout))
+    describe_row = partial(_line_of_row, path, layout)
+    return checked_clocks(path, layout.names, layout.content.stamps, columns, describe_row, blocks)
+
+
+def _parse(path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> list[NDArray[np.float64]]:
+    """Turn the lines of a text into one array per chosen column; ``first`` is the number of its first line.
+
+    Blank lines and comments are skipped; a missing cell is NaN.
+    """
+    decoded = _decoded(layout, text)
+    if first < layout.data_line:
+        above, first = layout.data_line - first, layout.data_line
+        decoded = "\n".join(decoded.split("\n")[above:])
+    values = _parse_in_c(layout, decoded, columns)
+    if values is not None:
+        return values
+    rows = [
+        (number, _split(path, layout, number, line))
+        for number, line in enumerate(decoded.split("\n"), first)
+        if is_data(line)
+    ]
+    for number, row in rows:
+        if len(row) != len(layout.names):
+            _check_width(path, layout, number, row)
+    return [parse_column(path, layout, rows, column) for column in columns]
+
+
+def _decoded(layout: Layout, text: bytes) -> str:
+    """Return a text with the line ends that Python has."""
+    decoded = text.decode("utf-8" if layout.encoding == _WIDE else layout.encoding, errors="replace")
+    return decoded.replace("\r\n", "\n").replace("\r", "\n") if "\r" in decoded else decoded
+
+
+def _rows_with_commas(path: Path, layout: Layout) -> Iterator[tuple[int, list[str]]]:
+    """Yield the rows of the blocks that have a comma: in the others every number is read in one way."""
+    for first, text in _texts(path, layout):
+        if b"," in text:
+            for number, line in enumerate(_decoded(layout, text).split("\n"), first):
+                if number >= layout.data_line and is_data(line) and '"' not in line:
+                    yield number, line.split(layout.delimiter)
+
+
+def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
+    """Yield whole lines as bytes, with the number of the first of them.
+
+    A line ends as it does for Python: by a line feed, a carriage return or both.
+    """
+    with path.open("rb") as opened:
+        file: Any = codecs.EncodedFile(opened, "utf-8", "utf-16", "replace") if layout.encoding == _WIDE else opened
+        first, rest = 1, file.read(len(_BYTE_ORDER_MARK)).removeprefix(_BYTE_ORDER_MARK)
+        while block := file.read(BLOCK_BYTES):
+            # a return at the end of the block may be the first half of a line's end
+            end = 1 + max(block.rfind(b"\n"), block[:-1].rfind(b"\r"))
+            if end == 0:
+                rest += block
+                if len(rest) > LONGEST_LINE:
+                    raise too_long_error(path, first)
+                continue
+            text, rest = rest + block[:end], block[end:]
+            if not text.isspace():
+                yield first, text
+            first += text.count(b"\n") + _lone_returns(text)
+        if layout.is_cut:
+            rest = rest[: 1 + max(rest.rfind(b"\n"), rest.rfind(b"\r"))]
+        if rest and not rest.isspace():
+            yield first, rest
+
+
+def _lone_returns(text: bytes) -> int:
+    returns = text.count(b"\r")
+    return returns - text.count(b"\r\n") if returns else 0
+
+
+def _approximate_rows(path: Path) -> int:
+    """Return the number of rows under the assumption that all lines are as long as the first ones."""
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    return path.stat().st_size * max(1, head.count(b"\n")) // max(1, len(head))
+
+
+def _line_of_row(path: Path, layout: Layout, row: int) -> str:
+    """Return the number of the line that holds a row; reads the file again, which only an error message needs."""
+    numbers = (n for n, line in lines_of(path, layout.encoding) if n >= layout.data_line and is_data(line))
+    return f"line {next(islice(numbers, row, None))}"
+
+
+def _parse_in_c(layout: Layout, text: str, columns: Sequence[int]) -> list[NDArray[np.float64]] | None:
+    """Parse a block with NumPy; return None where it holds anything but full rows of numbers and missing cells."""
+    width, delimiter = len(layout.names), layout.delimiter
+    if any(column in layout.content.stamps for column in columns) or any(mark in text for mark in _ODD):
+        return None
+    if delimiter != ",":
+        mark = layout.content.mark.mark if layout.content.mark else ""
+        if ("," in text and ("." in text or mark == ".")) or ("." in text and mark == ","):
+            return None
+        text = text.replace(",", ".")
+    if text.isspace() or not text:
+        return None  # NumPy warns about a block without data
+    chosen = None
+    if len(set(columns)) < width and delimiter is not None and _are_full(text, delimiter, width):
+        chosen = list(columns)
+    table = _numbers(text, delimiter, chosen)
+    if table is None and delimiter is not None:
+        table = _numbers(_missing(delimiter).sub("nan", text), delimiter, chosen)
+    if table is None or table.shape[1] != (width if chosen is None else len(chosen)):
+        return None
+    return [table[:, at] for at in (columns if chosen is None else range(len(chosen)))]
+
+
+def _numbers(text: str, delimiter: str | None, chosen: Sequence[int] | None) -> NDArray[np.float64] | None:
+    try:
+        return np.loadtxt(text.split("\n"), delimiter=delimiter, comments=None, ndmin=2, usecols=chosen)
+    except ValueError:
+        return None
+
+
+def _are_full(text: str, delimiter: str, width: int) -> bool:
+    """Return whether every line has ``width`` cells, which NumPy does not check where it reads some of them."""
+    characters = np.frombuffer((text if text.endswith("\n") else f"{text}\n").encode(), np.uint8)
+    is_end = characters[(characters == ord(delimiter)) | (characters == ord("\n"))] == ord("\n")
+    each = np.resize(np.arange(width) == width - 1, is_end.size)
+    return is_end.size % width == 0 and np.array_equal(is_end, each)
+
+
+@lru_cache(maxsize=8)
+def _missing(delimiter: str) -> re.Pattern[str]:
+    """Return the pattern of a missing cell beside another one, at which a line is told from a blank one."""
+    mark, words = re.escape(delimiter), "|".join(filter(None, MISSING))
+    word = rf" *(?:{words})? *" if delimiter == "\t" else rf"[ \t]*(?:{words})?[ \t]*"
+    return re.compile(rf"(?<={mark}){word}(?={mark}|$)|^{word}(?={mark})", re.IGNORECASE | re.MULTILINE)
+
+
+def _split(path: Path, layout: Layout, number: int, line: str) -> list[str]:
+    if '"' not in line:
+        return line.split(layout.delimiter, len(layout.names) + 1)
+    try:
+        return split_line(line, layout.delimiter)
+    except CellError as error:
+        name = layout.names[error.at] if error.at < len(layout.names) else str(error.at)
+        raise LogError(f"{path}: line {number}, column {shown(name)}: {error}; {QUOTES_REMEDY}") from None
+
+
+def _check_width(path: Path, layout: Layout, number: int, row: list[str]) -> None:
+    """Drop the empty cell after a delimiter at the end of the line; refuse any other difference."""
+    width = len(layout.names)
+    if len(row) == width + 1 and not row[-1].strip():
+        row.pop()
+        return
+    model = f"line {layout.names_line or layout.data_line}"
+    cells = "1 cell" if len(row) == 1 else f"{len(row)} cells"
+    raise LogError(
+        f"{path}: line {number} has {cells} where {model} has {width}; complete the line, or put # before it"
+    )

@@ -1,0 +1,288 @@
+"""The formats of logs: a file's suffix selects the reader; compressed logs and standard input are unpacked first.
+
+The file lives as long as its `Table`, which may be read several times.  Messages name the file that the user named.
+"""
+
+from __future__ import annotations
+
+import gzip
+import importlib
+import os
+import shutil
+import stat
+import sys
+import tempfile
+import weakref
+import zipfile
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path, PurePosixPath
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import LogError, MissingDependencyError
+from replant.logs import arrow, channels, isolated
+from replant.logs.table import Table, damage_as_log_error, listed, needed, open_zip, unreadable_error
+
+STANDARD_INPUT = Path("-")  # what stands for standard input
+
+_KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}
+SUFFIXES = tuple(_KINDS)
+_BLOCK_BYTES = 1 << 20  # bytes unpacked at a time [bytes]
+_ZSTD_BYTES = 1 << 10  # bytes taken at a time: of 4 may come 128 kB, so these yield 32 MB at the most [bytes]
+LARGEST_WINDOW = 1 << 27  # memory that unpacking a Zstandard file may take, as by zstd itself [bytes]
+HEAD_BYTES = 1 << 25  # unpacked bytes after which text is looked at, before the rest is unpacked [bytes]
+MOST_OF_DISK = 0.8  # part of the disk's free space that an unpacked file may take [part]
+
+
+def read_packed(path: Path, read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
+    """Read a compressed log, such as ``logs.log.csv.gz``, or a zip archive with one file in it."""
+    suffix = path.suffix.lower()
+    with (
+        damage_as_log_error(path, _KINDS[suffix], "pack or copy the log again"),
+        _opened(path, suffix) as (name, parts),
+    ):
+        inner = PurePosixPath(name.replace("\\", "/")).name
+        if PurePosixPath(inner).suffix.lower() in SUFFIXES:
+            raise LogError(f"{path}: holds another compressed file, {inner}; unpack it first")
+        copy = _Copy(path, inner, parts, check)
+    return _table_of(path, copy, read)
+
+
+def read_standard_input(read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
+    """Read a log from standard input: text, or JSON lines if it begins with a brace."""
+    if sys.stdin is None or sys.stdin.isatty():
+        raise LogError("standard input: a log is to be piped into it, as in: cat log.csv | replant run - ...")
+    file = getattr(sys.stdin, "buffer", None)
+    if file is None:
+        raise LogError("standard input: not open for reading bytes; give the log's path")
+    head = file.read(_BLOCK_BYTES)
+    name = "log.jsonl" if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{") else "log.csv"
+    copy = _Copy(STANDARD_INPUT, name, chain([head], _parts_of(file)), check)
+    return _table_of(STANDARD_INPUT, copy, read)
+
+
+class _Copy:
+    """A file in a temporary folder, which is removed with this object."""
+
+    def __init__(self, path: Path, name: str, parts: Iterable[bytes], check: Callable[[Path], None]) -> None:
+        folder = tempfile.mkdtemp(prefix="replant-")
+        weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.path = Path(folder, name)
+        room, size, is_checked = MOST_OF_DISK * shutil.disk_usage(folder).free, 0, False
+        with self.path.open("wb") as file:
+            for part in parts:
+                size += file.write(part)
+                if size > room:
+                    raise LogError(
+                        f"{path}: unpacked it is over {size / 1e9:.1f} GB, more than {tempfile.gettempdir()} has room "
+                        "for; unpack it where there is room"
+                    )
+                if size >= HEAD_BYTES and not is_checked:
+                    is_checked = True
+                    file.flush()
+                    with _named(self, path):
+                        check(self.path)
+
+
+def _table_of(path: Path, copy: _Copy, read: Callable[[Path], Table]) -> Table:
+    if copy.path.stat().st_size == 0:
+        raise LogError(f"{path}: the file is empty; record the log again")
+    with _named(copy, path):
+        table = read(copy.path)
+
+    def blocks(numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+        with _named(copy, path):
+            yield from table.blocks(numbers)
+
+    def describe_row(row: int) -> str:
+        with _named(copy, path):
+            return table.describe_row(row)
+
+    notes = tuple(note.replace(str(copy.path), str(path)) for note in table.notes)
+    return replace(table, path=path, blocks=blocks, describe_row=describe_row, notes=notes)
+
+
+@contextmanager
+def _named(copy: _Copy, path: Path) -> Iterator[None]:
+    """Have errors name the file that the user named."""
+    try:
+        yield
+    except (LogError, MissingDependencyError) as error:
+        raise type(error)(str(error).replace(str(copy.path), str(path))) from error
+
+
+@contextmanager
+def _opened(path: Path, suffix: str) -> Iterator[tuple[str, Iterator[bytes]]]:
+    """Open the only file in a compressed one; return its name and its content part by part."""
+    if suffix == ".gz":
+        with gzip.open(path) as file:
+            yield path.stem, _parts_of(file)
+    elif suffix == ".zst":
+        with path.open("rb") as packed:
+            yield path.stem, _zstd_parts(path, packed)
+    else:
+        with open_zip(path) as found:
+            member = _only_member(path, found)
+            with found.open(member) as file:
+                yield member.filename, _parts_of(file)
+
+
+def _parts_of(file: Any) -> Iterator[bytes]:
+    return iter(lambda: file.read(_BLOCK_BYTES), b"")
+
+
+def _zstd_parts(path: Path, packed: BinaryIO) -> Iterator[bytes]:
+    zstandard = needed(path, "zstandard", "reading a .zst file needs zstandard", "'replant[zstd]'")
+    frame = None
+    for part in iter(lambda: packed.read(_ZSTD_BYTES), b""):
+        rest = part
+        while rest:
+            if frame is None or frame.eof:
+                frame = zstandard.ZstdDecompressor(max_window_size=LARGEST_WINDOW).decompressobj()
+            yield frame.decompress(rest)
+            rest = frame.unused_data if frame.eof else b""
+    if frame is None or not frame.eof:  # which its library does not say
+        raise ValueError("it ends in the middle of a frame")
+
+
+def _only_member(path: Path, found: zipfile.ZipFile) -> zipfile.ZipInfo:
+    members = [member for member in found.infolist() if not member.is_dir()]
+    members = [m for m in members if not m.filename.startswith("__MACOSX/") and ".DS_Store" not in m.filename]
+    if not members:
+        raise LogError(f"{path}: the archive has no file in it; pack the log again")
+    if len(members) > 1:
+        names = listed([member.filename for member in members])
+        raise LogError(f"{path}: the archive has {len(members)} files; unpack it, and give one of: {names}")
+    return members[0]
+
+
+# For each suffix the function of a module here, read(path) -> Table; it is imported when such a file is opened
+FORMATS = {
+    ".csv": "csv.read",
+    ".txt": "csv.read",
+    ".tsv": "csv.read",
+    ".dat": "csv.read",
+    ".parquet": "arrow.read_parquet",
+    ".pq": "arrow.read_parquet",
+    ".mat": "hdf5.read_matlab",
+    ".npz": "npz.read",
+    ".jsonl": "jsonl.read",
+    ".ndjson": "jsonl.read",
+    ".feather": "arrow.read_ipc",
+    ".arrow": "arrow.read_ipc",
+    ".xlsx": "xlsx.read",
+    ".xlsm": "xlsx.read",
+    ".h5": "hdf5.read_hdf5",
+    ".hdf5": "hdf5.read_hdf5",
+    ".tdms": "channels.read_tdms",
+    ".mf4": "channels.read_mdf",
+    ".mdf": "channels.read_mdf",
+    ".ulg": "channels.read_ulog",
+    ".mcap": "channels.read_mcap",
+}
+
+
+def read_columns(path: str | os.PathLike[str]) -> Table:
+    r"""Open a log file of any format; the table knows its columns' names, and reads columns on request.
+
+    Parameters
+    ----------
+    path : path
+        A file with one of the suffixes in `FORMATS`, perhaps compressed (.gz, .zip, .zst); a folder of Parquet files,
+        the parts of one log in the order of their names, or of a ROS 2 bag; or ``-``, standard input.
+
+    Raises
+    ------
+    LogError
+        If the file is missing, empty, damaged, or of another format.
+    MissingDependencyError
+        If the package that reads the format is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.csv")
+    ...     _ = file.write_text("t;u [V];y\n0,0;1,5;0,0\n0,1;1,5;0,7\n")
+    ...     table = read_columns(file)
+    ...     print(table.names, table.column("y"))
+    ('t', 'u [V]', 'y') [0.  0.7]
+    """
+    path = Path(path)
+    if path == STANDARD_INPUT:
+        return read_standard_input(_read_file, _check_head)
+    if path.suffix.lower() in SUFFIXES and not path.is_dir():
+        with _unreadable_as_log_error(path):
+            _check_file(path)
+            return read_packed(path, _read_file, _check_head)
+    return _read_file(path)
+
+
+def _read_file(path: Path) -> Table:
+    suffix = _suffix_of_folder(path) if path.is_dir() else path.suffix.lower()
+    if suffix not in FORMATS:
+        known = " ".join(FORMATS)
+        raise LogError(
+            f"{path}: unknown file type {suffix!r}; a log is one of {known}, perhaps with {' '.join(SUFFIXES)}"
+        )
+    with _unreadable_as_log_error(path):
+        for part in _parts(path, suffix):
+            _check_file(part)
+        if FORMATS[suffix] in isolated.PARSERS and isolated.is_possible():
+            return isolated.read(path, FORMATS[suffix])
+        table: Table = isolated.reader(FORMATS[suffix])(path)
+    return table
+
+
+def _parts(path: Path, suffix: str) -> list[Path]:
+    if not path.is_dir():
+        return [path]
+    return channels.parts_of(path) if suffix == ".mcap" else arrow.parts_of(path)
+
+
+def _check_file(path: Path) -> None:
+    """Check that a path leads to a file with bytes in it: reading a device or a pipe may not end."""
+    about = path.stat()
+    if not stat.S_ISREG(about.st_mode):
+        raise LogError(
+            f"{path}: a device, pipe or socket; copy the log into a file, or pipe it in and give - as the log"
+        )
+    if about.st_size == 0:
+        raise LogError(f"{path}: the file is empty; record the log again")
+
+
+def _check_head(path: Path) -> None:
+    """Check that the beginning of a text log holds rows; the other formats have their numbers where they say."""
+    module = FORMATS.get(path.suffix.lower(), "").partition(".")[0]
+    if module in ("csv", "jsonl"):
+        importlib.import_module(f"replant.logs.{module}").check_head(path)
+
+
+def _suffix_of_folder(path: Path) -> str:
+    """Return the format of the parts of a log in a folder."""
+    with _unreadable_as_log_error(path):
+        if channels.parts_of(path):
+            return ".mcap"
+        if arrow.parts_of(path):
+            return ".parquet"
+        if any(part.suffix == ".db3" for part in path.iterdir()):
+            raise LogError(f"{path}: a ROS 2 bag in SQLite; write it as MCAP with: ros2 bag convert")
+    raise LogError(
+        f"{path}: a directory; give the log file inside it, or a folder of Parquet files; `replant fleet` makes a "
+        "model of each file"
+    )
+
+
+@contextmanager
+def _unreadable_as_log_error(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except FileNotFoundError:
+        raise LogError(f"{path}: no such file; check the path") from None
+    except OSError as error:
+        raise unreadable_error(path, error) from error

@@ -1,0 +1,314 @@
+"""HDF5 files (.h5, .hdf5) with h5py, and MATLAB files (.mat) of every version.
+
+MATLAB stores each array with its dimensions reversed, and a struct as a group, whose fields are called ``logs.speed``
+as in its older files.
+
+Files of version 7.3 are HDF5 files.  The others are read with SciPy.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import struct
+import warnings
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.logs.isolated import allow
+from replant.logs.npz import array_table, is_sampling_time, no_signal_error, places_of, stated_dt
+from replant.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, needed, too_many_error
+
+_MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"
+BLOCK_ROWS = 1 << 16  # rows read at a time, or one chunk where that has more [rows]
+DEEPEST = 64  # groups within each other that are looked into [count]
+MOST_UNWRITTEN = 16  # length of a data set, of which a recorder wrote only a part, in lengths of that part [times]
+
+_CLASS, _DECODED = "MATLAB_class", "MATLAB_object_decode"
+_INTEGERS = (f"{sign}int{bits}".encode() for sign in ("", "u") for bits in (8, 16, 32, 64))
+_NUMBERS = frozenset({b"double", b"single", b"logical", *_INTEGERS})
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """Where a column lies: the path of its data set, its field if that is a table, and its index there."""
+
+    name: str
+    dataset: str
+    field: str | None
+    index: tuple[int | slice, ...]
+    rows: int
+
+
+def read_hdf5(path: Path) -> Table:
+    """Open an HDF5 file.  Its columns are vectors, the columns of matrices, and the fields of tables."""
+    return _table(path, matlab=False)
+
+
+def reasons(objects: Mapping[str, str]) -> dict[str, str]:
+    """Return, for each object of a MATLAB file, why it cannot be read, and what to do."""
+    how = {
+        "timeseries": "t = {0}.Time; y = {0}.Data; save(...)",
+        "timetable": "t = seconds({0}.Properties.RowTimes); y = {0}.Variables; save(...)",
+        "table": "y = {0}.Variables; save(...)",
+    }
+    return {
+        name: f"{name} is a MATLAB {kind or 'object'}, which MATLAB alone can open; there: "
+        + how.get(kind, "save its numbers as vectors").format(name)
+        for name, kind in objects.items()
+    }
+
+
+def _table(path: Path, *, matlab: bool) -> Table:
+    signals: list[_Signal] = []
+    scalars: list[tuple[str, float]] = []
+    objects: dict[str, str] = {}
+    left_out: dict[str, str] = {}
+    with _opened(path, matlab=matlab) as file:
+        for place, dataset in _datasets(path, file):
+            name = place.replace("/", ".") if matlab else place
+            reason = _reason_not_to_read(path, name, dataset)
+            if reason:
+                left_out[name] = reason
+                continue
+            kind = dataset.attrs.get(_CLASS)
+            if matlab and _DECODED in dataset.attrs:
+                objects[name] = bytes(kind or b"").decode(errors="replace")
+            elif not matlab or kind in _NUMBERS:
+                signals += _signals_in(name, place, dataset, matlab=matlab)
+                if is_sampling_time(name, dataset.shape or (), dataset.dtype.kind):
+                    scalars.append((name, float(np.asarray(dataset[()]).reshape(-1)[0])))
+            if len(signals) > MOST_COLUMNS:
+                raise too_many_error(path, "columns")
+    left_out |= reasons(objects)
+    if not signals:
+        raise no_signal_error(path, left_out)
+    return Table(
+        path,
+        tuple(signal.name for signal in signals),
+        partial(_blocks, path, signals, matlab=matlab),
+        approximate_rows=max(signal.rows for signal in signals),
+        dt=stated_dt(path, scalars),
+        left_out=left_out,
+    )
+
+
+@contextmanager
+def _opened(path: Path, *, matlab: bool) -> Iterator[Any]:
+    why = f"{_MATLAB}, or install h5py" if matlab else "reading HDF5 needs h5py"
+    h5py = needed(path, "h5py", why, "'replant[hdf5]'")
+    kind, remedy = ("MATLAB v7.3 file", _MATLAB) if matlab else ("HDF5 file", "write it again, or copy it again")
+    with damage_as_log_error(path, kind, remedy), h5py.File(path, "r") as file:
+        yield file
+
+
+def _datasets(path: Path, file: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the data sets with their paths; what begins with # is MATLAB's own."""
+    import h5py
+
+    found: list[tuple[str, Any]] = []
+    objects = 0
+
+    def visit(name: str, item: Any) -> None:  # links to other files are not followed
+        nonlocal objects
+        objects += 1
+        if objects > MOST_COLUMNS:
+            raise too_many_error(path, "groups and data sets")
+        if name.count("/") >= DEEPEST:
+            raise too_many_error(path, "groups within each other", DEEPEST)
+        if isinstance(item, h5py.Dataset) and not name.startswith("#"):
+            found.append((name, item))
+
+    file.visititems(visit)
+    yield from found
+
+
+def _reason_not_to_read(path: Path, name: str, dataset: Any) -> str:
+    """Return why the samples of a data set are not to be had from this file; empty where they are."""
+    if dataset.external or dataset.is_virtual:
+        return f"{name} lies in another file, which is not read; copy its samples into this one, as h5repack does"
+    if dataset.shape is None or dataset.id.get_storage_size() == 0:
+        return f"{name} holds no samples: nothing was written into it" if dataset.size else ""
+    claimed = math.prod(dataset.shape) * dataset.dtype.itemsize
+    if dataset.chunks is None:
+        written = min(dataset.id.get_storage_size(), path.stat().st_size)
+    else:
+        written = dataset.id.get_num_chunks() * math.prod(dataset.chunks) * dataset.dtype.itemsize
+    if claimed > MOST_UNWRITTEN * written + BLOCK_ROWS * 8:
+        part = f"about {written // max(1, claimed // dataset.shape[0]):,} of its {dataset.shape[0]:,} rows"
+        return f"{name} claims samples that it does not hold: {part} were written; write it again"
+    return ""
+
+
+def _signals_in(name: str, place: str, dataset: Any, *, matlab: bool) -> Iterator[_Signal]:
+    if dataset.shape is None:
+        return
+    if dataset.dtype.names:
+        parts = [(f"{name}.{field}", field, dataset.dtype[field]) for field in dataset.dtype.names]
+    else:
+        parts = [(name, None, dataset.dtype)]
+    shape = dataset.shape[::-1] if matlab else dataset.shape
+    for of_part, field, kind in parts:
+        if kind.kind in "biuf" and kind.shape == ():
+            for of_column, index in places_of(of_part, shape):
+                rows = next(length for length, one in zip(shape, index, strict=True) if isinstance(one, slice))
+                yield _Signal(of_column, place, field, index, rows)
+
+
+def _blocks(
+    path: Path, signals: Sequence[_Signal], columns: Sequence[int], *, matlab: bool
+) -> Iterator[list[NDArray[np.float64]]]:
+    chosen = [signals[number] for number in columns]
+    with _opened(path, matlab=matlab) as file:
+        rows = {signal.rows for signal in chosen}
+        step = max((_block_rows(file[signal.dataset], signal, matlab=matlab) for signal in chosen), default=1)
+        if len(rows) != 1:  # which the caller says; none can be cut into blocks
+            allow(held=8 * sum(signal.rows for signal in chosen))
+            step = max(rows, default=0)
+        for begin in range(0, max(rows, default=0), max(1, step)):
+            yield [_values(file, signal, slice(begin, begin + step), matlab=matlab) for signal in chosen]
+
+
+def _block_rows(dataset: Any, signal: _Signal, *, matlab: bool) -> int:
+    """Return the rows to read at a time: whole chunks, which are unpacked as a whole."""
+    if dataset.chunks is None:
+        return BLOCK_ROWS
+    index = signal.index[::-1] if matlab else signal.index
+    rows = next(length for length, one in zip(dataset.chunks, index, strict=True) if isinstance(one, slice))
+    chunk, whole = math.prod(dataset.chunks), math.prod(dataset.shape)
+    allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
+    return int(rows * max(1, BLOCK_ROWS // rows))
+
+
+def _values(file: Any, signal: _Signal, rows: slice, *, matlab: bool) -> NDArray[np.float64]:
+    at = tuple(rows if isinstance(one, slice) else one for one in signal.index)
+    values = file[signal.dataset][at[::-1] if matlab else at]
+    if signal.field is not None:
+        values = values[signal.field]
+    return np.array(values, np.float64).reshape(-1)
+
+
+_HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
+_HEADER_BYTES = 512 + len(_HDF5_MAGIC)  # text with the version, and in a v7.3 file the magic number [bytes]
+_SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
+_COMPRESSED = 15  # kind of an element of a file that holds another one, compressed [code]
+_FIRST_ELEMENT = 128  # place of the first element [bytes]
+_PART = 1 << 18  # part of a compressed element that is unpacked at a time, to see how long it is [bytes]
+_NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+_NO_SIGNALS = {"char", "cell", "sparse", "function"}
+
+
+def read_matlab(path: Path) -> Table:
+    """Open a MATLAB file of any version."""
+    with path.open("rb") as file:
+        head = file.read(_HEADER_BYTES)
+    if head.startswith((_HDF5_MAGIC, b"MATLAB 7.3")) or head.endswith(_HDF5_MAGIC):
+        return _table(path, matlab=True)
+    with damage_as_log_error(path, "MATLAB file", _SAVE_AGAIN):
+        contents = _load(path, head)
+        return array_table(path, list(_signals(contents)), reasons(_objects(contents)))
+
+
+def _load(path: Path, head: bytes) -> dict[str, Any]:
+    """Return the variables that may hold signals."""
+    import scipy.io
+
+    sizes = list(at_most(path, _sizes(path, head), "variables"))
+    chosen, held = None, sum(sizes)
+    with warnings.catch_warnings(action="ignore"):  # SciPy warns about variables that are no signals
+        with contextlib.suppress(TypeError):  # SciPy lists no objects of classes of MATLAB's
+            listed = scipy.io.whosmat(str(path))
+            chosen = [(at, *about) for at, about in enumerate(listed) if _may_be_signal(*about)]
+            of = sizes if len(sizes) == len(listed) else [max(sizes, default=0)] * len(listed)
+            held = sum(
+                min(8 * math.prod(shape), 8 * of[at]) if kind in _NUMERIC else of[at] for at, _, shape, kind in chosen
+            )
+        allow(held=held)
+        names = None if chosen is None else [name for _, name, *_ in chosen]
+        contents: dict[str, Any] = scipy.io.loadmat(str(path), variable_names=names)
+    return contents
+
+
+def _may_be_signal(name: str, shape: tuple[int, ...], kind: str) -> bool:
+    if kind in _NUMERIC:
+        return any(True for _ in places_of(name, shape)) or is_sampling_time(name, shape, "f")
+    return kind not in _NO_SIGNALS
+
+
+def _sizes(path: Path, head: bytes) -> Iterator[int]:
+    """Yield the unpacked lengths of the variables in the order of the file, in bytes."""
+    if len(head) < _FIRST_ELEMENT or head[126:128] not in (b"IM", b"MI"):  # version 4, which is not compressed
+        yield path.stat().st_size
+        return
+    tag = struct.Struct("<II" if head[126:128] == b"IM" else ">II")
+    with path.open("rb") as file:
+        file.seek(_FIRST_ELEMENT)
+        while len(read := file.read(tag.size)) == tag.size:
+            kind, length = tag.unpack(read)
+            end = file.tell() + length
+            yield _unpacked_size(file, length) if kind == _COMPRESSED else length
+            file.seek(end)
+
+
+def _unpacked_size(file: Any, length: int) -> int:
+    unpacker, size = zlib.decompressobj(), 0
+    while length > 0 and (packed := file.read(min(length, _PART))):
+        length -= len(packed)
+        while packed:
+            size += len(unpacker.decompress(packed, _PART))
+            packed = unpacker.unconsumed_tail
+    return size
+
+
+def _signals(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the numeric arrays among variables with their names, those in a struct as ``logs.time``."""
+    for name, value in _arrays(contents):
+        if value.dtype.kind in "biuf" and (value.size > 1 or is_sampling_time(name, value.shape, value.dtype.kind)):
+            yield name, value
+
+
+def _arrays(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    for name, value in contents.items():
+        if name.startswith("__") or not isinstance(value, np.ndarray):
+            continue
+        if value.dtype.names is None:
+            yield name, value
+        elif value.size == 1 and not _is_opaque(value):
+            fields = value.reshape(-1)[0]
+            for field in value.dtype.names:
+                if isinstance(fields[field], np.ndarray):
+                    yield f"{name}.{field}", fields[field]
+                    if field == "signals":
+                        yield from _simulink_signals(f"{name}.{field}", fields[field])
+
+
+def _simulink_signals(name: str, signals: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the values of what Simulink logs as a structure with time."""
+    if signals.dtype.names and "values" in signals.dtype.names:
+        for number, signal in enumerate(signals.reshape(-1), 1):
+            place = name if signals.size == 1 else f"{name}({number})"
+            yield f"{place}.values", signal["values"]
+
+
+def _is_opaque(value: Any) -> bool:
+    """Whether it is an object of a class of MATLAB's, of which SciPy knows the name alone."""
+    return value.dtype.names is not None and {"s0", "s1", "s2", "arr"} <= set(value.dtype.names)
+
+
+def _objects(contents: dict[str, Any]) -> dict[str, str]:
+    """Return the names of the objects that cannot be read, with their classes."""
+    found = {}
+    for value in contents.values():
+        if hasattr(value, "dtype") and _is_opaque(value):
+            for one in value.reshape(-1):
+                name, kind = (bytes(part).decode(errors="replace") for part in (one["s0"], one["s2"]))
+                found[name] = kind
+    return found

@@ -1,0 +1,392 @@
+"""A second Python in which a parser reads a file: on damaged bytes it may crash, hang, or take memory without end.
+
+`read` starts it without running the user's script again.  It serves one table, and ends with it, or with a pass over it
+that is not finished: requests are lines of JSON on standard input; an answer is a line of JSON, and the bytes of the
+arrays that it lists.  It begins with an allowance of memory and time that is the same for every file; a reader that
+holds samples asks for more when it has found them (`allow`); what a file merely claims gives none.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import weakref
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant import errors
+from replant.errors import LogError, ReplantError
+from replant.logs.table import Table
+
+MEMORY = 128 << 20  # for any file, beside the libraries: with these and the caller below 300 MB [bytes]
+SECONDS = 9  # processor time that it may take for any file [s]
+HELD = 2  # memory for samples that a reader holds: as the file has them, and as float64 [times their size as float64]
+SECONDS_PER_BYTE = 1e-6  # further processor time for each byte: parsers in Python read some 5 MB in a second [s]
+SECONDS_PER_SAMPLE = 4e-5  # further processor time for each sample found: a cell of a workbook takes some 8e-6 s [s]
+STILL = 120.0  # time to answer in: bounds what the limit of processor time does not, a parser that waits [s]
+STILL_PER_BYTE = 1e-5  # further time for each byte of the file [s]
+
+ENVIRONMENT = {  # each thread takes memory, and Arrow's own allocators reserve a gigabyte
+    "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_IO_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system",
+}  # fmt: skip
+# what the process is called with: this, reader, file, libraries, modules that must not be imported, folders to import
+# from; these at the end, so that no module of the user hides one of Python
+BEGIN = "import sys; sys.path += sys.argv[5:]; from replant.logs.isolated import main; main()"
+
+_ENDING = 10.0  # time within which a process ends that has ended its output [s]
+_TO_ANSWER = 1 << 20  # memory kept for the answer [bytes]
+_CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
+_AGAIN = "write it again, or export the log as CSV"
+
+Reader = Callable[[Path], Table]
+Arrays = list[NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Parser:
+    """What reads a kind of files."""
+
+    kind: str
+    library: str
+    imports: tuple[str, ...]  # before memory is limited
+    remedy: str = _AGAIN
+
+
+# For each reader that is not run here; those of text and .npz files parse with Python and NumPy alone
+PARSERS = {
+    "hdf5.read_matlab": Parser(
+        "a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"
+    ),
+    "hdf5.read_hdf5": Parser("an HDF5 file", "h5py", ("h5py",)),
+    "arrow.read_parquet": Parser("a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute")),
+    "arrow.read_ipc": Parser("an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute")),
+    "xlsx.read": Parser("an Excel workbook", "openpyxl", ("openpyxl",)),
+    "channels.read_tdms": Parser("a TDMS file", "npTDMS", ("nptdms",)),
+    "channels.read_mdf": Parser("a measurement data file", "asammdf", ("asammdf",)),
+    "channels.read_ulog": Parser("a ULog file", "pyulog", ("pyulog",)),
+    "channels.read_mcap": Parser("an MCAP file", "mcap", ("mcap.reader", "mcap_ros2.decoder")),
+}
+
+
+def reader(name: str) -> Reader:
+    """Return the function that reads a format, given as ``module.function`` of this folder."""
+    module, _, function = name.partition(".")
+    read: Reader = getattr(importlib.import_module(f"replant.logs.{module}"), function)
+    return read
+
+
+# --- the process that asks
+
+
+def is_possible() -> bool:
+    """Return whether there is a Python to start: not where it is part of a program."""
+    return bool(sys.executable) and not getattr(sys, "frozen", False)
+
+
+def read(path: Path, reader: str) -> Table:
+    """Open a file by a reader, in a process of its own."""
+    first = _Process(path, reader)
+    about, idle = first.about, [first]
+
+    @contextmanager
+    def process() -> Iterator[_Process]:
+        one = idle.pop() if idle else _Process(path, reader)  # the latter for two passes at once
+        if one.about != about:
+            raise LogError(f"{path}: the file has changed since it was opened; start again")
+        try:
+            yield one
+        except BaseException:
+            one.end()
+            raise
+        idle[:] = [one]
+
+    def blocks(columns: Sequence[int]) -> Iterator[Arrays]:
+        with process() as one:
+            yield from one.arrays({"columns": list(columns)})
+
+    def stamps(number: int) -> NDArray[np.float64]:
+        with process() as one:
+            ((found,),) = one.arrays({"stamps": number})
+        return found
+
+    def describe_row(row: int) -> str:
+        with process() as one:
+            return str(one.ask({"row": row})["row"])
+
+    return Table(
+        path, tuple(about["names"]), blocks, describe_row, in_seconds=frozenset(about["in_seconds"]),
+        origins=dict(about["origins"]), approximate_rows=about["approximate_rows"], notes=tuple(about["notes"]),
+        dt=about["dt"], left_out=about["left_out"], stamps=stamps if about["stamped"] else None,
+    )  # fmt: skip
+
+
+class _Process:
+    def __init__(self, path: Path, reader: str) -> None:
+        self._path, self._parser = path, PARSERS[reader]
+        size = path.stat().st_size if path.is_file() else 0
+        self._seconds = STILL + STILL_PER_BYTE * size
+        absent = [name for name, found in sys.modules.items() if found is None]
+        folders = [entry for entry in sys.path if isinstance(entry, str)]
+        command = [
+            sys.executable, "-P", "-W", "ignore", "-c", BEGIN, reader, str(path), ",".join(self._parser.imports),
+            ",".join(absent), *folders,
+        ]  # fmt: skip
+        try:
+            self._process = subprocess.Popen(
+                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                env=os.environ | ENVIRONMENT,
+            )  # fmt: skip
+        except OSError as error:
+            reason = error.strerror or error
+            raise LogError(
+                f"{path}: {self._parser.kind} is read by a second Python, and {sys.executable} did not start "
+                f"({reason}); save the signals as CSV"
+            ) from error
+        self.end = weakref.finalize(self, _end, self._process, os.getpid())
+        try:
+            self.about = self._answer()
+        except BaseException:
+            self.end()
+            raise
+
+    def ask(self, request: dict[str, Any]) -> dict[str, Any]:
+        """Return the answer to a request."""
+        self._send(request)
+        return self._answer()
+
+    def arrays(self, request: dict[str, Any]) -> Iterator[Arrays]:
+        """Yield the blocks of arrays that answer a request."""
+        self._send(request)
+        while "lengths" in (message := self._answer()):
+            yield [self._array(length) for length in message["lengths"]]
+
+    def _send(self, request: dict[str, Any]) -> None:
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):  # it has ended, which the answer says
+            self._process.stdin.write(json.dumps(request).encode() + b"\n")
+            self._process.stdin.flush()
+
+    def _answer(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        with self._in_time():
+            line = self._process.stdout.readline()
+        try:
+            message: dict[str, Any] = json.loads(line)
+        except ValueError:
+            raise self._ended() from None
+        if "error" not in message:
+            return message
+        kind, text = message["error"], message["text"]
+        if kind == "OSError":
+            raise OSError(message["code"], text)
+        if not kind:
+            raise LogError(f"{self._path}: not readable as {self._parser.kind} ({text}); {self._parser.remedy}")
+        raise getattr(errors, kind)(text)
+
+    def _array(self, length: int) -> NDArray[np.float64]:
+        assert self._process.stdout is not None
+        array = np.empty(length)
+        left = array.data.cast("B") if length else memoryview(b"")
+        with self._in_time():
+            while left:
+                got = self._process.stdout.readinto(left)  # type: ignore[attr-defined]
+                if not got:
+                    raise self._ended()
+                left = left[got:]
+        return array
+
+    @contextmanager
+    def _in_time(self) -> Iterator[None]:
+        late, process = threading.Event(), self._process
+
+        def stop() -> None:  # holds the process alone, as its thread may outlive this object
+            late.set()
+            process.kill()
+
+        timer = threading.Timer(self._seconds, stop)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+        if late.is_set():
+            raise LogError(
+                f"{self._path}: the file is damaged: reading it takes over {self._seconds:.0f} s; {self._parser.remedy}"
+            )
+
+    def _ended(self) -> LogError:
+        """Return the error for a process that ended before it had read the file."""
+        try:
+            code = self._process.wait(_ENDING)
+        except subprocess.TimeoutExpired:  # it has closed its output alone, or written something else
+            self._process.kill()
+            code = self._process.wait()
+        parser, path = self._parser, self._path
+        name = signal.Signals(-code).name if -code in set(signal.Signals) else f"code {code}"
+        if name == "SIGXCPU":
+            return LogError(
+                f"{path}: reading it takes more processor time than its samples justify: {parser.kind} that is "
+                f"damaged, or holds much else; {parser.remedy}"
+            )
+        if name in _CRASHES or os.name == "nt":
+            return LogError(
+                f"{path}: the file is damaged: {parser.library}'s reader crashed on it ({name}); {parser.remedy}"
+            )
+        return LogError(f"{path}: the process that reads it was ended ({name}); free some memory, and try again")
+
+
+def _end(process: subprocess.Popen[bytes], owner: int) -> None:
+    if os.getpid() != owner:  # a fork has no part in it
+        return
+    process.kill()
+    for pipe in (process.stdin, process.stdout):
+        assert pipe is not None
+        with contextlib.suppress(OSError):  # a request that was not sent
+            pipe.close()
+    process.wait()
+
+
+# --- the process that reads
+
+
+def main() -> None:
+    """Read a file as the arguments say, and answer requests about it; see `BEGIN`."""
+    function, name, libraries, absent = sys.argv[1:5]
+    out = os.fdopen(os.dup(1), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # some libraries print what they cannot read
+    sys.modules.update(dict.fromkeys(filter(None, absent.split(","))))  # type: ignore[arg-type]
+    read, path = reader(function), Path(name)
+    for library in libraries.split(","):
+        with contextlib.suppress(ImportError):  # which the reader says
+            importlib.import_module(library)
+    begin(path.stat().st_size if path.is_file() else 0)
+    with contextlib.suppress(BrokenPipeError):
+        _serve(read, path, out)
+    os._exit(0)  # nothing of a damaged file is to be put in order
+
+
+def _serve(read: Reader, path: Path, out: BinaryIO) -> None:
+    def answer(message: dict[str, Any], arrays: Arrays) -> None:
+        out.write(json.dumps(message).encode() + b"\n")
+        for array in arrays:
+            out.write(np.ascontiguousarray(array, np.float64).data.cast("B") if array.size else b"")
+        out.flush()
+
+    try:
+        table = read(path)
+        answer(_about(table), [])
+    except Exception as error:
+        answer(_failure(error), [])
+        return
+    for line in sys.stdin.buffer:
+        try:
+            for message, arrays in _answers(table, json.loads(line)):
+                answer(message, arrays)
+        except BrokenPipeError:
+            raise
+        except Exception as error:
+            answer(_failure(error), [])
+
+
+def _about(table: Table) -> dict[str, Any]:
+    """Return what a table tells of itself."""
+    told = ("names", "approximate_rows", "notes", "dt")
+    return {name: getattr(table, name) for name in told} | {
+        "in_seconds": sorted(table.in_seconds),
+        "origins": list(table.origins.items()),
+        "left_out": dict(table.left_out),
+        "stamped": table.stamps is not None,
+    }
+
+
+def _answers(table: Table, request: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Arrays]]:
+    """Yield what answers a request: blocks of rows, stamps of a column, or the words for a row."""
+    if "row" in request:
+        yield {"row": table.describe_row(request["row"])}, []
+        return
+    blocks: Any
+    if "stamps" in request:
+        assert table.stamps is not None
+        blocks = iter([[table.stamps(request["stamps"])]])
+    else:
+        blocks = table.blocks(request["columns"])
+    for block in blocks:
+        allow(found=sum(int(np.count_nonzero(np.isfinite(array))) for array in block))
+        yield {"lengths": [array.size for array in block]}, block
+    yield {"end": True}, []
+
+
+def _failure(error: Exception) -> dict[str, Any]:
+    allow(held=_TO_ANSWER)  # what the error still holds may be all that was allowed
+    if isinstance(error, ReplantError):
+        return {"error": type(error).__name__, "text": str(error)}
+    if isinstance(error, OSError) and error.errno is not None:
+        return {"error": "OSError", "code": error.errno, "text": error.strerror}
+    return {"error": "", "text": " ".join(str(error).split())[:120] or type(error).__name__}
+
+
+# --- its limits
+
+_limited = False
+_owed: dict[int, float] = {}  # fractions of a second, which the system does not count
+
+
+def begin(size: int) -> None:
+    """Limit this process for a file of so many bytes; the system gives it no more.  Windows has no such limits."""
+    global _limited
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        _limited = True
+        _set(resource.RLIMIT_DATA, (_data_bytes() or 1 << 62) + MEMORY)
+        used = sum(resource.getrusage(resource.RUSAGE_SELF)[:2])
+        _set(resource.RLIMIT_CPU, math.ceil(used + SECONDS + SECONDS_PER_BYTE * size))
+
+
+def allow(*, held: float = 0, found: float = 0) -> None:
+    """Raise the limits of the process that reads: for bytes that it holds as float64, for samples that it has found."""
+    if not _limited:
+        return
+    import resource
+
+    for kind, more in (
+        (resource.RLIMIT_DATA, HELD * held),
+        (resource.RLIMIT_CPU, SECONDS_PER_SAMPLE * (found + held / 8)),
+    ):
+        more += _owed.pop(kind, 0.0)
+        if more >= 1.0:
+            _set(kind, resource.getrlimit(kind)[0] + int(more))
+        _owed[kind] = more % 1.0
+
+
+def _set(kind: int, most: int) -> None:
+    import resource
+
+    hard = resource.getrlimit(kind)[1]
+    resource.setrlimit(kind, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
+
+
+def _data_bytes() -> int:
+    """Return the memory of this process that the limit counts; 0 where the system does not tell."""
+    try:
+        fields = Path("/proc/self/statm").read_text().split()
+    except OSError:
+        return 0
+    import resource
+
+    return int(fields[5]) * resource.getpagesize()

@@ -1,0 +1,222 @@
+"""Log: one input, one output, perhaps a reference, and the sampling time, read from a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import InvalidArgumentError
+from replant.model import interop
+from replant.numerics.arguments import (
+    finite,
+    keep,
+    one_of,
+    text,
+    truth,
+    vector,
+    whole,
+)
+from replant.numerics.limits import duration, file_path
+from replant.numerics.time_stamps import is_regular
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Log:
+    """A record of one input and one output, perhaps of a reference, on a regular or an irregular clock.
+
+    Samples that the file marks as missing are NaN; no sample is dropped or repaired.
+
+    Parameters
+    ----------
+    input, output : float64 array, shape (K,)
+        The samples, in the units of the file.
+    dt : float
+        Sampling time in seconds; of an irregular clock the usual interval.
+    time : float64 array, shape (K,), or None
+        Time stamps in seconds, where the file has them.
+    input_name, output_name : str
+        The columns' names in the file.
+    path : Path
+        The file; empty where there is none.
+    earlier : int
+        Number of samples before these.  Of a log that is too long for memory only the newest samples are held.
+    reference : float64 array, shape (K,), or None
+        The set-point or dither, if its column was asked for.
+    reference_name : str
+        Name of that column.
+    begin, end : float or None
+        The part of the file that was read, in s from its first row; None: from the first, or to the last.
+    irregular : bool or None
+        Whether the clock is irregular, so that its stamps count; None: `time` tells.
+    input_hold : {"zoh", "foh"}
+        What the input does between two samples: it is held, or goes on in a straight line.
+    sha256 : str
+        Digest of the file, which a model keeps; empty where it is not known.
+    others : mapping of str to float64 array, shape (K,)
+        Further columns of the same rows.  The verdict of `fit` names one that explains what the model leaves.
+    more_inputs : tuple of str
+        Names of those of ``others`` that are inputs too, see `inputs`.
+
+    Examples
+    --------
+    >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5)
+    >>> len(log), log.dt
+    (2, 0.5)
+    """
+
+    input: NDArray[np.float64]
+    output: NDArray[np.float64]
+    dt: float
+    time: NDArray[np.float64] | None = None
+    input_name: str = "u"
+    output_name: str = "y"
+    path: Path = Path()
+    earlier: int = 0
+    reference: NDArray[np.float64] | None = None
+    reference_name: str = ""
+    begin: float | None = None
+    end: float | None = None
+    irregular: bool | None = None
+    input_hold: str = "zoh"
+    sha256: str = ""
+    others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    more_inputs: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        keep(self, "input", vector)
+        keep(self, "output", vector)
+        keep(self, "dt", duration)
+        for name in ("input_name", "output_name", "reference_name", "sha256"):
+            keep(self, name, text)
+        if self.time is not None:
+            keep(self, "time", vector)
+        if self.reference is not None:
+            keep(self, "reference", vector)
+        others = {text("others", name): vector(name, each) for name, each in self.others.items()}
+        object.__setattr__(self, "others", others)
+        object.__setattr__(self, "more_inputs", tuple(text("more_inputs", name) for name in self.more_inputs))
+        for name in self.more_inputs:
+            if name not in others or self.more_inputs.count(name) > 1:
+                raise InvalidArgumentError(f"more_inputs must be different names of others, got {name!r}")
+        signals = (self.output, self.time, self.reference, *self.others.values())
+        sizes = [self.input.size, *(each.size for each in signals if each is not None)]
+        if min(sizes) != max(sizes):
+            raise InvalidArgumentError(
+                f"input, output, time, reference and others must have the same length, got {sizes}"
+            )
+        for name in ("begin", "end"):
+            if getattr(self, name) is not None:
+                keep(self, name, finite)
+        object.__setattr__(self, "path", Path(file_path("path", self.path)))
+        keep(self, "earlier", whole, 0, 2**62)
+        if self.irregular is not None:
+            keep(self, "irregular", truth)
+        keep(self, "input_hold", one_of, ("zoh", "foh"))
+
+    def __len__(self) -> int:
+        return self.earlier + int(self.input.shape[0])
+
+    def __repr__(self) -> str:
+        clock = "irregular, usually " if self.stamps is not None else ""
+        signals = f"{', '.join(self.input_names)} -> {self.output_name}"
+        rest = [name for name in self.others if name not in self.more_inputs]
+        others = f", beside {', '.join(rest)}" if rest else ""
+        name = " ".join(filter(None, ("Log", self.path.name)))
+        return f"<{name}: {signals}, {len(self):,} samples, {clock}dt {self.dt:g} s{others}>"
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of all inputs: `input_name`, then `more_inputs`."""
+        return self.input_name, *self.more_inputs
+
+    @property
+    def inputs(self) -> NDArray[np.float64]:
+        """All inputs, a column (K, q) each.
+
+        Examples
+        --------
+        >>> Log([0.0, 1.0], [0.0, 0.1], 0.5, others={"fan": [2.0, 3.0]}, more_inputs=("fan",)).inputs
+        array([[0., 2.],
+               [1., 3.]])
+        """
+        return np.column_stack([self.input, *(self.others[name] for name in self.more_inputs)])
+
+    @cached_property
+    def stamps(self) -> NDArray[np.float64] | None:
+        """Time stamps (K,) of an irregular clock in s, for `fit` and `update_many`; None for a regular clock.
+
+        Without stamps both take the samples as ``dt`` apart, which cancels the rounding of a regular clock's stamps.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> signal, late = np.zeros(4), np.array([0.0, 1.0, 2.0, 3.5])
+        >>> Log(signal, signal, 1.0, late, "u", "y", Path("log.csv")).stamps
+        array([0. , 1. , 2. , 3.5])
+        >>> Log(signal, signal, 1.0, np.arange(4.0), "u", "y", Path("log.csv")).stamps is None
+        True
+        """
+        if self.time is None:
+            return None
+        irregular = not is_regular(self.time) if self.irregular is None else self.irregular
+        return self.time if irregular else None
+
+    @property
+    def duration(self) -> float:
+        """Duration in s: from the first sample to the last, and one sampling time for the last one."""
+        if self.stamps is None:
+            return len(self) * self.dt
+        first = 0.0 if self.earlier else float(self.stamps[0])  # of a part, the time counts from the record's begin
+        return float(self.stamps[-1]) - first + self.dt
+
+    def to_pandas(self) -> Any:
+        """Return a `pandas.DataFrame` of the signals, under their names in the file, over time in s.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without pandas.
+        InvalidArgumentError
+            If two signals have the same name.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "y", Path("log.csv")).to_pandas()
+                    u    y
+        time [s]
+        0.0       0.0  0.0
+        0.5       1.0  0.1
+        """
+        return interop.log_frame(self._signals, self.time, self.dt, self.path.name)
+
+    def to_xarray(self) -> Any:
+        """Return an `xarray.Dataset` of the signals over time in s; their names and units are attributes.
+
+        The variables are ``input``, ``output`` and, if there is one, ``reference``.
+
+        Raises
+        ------
+        MissingDependencyError
+            Without xarray.
+
+        Examples
+        --------
+        >>> from pathlib import Path
+        >>> log = Log(np.array([0.0, 1.0]), np.array([0.0, 0.1]), 0.5, None, "u", "speed [rpm]", Path("log.csv"))
+        >>> log.to_xarray()["output"].attrs
+        {'long_name': 'speed', 'units': 'rpm'}
+        """
+        return interop.log_dataset(self._signals, self.time, self.dt, self.path.name)
+
+    @property
+    def _signals(self) -> dict[str, tuple[str, NDArray[np.float64]]]:
+        signals = {"input": (self.input_name, self.input), "output": (self.output_name, self.output)}
+        signals |= {f"input_{i}": (name, self.others[name]) for i, name in enumerate(self.more_inputs, 2)}
+        return signals if self.reference is None else signals | {"reference": (self.reference_name, self.reference)}

@@ -1,0 +1,217 @@
+"""Tables of channels with time stamps of their own, and how their rasters are merged exactly.
+
+Nothing is resampled.  At a time t the input is the value of its newest stamp, u(t) = u_k for t_k <= t < t_(k+1), as an
+actuator holds it; the reference likewise.  The output is known at its own stamps alone.
+
+The rows are the stamps of the output, if the input changes at none but them: then nothing is lost.  Otherwise a change
+between two outputs would come too late, by up to an interval, which looks like dead time.  The rows then are the stamps
+of output and input together, and the output is NaN, a missing one, where it was not measured.  Of rasters that nest, as
+10 ms and 100 ms, the finer one results, with a regular clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import LogError, shown
+from replant.logs.table import Table, listed
+
+FloatArray = NDArray[np.float64]
+
+ROUNDING = 4.0  # difference of equal stamps, as 3 * 0.1 and 0.3 [spacings of float64 at the latest stamp]
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """A signal with its own time stamps."""
+
+    t: FloatArray
+    values: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Merged:
+    """Signals at common stamps."""
+
+    t: FloatArray
+    output: FloatArray
+    held: tuple[FloatArray, ...]
+
+
+def merge(output: Signal, held: Sequence[Signal]) -> Merged:
+    """Merge an output with inputs and references, all of which have at least one sample.
+
+    The rows begin with the first output for which each held signal is known.  They end with the last output up to which
+    each is held: its last value for no longer than its longest interval, after which the logger may have lost it.  The
+    only value of a signal that was logged once is held for ever.
+    """
+    for signal in (output, *held):
+        if not np.all(np.isfinite(signal.t)) or np.any(np.diff(signal.t) < 0.0):
+            raise ValueError("the time stamps of a signal must be finite and never decrease")
+    tolerance = ROUNDING * float(np.spacing(max(np.abs(signal.t).max() for signal in (output, *held))))
+    held = [Signal(_snapped(signal.t, output.t, tolerance), signal.values) for signal in held]
+    inside = np.ones(output.t.size, np.bool_)
+    for signal in held:
+        inside &= (output.t >= signal.t[0]) & (output.t < _held_until(signal.t) - tolerance)
+    t, y = output.t[inside], output.values[inside]
+    for signal in held:
+        if not np.isin(signal.t[_changes(signal.values)], output.t).all():
+            within = signal.t[(signal.t > t[0]) & (signal.t < t[-1])] if t.size else signal.t[:0]
+            added = np.setdiff1d(within, t)
+            t, y = np.concatenate([t, added]), np.concatenate([y, np.full(added.size, np.nan)])
+            order = np.argsort(t, kind="stable")
+            t, y = t[order], y[order]
+    newest = [np.searchsorted(signal.t, t, side="right") - 1 for signal in held]
+    return Merged(t, y, tuple(signal.values[at] for signal, at in zip(held, newest, strict=True)))
+
+
+def _snapped(t: FloatArray, grid: FloatArray, tolerance: float) -> FloatArray:
+    """Return stamps, each replaced by that of the grid which it equals but for rounding."""
+    right = np.clip(np.searchsorted(grid, t), 0, grid.size - 1)
+    left = np.maximum(right - 1, 0)
+    nearest = np.where(np.abs(grid[left] - t) < np.abs(grid[right] - t), grid[left], grid[right])
+    return np.where(np.abs(nearest - t) <= tolerance, nearest, t)
+
+
+def _held_until(t: FloatArray) -> float:
+    return float(t[-1] + np.diff(t).max()) if t.size > 1 else np.inf
+
+
+def _changes(values: FloatArray) -> NDArray[np.bool_]:
+    """Return which values differ from the one before; a missing one does not differ from another missing one."""
+    same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
+    return np.concatenate([np.zeros(min(values.size, 1), np.bool_), ~same])
+
+
+MOST_MISSING = 0.2  # rows without an output, as many as a fit fills in [share of rows]
+_KEPT = 4  # channels of a table that are held in memory [count]
+TIME = "time"  # name of the column of merged stamps
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A column of a file, read when it is requested."""
+
+    name: str
+    read: Callable[[], Signal]
+
+
+def channel_table(path: Path, channels: Sequence[Channel]) -> Table:
+    """Make a table of channels."""
+    if not channels:
+        raise LogError(f"{path}: no channel of numbers with time stamps in the file; choose another file")
+
+    @lru_cache(maxsize=_KEPT)  # values and stamps are asked for one after the other
+    def signal(number: int) -> Signal:
+        return channels[number].read()
+
+    return Table(
+        path,
+        tuple(channel.name for channel in channels),
+        lambda numbers: iter([[signal(number).values for number in numbers]]),
+        stamps=lambda number: signal(number).t,
+    )
+
+
+def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tuple[Table, dict[str, int]]:
+    """Return columns that may have stamps of their own as columns of one clock."""
+    if table.stamps is None:
+        return table, roles
+    if not is_timed:
+        return merged(table, roles), {**{role: number for number, role in enumerate(roles, 1)}, "time": 0}
+    first, *others = (table.stamps(number) for number in roles.values())
+    if not all(np.array_equal(first, other) for other in others):
+        names = listed([shown(table.names[number]) for number in roles.values()])
+        raise LogError(
+            f"{table.path}: columns {names} have different time stamps; leave the time (time, --time) and the sampling "
+            "time (dt, --dt) out, and they are merged"
+        )
+    return table, roles
+
+
+def merged(table: Table, roles: Mapping[str, int]) -> Table:
+    """Return a table with the time, and the columns of ``roles`` at common stamps; see `merge_rasters`."""
+    assert table.stamps is not None
+    columns = table.columns(list(roles.values()))
+    signals = {}
+    for (role, number), values in zip(roles.items(), columns, strict=True):
+        signals[role] = Signal(_checked(table, number, table.stamps(number)), values)
+    held = [role for role in roles if role != "output"]
+    found = merge(signals["output"], [signals[role] for role in held])
+    if found.t.size == 0:
+        names = " and ".join(shown(table.names[roles[role]]) for role in roles)
+        raise LogError(f"{table.path}: columns {names} have no time in common; choose others")
+    _check_measured(table, roles, found.t.size, float(np.isin(found.t, signals["output"].t).mean()))
+    arrays = {"output": found.output, **dict(zip(held, found.held, strict=True))}
+    ordered = [found.t, *(arrays[role] for role in roles)]
+    return Table(
+        table.path,
+        (TIME, *(table.names[number] for number in roles.values())),
+        lambda numbers: iter([[ordered[number] for number in numbers]]),
+        lambda row: f"row {row + 1} of the merged signals",
+        in_seconds=frozenset({0}),
+        approximate_rows=found.t.size,
+        notes=table.notes,
+    )
+
+
+def side_by_side(table: Table) -> Table:
+    """Return a table to look at: every channel at the stamps of the one with the most samples, these as the time."""
+    if table.stamps is None:
+        return table
+    stamps, problems = {}, []
+    for number in range(len(table.names)):
+        try:
+            stamps[number] = table.stamps(number)
+        except LogError as problem:
+            problems.append(problem)
+    if not stamps:
+        raise problems[0]
+    time, stamps_of = max(stamps.values(), key=len), table.stamps
+
+    def column(number: int) -> NDArray[np.float64]:
+        if number == len(table.names):
+            return time - time[:1]
+        values, t = table.column(number), stamps_of(number)
+        newest = np.searchsorted(np.maximum.accumulate(t), time, "right") - 1
+        return np.where(newest < 0, np.nan, values[newest]) if t.size else np.full(time.size, np.nan)
+
+    return replace(
+        table,
+        names=(*table.names, TIME),
+        blocks=lambda numbers: iter([[column(number) for number in numbers]]),
+        stamps=None,
+        in_seconds=frozenset({len(table.names)}),
+    )
+
+
+def _check_measured(table: Table, roles: Mapping[str, int], rows: int, measured: float) -> None:
+    if measured < 1.0 - MOST_MISSING:
+        of_input, of_output = (table.names[roles[role]] for role in ("input", "output"))
+        raise LogError(
+            f"{table.path}: column {shown(of_input)} changes between the samples of {shown(of_output)}: merged, "
+            f"{100.0 * (1.0 - measured):.0f} % of {rows:,} rows have no output, from which no model is right; log the "
+            "output as often as the input, or choose an input and an output of one raster"
+        )
+
+
+def _checked(table: Table, number: int, t: NDArray[np.float64]) -> NDArray[np.float64]:
+    place = f"{table.path}: column {shown(table.names[number])}"
+    if t.size == 0:
+        raise LogError(f"{place} has no sample; choose another column")
+    if not np.isfinite(t).all():
+        raise LogError(f"{place}, sample {int(np.argmin(np.isfinite(t))) + 1}: the time stamp is not finite; repair it")
+    back = np.diff(t) < 0.0
+    if back.any():
+        at = int(np.argmax(back)) + 1
+        raise LogError(
+            f"{place}, sample {at + 1}: the time stamp {t[at]:.9g} goes back from the one before ({t[at - 1]:.9g}); "
+            "repair it, or give the sampling time (dt, --dt)"
+        )
+    return t

@@ -1,0 +1,285 @@
+"""Read a log: columns of a file of any format give input, output, reference and time."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import InvalidArgumentError, LogError, shown
+from replant.logs.formats import read_columns
+from replant.logs.log import Log
+from replant.logs.rasters import on_one_clock
+from replant.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
+from replant.logs.sampling_time import (
+    Clock,
+    StampUnit,
+    check_dt,
+    check_unit,
+    clock_of,
+    time_candidates,
+    unit_in_seconds,
+    unit_of_stamps,
+)
+from replant.logs.table import Table, in_parts, listed
+from replant.numerics.arguments import iterable
+from replant.numerics.limits import file_path
+
+FIRST = 1 << 16  # stamps of a log that its unit of time is told from [samples]
+_ROLES = ("an input", "the output", "the reference")
+_GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
+
+
+def read_log(
+    path: str | os.PathLike[str],
+    *,
+    input: str | int | Sequence[str | int],  # noqa: A002 - the field's word
+    output: str | int,
+    time: str | int | None = None,
+    dt: float | None = None,
+    reference: str | int | None = None,
+    begin: float | None = None,
+    end: float | None = None,
+) -> Log:
+    """Read input and output of a plant, and perhaps a reference, from a recorded log.
+
+    Without `time` and `dt`, a column called t, time or timestamp (in any case, also with a unit as in ``time [s]``)
+    gives the sampling time, else the only column of dates or clock times, else a number called Ts in a .mat, .npz or
+    HDF5 file.  What is left out, such as a last line that was cut off, is warned of.
+
+    Parameters
+    ----------
+    path : path
+        A file of text, .jsonl, .parquet, .feather, .xlsx, .h5, .mat, .npz, .tdms, .mf4, .ulg, .mcap, perhaps compressed
+        (.gz, .zip, .zst); a folder of Parquet files, the parts of one log in the order of their names, or of a ROS 2
+        bag; or ``-``, standard input.
+    input, output : str or int
+        The columns, by name (a unit at its end may be left out) or 0-based number; of several inputs a list.  In .mat
+        and .npz files also ``udat[:,0]`` and ``logs.udat[:,0]``.  Columns with stamps of their own are merged, see
+        `merge_rasters`.
+    time : str or int, optional
+        The column of time stamps: dates, clock times, or numbers in seconds or the unit that its name states
+        (``t [ms]``).  They must increase; the stamps of an irregular clock count, see `Log.stamps`.
+    dt : float, optional
+        The sampling time in seconds, instead of `time`.
+    reference : str or int, optional
+        The column of the reference: set-point or dither of a controller, applied from outside.
+    begin, end : float, optional
+        Read only the rows between these times, in s from the first row of the log.
+
+    Returns
+    -------
+    Log
+        The samples as float64; a missing one is NaN.
+
+    Raises
+    ------
+    LogError
+        If the file or a column cannot be read, or a time stamp repeats or goes back: one line that says where and what
+        to do.
+    InvalidArgumentError
+        If `time` and `dt` are both given, `dt` is not finite and positive, or the time range is empty.
+    MissingDependencyError
+        If the package that reads the format is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = Path(folder, "log.npz")
+    ...     np.savez(file, t=[0.0, 0.1, 0.2], u=[1.0, 1.0, 1.0], y=[0.0, 0.5, 0.75])
+    ...     log = read_log(file, input="u", output="y")
+    >>> log.dt, log.output
+    (0.1, array([0.  , 0.5 , 0.75]))
+    """
+    several: list[Any] = [input] if isinstance(input, str | int) or not iterable(input) else list(input)
+    if not several:
+        raise InvalidArgumentError("input must name a column, got an empty list")
+    first, *more = several
+    columns: dict[str, Any] = {"input": first, "output": output, "time": time, "dt": dt, "reference": reference}
+    recording = open_recording(file_path("path", path), **columns, begin=begin, end=end, most_held=sys.maxsize)
+    for note in recording.table.notes:
+        warnings.warn(note, stacklevel=2)
+    log = with_inputs(recording, more).held
+    assert log is not None
+    return replace(log, sha256=digest(recording.path))
+
+
+def with_inputs(recording: Recording, more: Sequence[str | int]) -> Recording:
+    """Return a recording whose log, which is held in memory, has further columns as inputs."""
+    log, table = recording.held, recording.table
+    if not more:
+        return recording
+    assert log is not None
+    numbers = [table.find(key) for key in more]
+    taken = {table.names[column]: role for column, role in zip(recording.columns, _ROLES, strict=False)}
+    for number in numbers:
+        name = table.names[number]
+        if name in taken:
+            raise LogError(f"{table.path}: column {shown(name)} is {taken[name]} and an input: name each column once")
+        if number in table.in_seconds:
+            raise LogError(f"{table.path}: column {shown(name)} holds dates or times, no samples; choose another input")
+        taken[name] = "an input"
+    signals = {table.names[number]: signal for number, signal in zip(numbers, table.columns(numbers), strict=True)}
+    for name, signal in signals.items():
+        if signal.size != log.input.size:
+            raise LogError(
+                f"{table.path}: column {shown(name)} has {signal.size:,} rows and {shown(log.input_name)} "
+                f"{log.input.size:,}: inputs need one clock; resample them (merge_rasters)"
+            )
+    log = replace(log, others={**log.others, **signals}, more_inputs=tuple(signals))
+    return replace(recording, held=log)
+
+
+def open_recording(
+    path: str | os.PathLike[str] | Table,
+    *,
+    input: str | int,  # noqa: A002 - the field's word
+    output: str | int,
+    time: str | int | None = None,
+    dt: float | None = None,
+    reference: str | int | None = None,
+    begin: float | None = None,
+    end: float | None = None,
+    most_held: int = MOST_HELD,
+    progress: Callable[[int, int], None] = lambda rows, about: None,
+) -> Recording:
+    """Check a recorded log from its first row to its last, and open it for passes over its samples."""
+    if time is not None and dt is not None:
+        raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
+    step = None if dt is None else check_dt(dt)
+    table = path if isinstance(path, Table) else read_columns(path)
+    roles = {"input": table.find(input), "output": table.find(output)}
+    if reference is not None:
+        roles["reference"] = table.find(reference)
+    signals = list(roles)
+    if time is not None:
+        roles["time"] = table.find(time)
+    _check_distinct(table, roles)
+    table, roles = on_one_clock(table, roles, is_timed=time is not None or step is not None)
+    if "time" not in roles and step is None:
+        if table.dt is not None and not time_columns(table):
+            step = table.dt
+        else:
+            roles["time"] = _find_time(table, roles)
+    if begin is not None or end is not None:
+        table = _part(table, roles.get("time"), step, check_range(begin, end))
+    arrays = table.arrays(list(roles.values()), most_held, progress)
+    rows = _rows_of(table, roles, arrays)
+    clock, unit = Clock(math.nan), 1.0
+    if stamped := "time" in roles:
+        number, stamps = roles["time"], arrays[-1]
+        clock = clock_of(table.path, table.names[number], stamps, table.describe_row)
+        if number not in table.in_seconds:
+            check_unit(table.path, table.names[number], stamps[:FIRST])
+            unit = unit_in_seconds(table.names[number])
+        step = float(f"{clock.interval * unit:.12g}")
+    assert step is not None
+    columns = tuple(roles[role] for role in signals)
+    complete = all(np.isfinite(part).all() for parts in in_parts(arrays[: len(columns)]) for part in parts)
+    recording = Recording(
+        table, columns, arrays, step, stamped, rows, complete, None, begin, end, clock.irregularity, unit
+    )
+    return replace(recording, held=recording.newest(*arrays[:2])) if rows <= most_held else recording
+
+
+def _part(table: Table, time: int | None, dt: float | None, between: tuple[float, float]) -> Table:
+    stated = time is not None and time not in table.in_seconds
+    unit = unit_in_seconds(table.names[time]) if time is not None and stated else 1.0
+    return part_of(table, *between, dt=dt, time=time, unit=unit)
+
+
+def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] | None:
+    """Return the name of the time column, and the median interval of its first block in s.
+
+    None if no column or several are called t, time or timestamp, or the column holds no increasing numbers.
+    """
+    table = log if isinstance(log, Table) else read_columns(log)
+    candidates = time_columns(table)
+    if len(candidates) != 1:
+        return None
+    (number,) = candidates
+    name = table.names[number]
+    try:
+        (stamps,) = table.head([number], 1)
+    except LogError:
+        return None
+    unit = 1.0 if number in table.in_seconds else unit_of_stamps(name, stamps).seconds
+    with np.errstate(invalid="ignore", over="ignore"):
+        interval = float(np.median(np.diff(stamps))) * unit if stamps.size > 1 else math.nan
+    return (name, interval) if interval > 0.0 else None
+
+
+def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) -> tuple[str, StampUnit] | None:
+    """Return the name of the time column and its unit, if that is guessed; None if it is stated."""
+    table = log if isinstance(log, Table) else read_columns(log)
+    found = time_candidates(table.names) if time is None else [table.find(time)]
+    if not found or found[0] in table.in_seconds:
+        return None
+    name = table.names[found[0]]
+    try:
+        (stamps,) = table.head([found[0]], 1)
+    except LogError:
+        return None
+    unit = unit_of_stamps(name, stamps)
+    return (name, unit) if unit.doubt else None
+
+
+def _rows_of(table: Table, roles: dict[str, int], arrays: Sequence[NDArray[np.float64]]) -> int:
+    """Return how many rows columns have, which must be equal, and two at least."""
+    first, rows = table.names[next(iter(roles.values()))], arrays[0].size
+    for number, column in zip(roles.values(), arrays, strict=True):
+        if column.size != rows:
+            raise LogError(
+                f"{table.path}: column {shown(first)} has {rows} samples but {shown(table.names[number])} has "
+                f"{column.size}; choose columns of one length"
+            )
+    if rows < 2:
+        counted = "1 row" if rows == 1 else f"{rows} rows"
+        raise LogError(f"{table.path}: {counted} of data where at least 2 are needed; record more samples")
+    return rows
+
+
+def _check_distinct(table: Table, roles: dict[str, int]) -> None:
+    chosen: dict[int, str] = {}
+    for role, number in roles.items():
+        if number in chosen:
+            raise LogError(
+                f"{table.path}: {chosen[number]} and {role} are the same column {shown(table.names[number])}; "
+                "choose two different columns"
+            )
+        chosen[number] = role
+        if role != "time" and number in table.in_seconds:
+            raise LogError(
+                f"{table.path}: column {shown(table.names[number])} holds dates or times, no samples; choose "
+                f"another column as the {role}"
+            )
+
+
+def _find_time(table: Table, roles: dict[str, int]) -> int:
+    candidates = [number for number in time_columns(table) if number not in roles.values()]
+    if len(candidates) > 1:  # a file may hold several structs, each with its own time
+        samples, *stamps = table.head([roles["input"], *candidates], 1)
+        candidates = [number for number, column in zip(candidates, stamps, strict=True) if len(column) == len(samples)]
+    if len(candidates) == 1:
+        return candidates[0]
+    if not candidates:
+        other = "no other column" if time_columns(table) else "no column"
+        raise LogError(f"{table.path}: {other} is called t, time or timestamp; {_GIVE_TIME}")
+    names = listed([shown(table.names[number]) for number in candidates])
+    raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
+
+
+def time_columns(table: Table) -> list[int]:
+    """Return the columns that may be the time: by their names, or, if no name tells, by what they hold."""
+    by_path = [name.replace("/", ".") for name in table.names]  # of HDF5, where t/s may also be t in s
+    named = {*time_candidates(table.names), *time_candidates(by_path)}
+    return sorted(named or table.in_seconds)

@@ -1,0 +1,213 @@
+"""A recorded log of any length: read block by block; a part of it, several as one, the digest of its file."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import InvalidArgumentError, LogError, shown
+from replant.logs.log import Log
+from replant.logs.table import Table, in_parts, nth_row
+from replant.numerics.arguments import number
+
+MOST_HELD = 1 << 20  # length up to which a log is held in memory: 24 MB [samples]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """A log of input, output and perhaps a reference, checked from its first row to its last."""
+
+    table: Table
+    columns: tuple[int, ...]
+    arrays: Sequence[NDArray[np.float64]]  # the columns, and the time stamps if there are any
+    dt: float
+    stamped: bool
+    samples: int
+    complete: bool
+    held: Log | None
+    begin: float | None = None
+    end: float | None = None
+    irregularity: str = ""
+    unit: float = 1.0
+
+    def of_log(self, log: Log) -> Recording:
+        """Return a recording whose samples are those of a log, which is held in memory."""
+        irregularity = self.irregularity if log.stamps is not None else ""
+        complete = bool(np.isfinite(log.input).all() and np.isfinite(log.output).all())
+        return replace(
+            self, arrays=(), dt=log.dt, samples=len(log), complete=complete, held=log, irregularity=irregularity
+        )
+
+    @property
+    def irregular(self) -> bool:
+        """Whether the clock is irregular, so that the batches hold its time stamps."""
+        return bool(self.irregularity)
+
+    @property
+    def path(self) -> Path:
+        """The file."""
+        return self.table.path
+
+    def batches(self) -> Iterator[tuple[NDArray[np.float64], ...]]:
+        """Yield input, output, the reference if there is one, and stamps in s of an irregular clock, block by block."""
+        if self.held is not None:
+            log = self.held
+            every = log.input, log.output, log.reference, log.stamps
+            yield tuple(signal for signal in every if signal is not None)
+            return
+        for *signals, last in in_parts(self.arrays[: len(self.columns) + self.irregular]):
+            yield *signals, last * self.unit if self.irregular else last
+
+    def newest(
+        self, u: NDArray[np.float64], y: NDArray[np.float64], since_begin: NDArray[np.float64] | None = None
+    ) -> Log:
+        """Return the log if it is held in memory, else one of its newest samples; of all of them with its reference."""
+        if self.held is not None:
+            return self.held
+        earlier, time = self.samples - u.size, since_begin if self.irregular else None
+        if self.stamped and not earlier:
+            time = self.arrays[-1] if self.unit == 1.0 else self.arrays[-1] * self.unit
+        elif self.stamped and not self.irregular:
+            time = np.asarray(self.dt * np.arange(earlier, self.samples), np.float64)
+        of_input, of_output, *of_reference = (self.table.names[column] for column in self.columns)
+        reference = self.arrays[2] if of_reference and not earlier else None
+        return Log(
+            u, y, self.dt, time, of_input, of_output, self.path, earlier, reference, "".join(of_reference),
+            self.begin, self.end, irregular=self.irregular,
+        )  # fmt: skip
+
+
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal; empty where there is no file to read."""
+    try:
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
+    except OSError:
+        return ""
+
+
+ROUND_OFF = 1e-6  # distance beyond an end up to which a stamp belongs to it [part of an interval]
+
+
+def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
+    """Return the ends of a time range in s, open ones as 0 and infinity."""
+    first, last = 0.0 if begin is None else number("begin", begin), math.inf if end is None else number("end", end)
+    if not (0.0 <= first < math.inf and first < last):
+        raise InvalidArgumentError(
+            f"the time range must begin at 0 or later and end after that, in s from the log's first sample: "
+            f"got {first:g} (begin, --from) to {last:g} (end, --to)"
+        )
+    return first, last
+
+
+def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: int | None, unit: float) -> Table:
+    """Return the table of those rows that lie between two times in s, both included."""
+    if time is None:
+        assert dt is not None
+        first = math.ceil(begin / dt - ROUND_OFF)
+        stop = math.inf if math.isinf(end) else math.floor(end / dt + ROUND_OFF) + 1
+    else:
+        first, stop = _rows_between((block for (block,) in table.stream([time])), begin / unit, end / unit)
+        if stop <= first:
+            until = f"to {end:g} s" if math.isfinite(end) else "on"
+            raise LogError(
+                f"{table.path}: column {shown(table.names[time])} has no row from {begin:g} s {until} after its first "
+                "one; choose another time range (begin, end, --from, --to)"
+            )
+    rows = min(float(table.approximate_rows), stop) - first
+    return replace(
+        table,
+        blocks=lambda numbers: _cut(table.blocks, numbers, first, stop),
+        describe_row=lambda row: table.describe_row(first + row),
+        approximate_rows=max(0, int(rows)),
+    )
+
+
+def _rows_between(blocks: Iterator[NDArray[np.float64]], begin: float, end: float) -> tuple[int, int]:
+    """Return the first row at or after ``begin``, and the row behind the last one before a stamp beyond ``end``."""
+    origin, slack, row, first = math.nan, 0.0, 0, -1
+    for stamps in blocks:
+        if math.isnan(origin) and stamps.size:
+            origin = float(stamps[0])
+            with np.errstate(invalid="ignore", over="ignore"):
+                usual = abs(float(np.median(np.diff(stamps)))) if stamps.size > 1 else 0.0
+            slack = ROUND_OFF * usual + 2.0 * float(np.spacing(abs(origin)))
+        since = stamps - origin
+        if first < 0 and (reached := np.flatnonzero(since >= begin - slack)).size:
+            first = row + int(reached[0])
+        beyond = np.flatnonzero(since > end + slack)
+        if beyond.size:
+            return (first if first >= 0 else row), row + int(beyond[0])
+        row += stamps.size
+    return (first if first >= 0 else row), row
+
+
+def _cut(
+    blocks: Callable[[Sequence[int]], Iterator[list[NDArray[np.float64]]]],
+    numbers: Sequence[int],
+    first: int,
+    stop: float,
+) -> Iterator[list[NDArray[np.float64]]]:
+    """Yield those rows of the blocks that lie in [first, stop)."""
+    row = 0
+    for block in blocks(numbers):
+        size = max(map(len, block))
+        low, high = max(0, first - row), min(size, stop - row)
+        if low < high:
+            yield [column[low : int(high)] for column in block]
+        row += size
+        if row >= stop:
+            return
+
+
+def joined(tables: Sequence[Table]) -> Table:
+    """Return tables with equal columns as one, in the order given."""
+    first = tables[0]
+    for table in tables:
+        if set(table.names) != set(first.names):
+            raise LogError(
+                f"{table.path}: other columns than in {first.path.name}; the files of a rig must have equal columns"
+            )
+        if table.stamps is not None or _dated(table) != _dated(first) or len(table.origins) < len(table.in_seconds):
+            raise LogError(
+                f"{table.path}: its dates or time stamps are counted from its own first row, so it cannot be joined "
+                f"with {first.path.name}; write the files as Parquet, with whole dates (year-month-day, clock time), "
+                "or with a time in s that goes on"
+            )
+
+    def blocks(numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+        return chain.from_iterable(_blocks_of(table, first, numbers) for table in tables)
+
+    return Table(
+        first.path,
+        first.names,
+        blocks,
+        in_seconds=first.in_seconds,
+        origins=first.origins,
+        describe_row=lambda row: f"{nth_row(row)} of the {len(tables)} files joined in the order of time",
+        approximate_rows=sum(table.approximate_rows for table in tables),
+        notes=tuple(note for table in tables for note in table.notes),
+    )
+
+
+def _dated(table: Table) -> set[str]:
+    """Return the names of the columns of dates."""
+    return {table.names[number] for number in table.in_seconds}
+
+
+def _blocks_of(table: Table, first: Table, numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    """Yield the blocks of a table, its dates counted from the first row of the first one."""
+    own = [table.names.index(first.names[number]) for number in numbers]
+    later = [
+        (table.origins[here] - first.origins[number]) / 1e9 if here in table.origins else 0.0
+        for here, number in zip(own, numbers, strict=True)
+    ]
+    for block in table.blocks(own):
+        yield [column + off if off else column for column, off in zip(block, later, strict=True)]

@@ -1,0 +1,200 @@
+"""The sampling time of a log, from its column of time stamps or given as a number, and the unit of time stamps."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from numbers import Real
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
+from replant.logs.table import forget
+from replant.model.interop import unit_of
+from replant.numerics.arguments import FloatArray, number
+from replant.numerics.limits import duration
+from replant.numerics.time_stamps import TOLERANCE, StampResolution, is_regular_interval
+
+CHECKED = 1 << 18  # stamps that the usual interval is taken from [samples]
+FINE = 1e-4  # rounding error of an interval from which on its digits are left out [part of the interval]
+
+_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+_UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0}
+_UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "micros": 1e-6, "microseconds": 1e-6}
+_UNITS |= {"nsec": 1e-9, "nanos": 1e-9, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0}
+_AFTER_UNDERSCORE = "s|sec|seconds|[mun]s|[mun]sec|millis|micros|nanos|milliseconds|microseconds|nanoseconds"
+_UNIT = rf"(?:\s*[\[(/]\s*({'|'.join(_UNITS)})\s*[\])]?|_({_AFTER_UNDERSCORE}))"
+_ALONE = r"(?:.*\.)?(millis|micros)(?:\(\))?"  # Arduino's clocks
+_UNIT_AT_END = re.compile(rf".*{_UNIT}|{_ALONE}", re.IGNORECASE)
+_TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?|{_ALONE}", re.IGNORECASE)
+
+_ENDLESS = 1e300  # magnitude of a stamp beyond which the difference of two may leave float64 [s]
+_REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time column"
+
+
+def time_candidates(names: Sequence[str]) -> list[int]:
+    """Return the columns whose name is t, time or timestamp, in any case, with or without a unit; or millis, micros."""
+    return [number for number, name in enumerate(names) if _TIME_NAME.fullmatch(name.strip())]
+
+
+def unit_in_seconds(name: str) -> float:
+    """Return the unit in a time column's name, in seconds; 1 if the name has no unit."""
+    match = _UNIT_AT_END.fullmatch(name.strip())
+    return _UNITS[(match[1] or match[2] or match[3]).lower()] if match else 1.0
+
+
+def check_dt(dt: object) -> float:
+    """Return a sampling time as float."""
+    if isinstance(dt, bool) or not isinstance(dt, Real):
+        raise ArgumentTypeError(f"the sampling time (dt, --dt) must be a number of seconds, not {type(dt).__name__}")
+    step = number("dt", dt)
+    if not (math.isfinite(step) and step > 0.0):
+        raise InvalidArgumentError(f"the sampling time (dt, --dt) must be finite and positive, in seconds; got {step}")
+    return duration("the sampling time (dt, --dt)", step)
+
+
+@dataclass(frozen=True)
+class Clock:
+    """What the time stamps of a record say about its clock, in the stamps' unit."""
+
+    interval: float  # the sampling time: the mean interval of a regular clock, the median of an irregular one
+    irregularity: str = ""  # where it is first irregular, in words; empty for a regular clock
+
+
+def clock_of(path: Path, name: str, stamps: NDArray[np.float64], describe_row: Callable[[int], str]) -> Clock:
+    """Return what time stamps (K,) say, two of them at least; they must increase.
+
+    They are regular if each interval is within 1 % of the median (of the first 2^18), or if rounding to their printed
+    digits explains the larger deviations.  The sampling time of a regular clock is the mean interval, in which rounding
+    of the stamps cancels; that of an irregular clock is the median, which gaps do not move.
+    """
+    resolution, median, least, most = StampResolution(), math.nan, math.inf, -math.inf
+    for first, part in _parts(stamps):
+        _check_increasing(path, name, part, first, describe_row)
+        resolution.add(part)
+        steps = np.diff(part)
+        median = float(np.median(steps)) if math.isnan(median) else median
+        least, most = min(least, float(steps.min())), max(most, float(steps.max()))
+    digits = resolution.step
+    if is_regular_interval(least, most, median, digits):
+        return Clock(_rounded(float(stamps[-1] - stamps[0]) / (stamps.size - 1)))
+    deviation = max(most - median, median - least)
+    allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
+    allowed *= 1.001  # the sum of both is often met exactly
+    row, step = _first_beyond(stamps, median, allowed if deviation > allowed else TOLERANCE * median)
+    interval = _without_noise(median, max(abs(float(stamps[0])), abs(float(stamps[-1]))))
+    return Clock(
+        interval,
+        f"{path}: {describe_row(row)}, column {shown(name)}: irregular time stamps, {step:.6g} after the one before "
+        f"where {interval:.6g} is usual",
+    )
+
+
+def _parts(stamps: NDArray[np.float64]) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Yield parts of time stamps with their first rows; each begins with the last stamp of the one before."""
+    for first in range(0, stamps.size - 1, CHECKED):
+        yield first, stamps[first : first + CHECKED + 1]
+        forget(stamps)
+
+
+def _rounded(interval: float) -> float:
+    """Return an interval without its last digits, which are rounding errors: 0.1, not 0.09999999999999999."""
+    return float(f"{interval:.12g}")
+
+
+def _without_noise(interval: float, largest: float) -> float:
+    """Return an interval of an irregular clock without the digits that float64 made of stamps up to ``largest``."""
+    noise = 2.0 * math.ulp(largest)
+    if noise > FINE * interval:
+        return _rounded(interval)
+    return _rounded(round(interval, math.floor(-math.log10(noise))))
+
+
+def _first_beyond(stamps: NDArray[np.float64], median: float, allowed: float) -> tuple[int, float]:
+    """Return the first row whose interval differs from the median by more than ``allowed``, and that interval."""
+    for first, part in _parts(stamps):
+        steps = np.diff(part)
+        over = np.abs(steps - median) > allowed
+        if over.any():
+            at = int(np.argmax(over))
+            return first + at + 1, float(steps[at])
+    raise AssertionError("one interval is the largest deviation")
+
+
+def _check_increasing(
+    path: Path, name: str, stamps: NDArray[np.float64], first: int, describe_row: Callable[[int], str]
+) -> None:
+    finite = np.abs(stamps) < _ENDLESS
+    steps = np.diff(stamps)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        what = f"is {stamps[row]}"
+    elif not (steps > 0.0).all():
+        row = int(np.argmin(steps > 0.0)) + 1
+        what = "repeats" if steps[row - 1] == 0.0 else "goes back from"
+        what = f"{stamps[row]:.12g} {what} the one before ({stamps[row - 1]:.12g})"
+    else:
+        return
+    raise LogError(f"{path}: {describe_row(first + row)}, column {shown(name)}: the time stamp {what}; {_REMEDY}")
+
+
+LATEST = 1e11  # stamp beyond which the unit cannot be the one taken: in seconds since 1970 it is the year 5138 [s]
+COARSE = 1.0  # interval of stamps without a unit from which on they may be counts of ms, us or ns [their unit]
+
+_COUNTS = ((1e-3, "milliseconds", "ms"), (1e-6, "microseconds", "us"), (1e-9, "nanoseconds", "ns"))
+_GIVE_DT = "or give the sampling time (dt, --dt) instead of a time column"
+
+
+@dataclass(frozen=True)
+class StampUnit:
+    """The unit of a column of time stamps."""
+
+    seconds: float  # one unit in s: as the name states it, else the likely one
+    doubt: str = ""  # what is guessed, and why; empty if the unit is stated
+    refused: bool = False  # whether the doubt is so grave that these stamps are not used
+    remedy: str = ""  # what to do about the doubt
+
+
+def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
+    """Return the unit of the time stamps (K,) in the column ``name``."""
+    unit, known = unit_in_seconds(name), _UNIT_AT_END.fullmatch(name.strip()) is not None
+    stated = unit_of(name)
+    if stated and not known:
+        doubt = f"the unit {shown(stated)} in its name is not one of s, ms, us, ns, min, h"
+        return StampUnit(unit, doubt, True, f"write one of these, {_GIVE_DT}")
+    finite = stamps[np.isfinite(stamps)]
+    farthest = float(np.abs(finite).max()) if finite.size else 0.0
+    if farthest * unit > LATEST:
+        taken = "its stamps in the unit of its name" if known else "its name states no unit, and its stamps in seconds"
+        for seconds, words, short in _COUNTS:
+            if farthest * seconds <= LATEST:
+                doubt = f"{taken} are beyond the year 5000; by their size they are {words} since 1970"
+                return StampUnit(seconds, doubt, True, f"name the column {_core(name)}_{short}, {_GIVE_DT}")
+    if not known and (step := _usual_step(finite)) >= COARSE:
+        doubt = (
+            f"its name states no unit; its steps of {step:.6g} are taken as seconds, and may be milliseconds or less"
+        )
+        remedy = f"if they are, name the column {_core(name)}_ms, {_GIVE_DT}"
+        return StampUnit(unit, doubt, False, remedy)
+    return StampUnit(unit)
+
+
+def check_unit(path: Path, name: str, stamps: FloatArray) -> None:
+    """Check that the unit of time stamps (K,) can be the one taken."""
+    unit = unit_of_stamps(name, stamps)
+    if unit.refused:
+        raise LogError(f"{path}: column {shown(name)}: {unit.doubt}; {unit.remedy}")
+
+
+def _usual_step(stamps: FloatArray) -> float:
+    with np.errstate(over="ignore"):
+        return float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
+
+
+def _core(name: str) -> str:
+    """Return a column's name without struct and unit, as a part of another name."""
+    return name.rpartition(".")[2].partition("[")[0].partition("(")[0].strip().replace(" ", "_") or "t"

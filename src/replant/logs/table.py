@@ -1,0 +1,323 @@
+"""Table: the named columns of a file; and what readers share: limits, libraries' errors, zip directories."""
+
+from __future__ import annotations
+
+import importlib
+import mmap
+import operator
+import os
+import re
+import sys
+import tempfile
+import zipfile
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from dataclasses import dataclass, field
+from difflib import SequenceMatcher
+from pathlib import Path
+from typing import Any, SupportsIndex, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import SHOWN, ArgumentTypeError, LogError, MissingDependencyError, ReplantError, shown
+from replant.model.interop import without_unit
+
+T = TypeVar("T")
+
+MOST_COLUMNS = 1 << 17  # columns of a file, or groups and other parts of it [count]
+LONGEST_NAME = 1000  # longest name of a column [characters]
+MOST_EMPTY = 1 << 24  # missing values of a file, beyond which there must be a value for every two of them [count]
+PART_ROWS = 1 << 16  # rows of a long log that are looked at together [rows]
+
+
+def at_most(path: Path, found: Iterable[T], what: str, most: int = MOST_COLUMNS) -> Iterator[T]:
+    """Yield what is found in a file as long as it is not too much."""
+    for number, one in enumerate(found):
+        if number == most:
+            raise too_many_error(path, what, most)
+        yield one
+
+
+def too_many_error(path: Path, what: str, most: int = MOST_COLUMNS) -> LogError:
+    """Return the error for a file with too much of something."""
+    return LogError(f"{path}: more than {most:,} {what}; write the log's signals into a file of their own")
+
+
+def needed(path: Path, module: str, why: str, package: str) -> Any:
+    """Return a module of a package that may not be installed; ``why`` says what needs it."""
+    try:
+        importlib.import_module(module.partition(".")[0])
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise MissingDependencyError(f"{path}: {why}: pip install {package}") from error
+
+
+@contextmanager
+def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
+    """Turn the errors of a library that parses a file into a LogError.
+
+    On damaged bytes such a library fails with almost any exception.  Errors of the operating system and of replant are
+    raised as they are.
+    """
+    try:
+        yield
+    except ReplantError:
+        raise
+    except MemoryError:
+        reason = "reading it takes more memory than its samples justify"
+        raise LogError(f"{path}: not a readable {kind} ({reason}); {remedy}") from None
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno is not None:
+            raise
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise LogError(f"{path}: not a readable {kind} ({reason[:120]}); {remedy}") from error
+
+
+MOST_MEMBERS = 4096  # files in an archive [count]
+DEFLATE_RATIO = 1032  # bytes that a byte of deflated data can stand for: what its format allows [bytes]
+
+_STREAMED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # the others are unpacked by `zipfile` without a bound
+
+
+@contextmanager
+def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
+    """Open an archive whose members can be read part by part; none yields more bytes than its directory says."""
+    with zipfile.ZipFile(path) as archive:
+        members = archive.infolist()
+        if len(members) > MOST_MEMBERS:
+            raise LogError(
+                f"{path}: {len(members):,} files in one archive; put the log's signals into one of their own"
+            )
+        if any(member.compress_type not in _STREAMED for member in members):
+            raise LogError(f"{path}: packed by another method than deflate; pack it again with zip")
+        yield archive
+
+
+NAMES_SHOWN = 12  # names that the error of a wrong name lists, closest first [count]
+LIST_SHOWN = 160  # characters of all of them: one line stays readable [characters]
+
+LONGEST_NUMBER = 20  # digits of a column's number from which on it is that of no column [characters]
+
+NEAR = 0.6  # likeness from which on a name is taken for the one that was meant [ratio of difflib]
+
+
+def nth_row(row: int) -> str:
+    """Return the words for a row in a message; rows are counted from 1 there, ``row`` from 0."""
+    return f"row {row + 1}"
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The columns of a log file."""
+
+    path: Path
+    names: tuple[str, ...]
+    blocks: Callable[[Sequence[int]], Iterator[list[NDArray[np.float64]]]]
+    describe_row: Callable[[int], str] = nth_row
+    in_seconds: frozenset[int] = frozenset()
+    origins: Mapping[int, int] = field(default_factory=dict)
+    approximate_rows: int = 0
+    notes: tuple[str, ...] = ()
+    dt: float | None = None
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    stamps: Callable[[int], NDArray[np.float64]] | None = None
+
+    def __post_init__(self) -> None:
+        if len(self.names) > MOST_COLUMNS:
+            raise too_many_error(self.path, "columns")
+        long = next((name for name in self.names if len(name) > LONGEST_NAME), None)
+        if long is not None:
+            raise LogError(
+                f"{self.path}: {shown(long)} is the name of a column, of {len(long):,} characters; shorten "
+                f"it to {LONGEST_NAME:,} or fewer"
+            )
+
+    def column(self, key: str | int) -> NDArray[np.float64]:
+        """Return one column as float64, by name or 0-based number."""
+        return self.columns([key])[0]
+
+    def columns(self, keys: Sequence[str | int]) -> list[NDArray[np.float64]]:
+        """Return several columns as float64, by name or 0-based number, in one pass over the file."""
+        return self.arrays(keys, sys.maxsize)
+
+    def arrays(
+        self, keys: Sequence[str | int], most_held: int, progress: Callable[[int, int], None] = lambda rows, about: None
+    ) -> list[NDArray[np.float64]]:
+        """Return columns in one pass: in memory up to a number of rows, else mapped from files that end with them."""
+        columns = [_Growing() for _ in keys]
+        rows = 0
+        try:
+            for block in self.stream(keys):
+                for column, values in zip(columns, block, strict=True):
+                    column.add(values)
+                    rows = max(rows, column.rows)
+                if rows > most_held:
+                    for column in columns:
+                        column.to_file(self.path)
+                progress(rows, max(self.approximate_rows, rows))
+            return [column.array() for column in columns]
+        finally:
+            for column in columns:
+                column.close()
+
+    def head(self, keys: Sequence[str | int], rows: int) -> list[NDArray[np.float64]]:
+        """Return the first rows of columns: so many or a block more, if there are as many."""
+        parts: list[list[NDArray[np.float64]]] = [[np.empty(0)] for _ in keys]
+        with closing(self.stream(keys)) as blocks:
+            for block in blocks:
+                for column, values in zip(parts, block, strict=True):
+                    column.append(values)
+                rows -= max(map(len, block), default=0)
+                if rows <= 0:
+                    break
+        return [np.concatenate(column) for column in parts]
+
+    def stream(self, keys: Sequence[str | int]) -> Generator[list[NDArray[np.float64]], None, None]:
+        """Yield several columns as float64, block of rows by block of rows, in one pass over the file."""
+        numbers = [self.find(key) for key in keys]
+        values = found = 0
+        try:
+            for block in self.blocks(numbers):
+                values += sum(array.size for array in block)
+                found += sum(int(np.count_nonzero(~np.isnan(array))) for array in block)
+                if values - found > MOST_EMPTY + 2 * found:
+                    raise LogError(
+                        f"{self.path}: {values - found:,} of its first {values:,} values are missing; leave out the "
+                        "rows without samples, or the columns"
+                    )
+                yield block
+        except OSError as error:
+            raise unreadable_error(self.path, error) from error
+
+    def find(self, key: str | int) -> int:
+        """Return the number of a column: by its exact name, else in any case, without its unit, or 0-based."""
+        if not isinstance(key, str):
+            return self._number(key)
+        for form in (str, _folded, _bare):
+            found = [number for number, name in enumerate(self.names) if form(name) == form(key)]
+            if len(found) == 1:
+                return found[0]
+            if found:
+                names = listed([f"{number} ({shown(self.names[number])})" for number in found])
+                raise LogError(f"{self.path}: column {shown(key)} could be any of {names}; choose it by its number")
+        if key.strip().isdecimal() and len(key) < LONGEST_NUMBER:
+            return self._number(int(key))
+        reason = self.left_out.get(key.strip())
+        if reason is not None:
+            raise LogError(f"{self.path}: {reason}")
+        near = sorted(self.names, key=lambda name: -_likeness(key, name))
+        meant = f" (did you mean {shown(near[0])}?)" if _likeness(key, near[0]) >= NEAR else ""
+        raise LogError(f"{self.path}: no column {shown(key)}{meant}; there are: {listed(near)}")
+
+    def _number(self, key: SupportsIndex) -> int:
+        try:
+            number = operator.index(key)
+        except TypeError:
+            kind = type(key).__name__
+            raise ArgumentTypeError(f"a column is chosen by name (str) or number (int), not {kind}") from None
+        if isinstance(key, bool):
+            raise ArgumentTypeError("a column is chosen by name (str) or number (int), not bool")
+        if not 0 <= number < len(self.names):
+            last = len(self.names) - 1
+            raise LogError(f"{self.path}: no column {shown(number)}; columns 0 to {last} are: {listed(self.names)}")
+        return number
+
+
+class _Growing:
+    """A column that grows: in memory, or in a file without a name."""
+
+    def __init__(self) -> None:
+        self.rows, self._held = 0, np.empty(0)
+        self._file: Any = None
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Append the values of the next rows."""
+        self.rows += values.size
+        if self._file is not None:
+            self._write(values)
+            return
+        if self.rows > self._held.size:
+            self._held.resize(max(self.rows, 9 * self._held.size // 8), refcheck=False)
+        self._held[self.rows - values.size : self.rows] = values
+
+    def to_file(self, path: Path) -> None:
+        """Keep the column in a file from now on."""
+        if self._file is None:
+            self._path, self._folder = path, spool_folder()
+            self._write(self._held[: self.rows])
+            self._held = np.empty(0)
+
+    def _write(self, values: NDArray[np.float64]) -> None:
+        try:
+            self._file = self._file or tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 - see `close`
+            self._file.write(np.ascontiguousarray(values).data)
+            self._file.flush()
+        except OSError as error:
+            raise LogError(
+                f"{self._path}: a long log is kept in {self._folder} while it is used, which is not possible "
+                f"({error.strerror or error}); free some room, or set TMPDIR to a folder that has it"
+            ) from error
+
+    def array(self) -> NDArray[np.float64]:
+        """Return the values."""
+        if self._file is None or not self.rows:
+            self._held.resize(self.rows, refcheck=False)
+            return self._held
+        return np.frombuffer(mmap.mmap(self._file.fileno(), 0, access=mmap.ACCESS_READ))
+
+    def close(self) -> None:
+        """Close the file: what is mapped of it stays."""
+        if self._file is not None:
+            self._file.close()
+
+
+def spool_folder() -> str:
+    """Return where columns of long logs are kept: TMPDIR, else /var/tmp, which unlike /tmp is on a disk everywhere."""
+    given = os.environ.get("TMPDIR")
+    return given or ("/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir())
+
+
+def in_parts(arrays: Sequence[NDArray[np.float64]]) -> Iterator[list[NDArray[np.float64]]]:
+    """Yield arrays part by part; what is mapped from a file leaves memory behind them."""
+    for begin in range(0, max(map(len, arrays)), PART_ROWS):
+        yield [array[begin : begin + PART_ROWS] for array in arrays]
+        for array in arrays:
+            forget(array)
+
+
+def forget(array: NDArray[np.float64]) -> None:
+    """Let what was read of an array that is mapped from a file leave memory."""
+    mapped = getattr(array.base, "obj", None)
+    if isinstance(mapped, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+        mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def unreadable_error(path: Path, error: OSError) -> LogError:
+    """Return the error for a file that the operating system refuses to read."""
+    return LogError(f"{path}: cannot be read ({error.strerror or error}); check the path and its permissions")
+
+
+def _folded(name: str) -> str:
+    return "".join(name.split()).casefold()
+
+
+def _bare(name: str) -> str:
+    return _folded(without_unit(name))
+
+
+def _likeness(key: str, name: str) -> float:
+    core = re.sub(r"^.*\.|[\[(].*$", "", name)  # without struct, index and unit: udat for data.udat[:,0]
+    return max(SequenceMatcher(None, _folded(key), _folded(one)).ratio() for one in (name, core))
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first names as a list for a message; long names are cut."""
+    parts: list[str] = []
+    for name in names[:NAMES_SHOWN]:
+        flat = " ".join(name[: 2 * SHOWN].split())
+        parts.append(flat if len(flat) <= SHOWN else flat[:SHOWN] + "...")
+        if sum(map(len, parts)) > LIST_SHOWN:
+            break
+    more = len(names) - len(parts)
+    return ", ".join(parts) + (f", ... ({more} more)" if more > 0 else "")

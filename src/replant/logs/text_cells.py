@@ -1,0 +1,246 @@
+"""The cells of a line of text: where each begins and ends, which are numbers; and the row of units below the names."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.logs.table import MOST_COLUMNS
+from replant.model.interop import unit_of
+
+MISSING = frozenset({"", "na", "n/a", "null"})  # NaN, as nan, inf and infinity are numbers that float() knows
+
+_SHOWN = 40  # characters of a cell that an error shows [characters]
+_QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside stands for one; ++ and *+: linear time on any text
+_UNIT_BEHIND = r"(?:\s+(?:\[[^\[\]]*\]|\([^()]*\)))?"  # a unit in brackets belongs to its name
+_WORD = re.compile(rf'\s*+(?:{_QUOTED}(?!\S)|([^\s"]\S*+{_UNIT_BEHIND})|\Z)')
+
+
+class CellError(ValueError):
+    """A cell that cannot be read; ``at`` is its 0-based place, in a line its column, in a column its row."""
+
+    def __init__(self, at: int, problem: str) -> None:
+        super().__init__(problem)
+        self.at = at
+
+
+class NumberError(CellError):
+    """A cell that is no number."""
+
+
+class TwoMarksError(NumberError):
+    """A cell with another decimal mark than the other cells, or perhaps a thousands separator."""
+
+
+def split_line(line: str, delimiter: str | None) -> list[str]:
+    """Split a line into stripped cells, with quotes removed; without a delimiter at runs of blanks.
+
+    A quotation mark begins a quoted cell only as the first character of the cell; elsewhere it is ordinary text.
+    """
+    if delimiter is None:
+        return _split_words(line)
+    if '"' not in line:
+        return [cell.strip() for cell in line.split(delimiter, MOST_COLUMNS)]
+    pattern, text = _cell_pattern(delimiter), line.rstrip("\r\n")
+    cells: list[str] = []
+    at = 0
+    while True:
+        found = pattern.match(text, at)
+        if found is None:
+            raise _broken(len(cells), text[at:], delimiter)
+        quoted, plain, end = found.groups()
+        cells.append((plain if quoted is None else quoted.replace('""', '"')).strip())
+        if not end or len(cells) > MOST_COLUMNS:
+            return cells
+        at = found.end()
+
+
+@lru_cache(maxsize=8)
+def _cell_pattern(delimiter: str) -> re.Pattern[str]:
+    mark = re.escape(delimiter)
+    return re.compile(rf' *+(?:{_QUOTED} *+|([^"{mark}][^{mark}]*+|))({mark}|\Z)')
+
+
+def _split_words(line: str) -> list[str]:
+    cells: list[str] = []
+    at = 0
+    while True:
+        found = _WORD.match(line, at)
+        if found is None:
+            raise _broken(len(cells), line[at:], None)
+        quoted, plain = found.groups()
+        if (quoted is None and plain is None) or len(cells) > MOST_COLUMNS:
+            return cells
+        cells.append(quoted.replace('""', '"') if plain is None else plain)
+        at = found.end()
+
+
+def _broken(column: int, rest: str, delimiter: str | None) -> CellError:
+    quoted = re.match(rf"\s*{_QUOTED}", rest)
+    if quoted is None:
+        return CellError(column, f"{quote(rest)} has no closing quotation mark")
+    tail = rest[quoted.end() :].split(delimiter, 1)[0]
+    return CellError(column, f"{quote(quoted[0] + tail)} goes on after its closing quotation mark")
+
+
+def parse_number(cell: str) -> float:
+    """Read one cell with a decimal point: a number, or NaN for a missing one."""
+    text = cell.strip()
+    if text.lower() in MISSING:
+        return float("nan")
+    if "_" in text or not text.isascii():  # float() takes 1_000 and the digits of every script
+        raise ValueError(cell)
+    return float(text)
+
+
+def is_number(cell: str, delimiter: str | None) -> bool:
+    """Return whether a cell is a number, or missing; a comma is a decimal comma unless it is the delimiter."""
+    try:
+        parse_number(cell if delimiter == "," else cell.replace(",", "."))
+    except ValueError:
+        return False
+    return not cell.endswith(",")  # "0, 1, 2" is three cells with commas, not three decimals
+
+
+def quote(cell: str) -> str:
+    """Return a cell in quotation marks for a message; a long cell is cut."""
+    text = cell.strip()
+    return repr(text if len(text) <= _SHOWN else text[:_SHOWN] + "...")
+
+
+_PLAIN = re.compile(r"[+-]?(?:\d+(?P<mark>[.,])\d*|(?P<first>[.,])\d+)(?:[eE][+-]?\d+)?")
+_GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}(?:(?P<mark>[.,])\d{3})(?:(?P=mark)\d{3})*(?P<end>[.,]\d*(?:[eE][+-]?\d+)?)?")
+
+
+@dataclass(frozen=True)
+class DecimalMark:
+    """What separates the fraction of the numbers of a log."""
+
+    mark: str
+    line: int
+    cell: str
+    certain: bool = True
+    grouped: bool = False
+
+    @property
+    def other(self) -> str:
+        """The thousands separator."""
+        return "," if self.mark == "." else "."
+
+
+def mark_of(cell: str, line: int) -> DecimalMark | None:
+    """Return the decimal mark of a cell; None if it has none, or is no number."""
+    text = cell.strip()
+    if text.isdecimal():
+        return None
+    grouped = _GROUPED.fullmatch(text)
+    if grouped and grouped["end"] and grouped["end"][0] != grouped["mark"]:
+        return DecimalMark(grouped["end"][0], line, text, grouped=True)
+    if grouped and text.count(grouped["mark"]) > 1 and not grouped["end"]:
+        return DecimalMark("," if grouped["mark"] == "." else ".", line, text, grouped=True)
+    plain = _PLAIN.fullmatch(text)
+    if plain is None:
+        return None
+    mark: str = plain["mark"] or plain["first"]
+    return DecimalMark(mark, line, text, certain=not (grouped and not grouped["end"]))
+
+
+def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
+    """Return the first certain mark, else the first one; it is grouped if one with the same mark is."""
+    found = [mark for mark in marks if mark is not None]
+    certain = [mark for mark in found if mark.certain]
+    if not found:
+        return None
+    best = (certain or found)[0]
+    grouped = any(mark.grouped and mark.mark == best.mark for mark in found)
+    return DecimalMark(best.mark, best.line, best.cell, best.certain, grouped)
+
+
+def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> NDArray[np.float64]:
+    """Turn the cells of a column into float64; a missing one is NaN."""
+    mark = mark or DecimalMark(".", 0, "")
+    if mark.mark == ",":
+        plain = None if any("." in cell for cell in cells) else [cell.replace(",", ".") for cell in cells]
+    else:
+        plain = list(cells)
+    values = None if plain is None else _plain_numbers(plain)
+    if values is not None:
+        return values
+    values = np.empty(len(cells))
+    for index, cell in enumerate(cells):
+        try:
+            values[index] = _number(cell, mark)
+        except NumberError as error:
+            error.at = index
+            raise
+        except ValueError:
+            raise NumberError(index, f"{quote(cell)} is not a number") from None
+    return values
+
+
+def _number(cell: str, mark: DecimalMark) -> float:
+    text = cell.strip()
+    if mark.other not in text:
+        return parse_number(text.replace(mark.mark, "."))
+    grouped = _GROUPED.fullmatch(text)
+    if grouped is None or grouped["mark"] != mark.other or (grouped["end"] or mark.mark)[0] != mark.mark:
+        if _PLAIN.fullmatch(text) and mark.line:
+            raise TwoMarksError(0, text)
+        raise ValueError(cell)
+    if not grouped["end"] and text.count(mark.other) == 1 and mark.line and not mark.grouped:
+        raise TwoMarksError(0, text)
+    return parse_number(text.replace(mark.other, "").replace(mark.mark, "."))
+
+
+def _plain_numbers(cells: Sequence[str]) -> NDArray[np.float64] | None:
+    """Convert numbers at once, or return None if a cell is anything else."""
+    text = "".join(cells)
+    if "_" in text or not text.isascii():
+        return None
+    try:
+        return np.fromiter(map(float, cells), np.float64, len(cells))
+    except ValueError:
+        return None
+
+
+_BRACKETED = re.compile(r"[\[(]\s*([^\[\]()]{0,30}?)\s*[\])]")
+_PREFIXED = r"[numµμkMGcdhT]?(?:m|g|A|V|W|N|Nm|J|K|Pa|Hz|Ω|[Oo]hm|C|F|H|T|L|l|mol|s|rad|bar|VA|Wh|eV|B|Bd|dB|t)"
+_OTHERS = (
+    r"%|‰|°[CFK]?|℃|deg(?:C|F|K)?|rpm|RPM|U/min|rev|sec|second|seconds|min|minutes|h|hr|hours|d|days|counts?|psi|in|ft|"
+    r"lbf|inch|ppm|px|digits?|inc|volts?|amps?|ampere|newton|met(?:er|re)s?|degrees?|radians?|-"
+)
+_ATOM = rf"(?:{_PREFIXED}|{_OTHERS})(?:\^?-?\d|[²³]|⁻[¹²³])?"
+_UNIT = re.compile(rf"(?:1\s*/\s*)?{_ATOM}(?:\s*[*·/ ]\s*{_ATOM})*")
+_NONE = frozenset({"", "-", "1"})
+
+
+def units_in(cells: Sequence[str]) -> list[str] | None:
+    """Return the units in the cells of a row; None if the row is none of units.
+
+    Each cell is a unit in brackets, a known unit or empty, and one of them tells more than that there is none.
+    """
+    units = []
+    for cell in cells:
+        bracketed = _BRACKETED.fullmatch(cell.strip())
+        text = bracketed[1] if bracketed else cell.strip()
+        if text and not bracketed and not _is_unit(text):
+            return None
+        units.append("" if text in _NONE else text)
+    return units if any(units) else None
+
+
+def _is_unit(text: str) -> bool:
+    return _UNIT.fullmatch(text) is not None and (text == "nA" or not is_number(text, None))  # na stands for no value
+
+
+def with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:
+    """Return the names with the units of those that have none in their names."""
+    given = [*units, *[""] * (len(names) - len(units))]
+    return tuple(
+        f"{name} [{unit}]" if unit and not unit_of(name) else name for name, unit in zip(names, given, strict=False)
+    )

@@ -1,0 +1,347 @@
+"""The layout of a text log: encoding, delimiter, names of the columns, first line of data, dates and decimal mark."""
+
+from __future__ import annotations
+
+import codecs
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path
+
+from replant.errors import LogError
+from replant.logs.sampling_time import time_candidates
+from replant.logs.table import LONGEST_NAME, MOST_COLUMNS, too_many_error
+from replant.logs.text_cells import (
+    CellError,
+    DecimalMark,
+    common_mark,
+    is_number,
+    mark_of,
+    quote,
+    split_line,
+    units_in,
+    with_units,
+)
+from replant.logs.text_times import StampFormat, find_format, is_missing, parse_stamp
+
+
+@dataclass(frozen=True)
+class Content:
+    """What the cells of a text log hold."""
+
+    stamps: Mapping[int, StampFormat] = field(default_factory=dict)
+    mark: DecimalMark | None = None
+    marks: Mapping[int, DecimalMark] = field(default_factory=dict)
+
+
+def content_of(names: Sequence[str], rows: Sequence[tuple[int, Sequence[str]]], delimiter: str | None) -> Content:
+    """Return what rows of cells hold, each with the number of its line."""
+    whole = [(line, cells) for line, cells in rows if len(cells) >= len(names)]
+    stamps = _stamps(names, [cells for _, cells in whole])
+    if delimiter == ",":
+        return Content(stamps)
+    own = {
+        column: mark
+        for column in range(len(names))
+        if column not in stamps
+        and (mark := common_mark(mark_of(cells[column], line) for line, cells in whole)) is not None
+    }
+    common = common_mark(own.values())
+    others = {column: mark for column, mark in own.items() if common and mark.certain and mark.mark != common.mark}
+    return Content(stamps, common, others)
+
+
+def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, StampFormat]:
+    """Return the columns of stamps whose name is that of the time; all where no name is."""
+    found = {}
+    for column in range(len(names)):
+        first = next((row[column] for row in rows if not is_missing(row[column])), "")
+        if _may_be_stamp(first):
+            form = find_format([row[column] for row in rows])
+            if form is not None:
+                found[column] = form
+    dates = [column for column, form in found.items() if form.parts == "d"]
+    for column, form in found.items():
+        if form.parts == "c" and len(dates) == 1:
+            joined = find_format([joined_cell(row[dates[0]], row[column]) for row in rows])
+            if joined is not None:
+                found[column] = replace(joined, date_column=dates[0])
+    if any(form.date_column is not None for form in found.values()):
+        del found[dates[0]]
+    named = set(time_candidates(names))
+    return {column: form for column, form in found.items() if not named or column in named}
+
+
+def _may_be_stamp(cell: str) -> bool:
+    try:
+        parse_stamp(cell, month_first=False)
+    except ValueError:
+        try:
+            parse_stamp(cell, month_first=True)
+        except ValueError:
+            return False
+    return True
+
+
+def joined_cell(day: str, clock: str) -> str:
+    """Return the date of one column and the clock time of another in one cell; an empty one where either is missing."""
+    return "" if is_missing(day) or is_missing(clock) else f"{day.strip()} {clock.strip()}"
+
+
+def later_mark(
+    mark: DecimalMark | None, rows: Iterable[tuple[int, Sequence[str]]], left_out: Iterable[int]
+) -> DecimalMark | None:
+    """Return the first certain decimal mark in further rows, else what the first rows told."""
+    best, skipped = mark, set(left_out)
+    for line, cells in rows:
+        for column, cell in enumerate(cells):
+            found = None if column in skipped else mark_of(cell, line)
+            if found is not None and found.certain:
+                return found
+            best = best or found
+    return best
+
+
+COMMENT_MARKS = ("#", "%")
+DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks.  Of two with equal score the first one is taken
+QUOTES_REMEDY = "correct it, or write a quotation mark within a quoted cell twice"
+LONGEST_LINE = 1 << 22  # longest line that is read: 131,072 columns of full precision [characters]
+MOST_LINES_ABOVE = 100_000  # lines without data above the first row, or between two of the first ones [lines]
+
+_SAMPLE_ROWS = 100  # rows that the layout is detected from [rows]
+
+_SAMPLE_CHARACTERS = 1 << 18  # characters that the layout is detected from, of very wide rows [characters]
+
+_HEAD_BYTES = 1 << 16  # beginning of a file that its layout is detected from [bytes]
+_CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
+_BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
+_EXCEL_HINT = re.compile(r"sep=.?", re.IGNORECASE)  # a first line that tells Excel the delimiter
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The layout of a text log."""
+
+    names: tuple[str, ...]
+    delimiter: str | None
+    names_line: int | None
+    data_line: int
+    encoding: str
+    content: Content = field(default_factory=Content)
+    is_cut: bool = False
+    title: range = range(0)
+
+
+def is_data(line: str) -> bool:
+    """Return whether a line holds cells, that is, is neither blank nor a comment."""
+    text = line.lstrip()
+    return bool(text) and not text.startswith(COMMENT_MARKS)
+
+
+def sniff(path: Path) -> Layout:
+    """Determine the layout of a text log from its first lines."""
+    encoding = _encoding(path)
+    comment, rows = _sample(path, encoding)
+    if not rows:
+        with path.open("rb") as file:
+            if file.seek(0, 2) > _HEAD_BYTES:
+                raise LogError(f"{path}: no row of data in its first {MOST_LINES_ABOVE:,} lines; remove what is above")
+        raise LogError(f"{path}: the file is empty; a log has a row of names and one row of numbers per sample")
+    delimiter = _delimiter([line for _, line in rows])
+    above, rows = rows[0][0], _below_title(rows, delimiter)
+    number, line = rows[0]
+    try:
+        first = split_line(line, delimiter)
+    except CellError as error:
+        raise LogError(f"{path}: line {number}, column {error.at}: {error}; {QUOTES_REMEDY}") from None
+    if len(first) > MOST_COLUMNS:
+        raise too_many_error(path, "columns")
+    below = [(at, cells) for at, line in rows[1:] if (cells := _split_or_none(line, delimiter)) is not None]
+    units = units_in(below[0][1]) if len(below) > 1 and len(below[0][1]) <= len(first) + 1 else None
+    others = [cells for _, cells in below[units is not None :]]
+    if not _is_header(path, number, first, others):
+        names = _commented_names(comment, delimiter, first, others)
+        return Layout(names, delimiter, None, number, encoding, content_of(names, [(number, first), *below], delimiter))
+    if len(rows) == 1:
+        raise LogError(f"{path}: only a header (line {number}) and no row of data; record some samples first")
+    names = _names(first, others)
+    if units is not None:
+        names, rows, below = with_units(names, units), rows[1:], below[1:]
+    _check_lengths(path, number, names)
+    title = range(above, number)
+    return Layout(names, delimiter, number, rows[1][0], encoding, content_of(names, below, delimiter), title=title)
+
+
+def _check_lengths(path: Path, number: int, names: Sequence[str]) -> None:
+    for column, name in enumerate(names):
+        if len(name) > LONGEST_NAME:
+            raise LogError(
+                f"{path}: line {number}, column {column}: {quote(name)} is a name of {len(name):,} characters; "
+                f"shorten it to {LONGEST_NAME:,} or fewer"
+            )
+
+
+def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines of a text log, numbered from 1."""
+    with path.open(encoding=encoding, errors="replace") as file:
+        number = 1
+        while line := file.readline(LONGEST_LINE + 1):
+            if len(line) > LONGEST_LINE:
+                raise too_long_error(path, number)
+            yield number, line
+            number += 1
+
+
+def too_long_error(path: Path, number: int) -> LogError:
+    """Return the error for a line that is longer than `LONGEST_LINE`."""
+    return LogError(
+        f"{path}: line {number} is longer than {LONGEST_LINE:,} characters; "
+        "write one line for each sample, and end it with a line feed"
+    )
+
+
+def _sample(path: Path, encoding: str) -> tuple[str | None, list[tuple[int, str]]]:
+    """Return the last comment before the first row, and the first rows: at least two, and more while they are short."""
+    comment: str | None = None
+    rows: list[tuple[int, str]] = []
+    characters = 0
+    for number, line in islice(_significant(lines_of(path, encoding)), _SAMPLE_ROWS):
+        if is_data(line):
+            rows.append((number, line))
+            characters += len(line)
+            if len(rows) > 1 and characters > _SAMPLE_CHARACTERS:
+                break
+        elif not rows:
+            comment = line
+    return comment, rows
+
+
+def _significant(lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+    """Yield the rows; before each row, also the last of the comments that precede it."""
+    comment: tuple[int, str] | None = None
+    last = 0
+    for number, line in lines:
+        if number > last + MOST_LINES_ABOVE:
+            return
+        if _EXCEL_HINT.fullmatch(line.strip()):
+            continue
+        if is_data(line):
+            if comment:
+                yield comment
+                comment = None
+            last = number
+            yield number, line
+        elif line.strip():
+            comment = number, line
+
+
+def _encoding(path: Path) -> str:
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return "utf-16"
+    if head.translate(None, _CONTROL_BYTES) != head:
+        raise LogError(f"{path}: not a text file; export the log as CSV, Parquet, .mat or .npz")
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(head)  # a character that is cut at the end passes
+    except UnicodeDecodeError:
+        return "cp1252"  # what Windows tools write; it has the degree sign of a temperature
+    return "utf-8-sig"
+
+
+def _delimiter(lines: Sequence[str]) -> str | None:
+    scores = {delimiter: _score(lines, delimiter) for delimiter in DELIMITERS}
+    best = max(DELIMITERS, key=lambda delimiter: scores[delimiter])
+    return best if scores[best] > 0.0 else ","
+
+
+def _score(lines: Sequence[str], delimiter: str | None) -> float:
+    """Return the score of a delimiter: the share of rows of the usual width times the share of numbers in the cells."""
+    rows = [cells for line in lines if (cells := _split_or_none(line, delimiter)) is not None]
+    widths = Counter(len(row) for row in rows)
+    width, count = widths.most_common(1)[0] if rows else (0, 0)
+    if width < 2:
+        return 0.0
+    cells = [cell for row in rows[1:] or rows for cell in row]
+    numbers = sum(is_number(cell, delimiter) for cell in cells)
+    return count / len(lines) * (numbers + 1e-3) / (len(cells) + 1e-3)  # equal widths alone give a small score
+
+
+def _split_or_none(line: str, delimiter: str | None) -> list[str] | None:
+    """Split a line; return None if its quotation marks do not fit this delimiter."""
+    try:
+        return split_line(line, delimiter)
+    except CellError:
+        return None
+
+
+def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tuple[int, str]]:
+    """Return the rows from the names on: lines of fewer cells above a row of names are a title.
+
+    Empty cells at the end of a line do not count: a spreadsheet fills up each line to the widest one.
+    """
+    widths = [_filled(_split_or_none(line, delimiter) or ()) for _, line in rows]
+    usual = Counter(widths).most_common(1)[0][0]
+    at = widths.index(usual)
+    names = _split_or_none(rows[at][1], delimiter) or []
+    is_title = at > 0 and max(widths[:at]) < usual and len(rows) > at + 1
+    return rows[at:] if is_title and all(name[:1].isalpha() for name in names) else rows
+
+
+def _filled(cells: Sequence[str]) -> int:
+    """Return how many cells there are up to the last that is not empty."""
+    return max((number for number, cell in enumerate(cells, 1) if cell), default=0)
+
+
+def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Sequence[str]]) -> bool:
+    """Return whether the first row holds names: some text, and no number but plain counts such as 2.
+
+    Text above numbers may also be a damaged cell of a row of data.  It is certainly a name if it is a usual name of the
+    time column, or if most columns have a name that begins with a letter.  Any other file is ambiguous, and refused.
+    """
+    is_text = [not is_number(cell, None) for cell in first]
+    if not any(is_text):
+        return False
+    numbers = [cell for cell, text in zip(first, is_text, strict=True) if cell and not text]
+    below = dict(enumerate(others[0])) if others else {}
+    names = [
+        column for column, text in enumerate(is_text) if text and column in below and is_number(below[column], None)
+    ]
+    if not names:
+        return not numbers
+    if not all(map(str.isdecimal, numbers)):
+        return False
+    texts = [first[column] for column in names]
+    unnamed = len(numbers) + sum(1 for column, cell in enumerate(first) if not cell and below.get(column))
+    if unnamed:
+        certain = len(names) > unnamed and all(text[0].isalpha() for text in texts)
+    else:
+        certain = not all(map(_BEGUN_NUMBER.match, texts))
+    if certain or time_candidates(texts):
+        return True
+    raise LogError(
+        f"{path}: line {line}, column {names[0]}: {quote(texts[0])} is a name or a damaged number; correct it, or put "
+        "# before the line; if the line holds names, give one to each column that begins with a letter"
+    )
+
+
+def _names(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    width = len(header)
+    if width > 1 and not header[-1] and not any(row[width - 1 : width] != [""] for row in rows if len(row) >= width):
+        width -= 1  # a delimiter at the end of each line, not a column
+    return tuple(name or str(number) for number, name in enumerate(header[:width]))
+
+
+def _commented_names(
+    comment: str | None, delimiter: str | None, first: Sequence[str], others: Sequence[Sequence[str]]
+) -> tuple[str, ...]:
+    """Return the names in the last comment before the data, if it has one per column, as numpy.savetxt writes them."""
+    numbered = _names([str(column) if cell else "" for column, cell in enumerate(first)], others)
+    text = comment.strip().lstrip("".join(COMMENT_MARKS)).strip() if comment else ""
+    names = _split_or_none(text, delimiter) if text else None
+    if names is None or len(names) != len(numbered):
+        return numbered
+    fit = all(name[:1].isalpha() and len(name) <= LONGEST_NAME and not is_number(name, None) for name in names)
+    return tuple(names) if fit else numbered

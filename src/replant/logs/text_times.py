@@ -1,0 +1,249 @@
+"""Dates and clock times in text as exact seconds, and the jumps of a clock without a zone or a date."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import date
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import LogError, shown
+from replant.logs.text_cells import MISSING, CellError, quote
+
+READ = "2024-05-01T10:00:00.5, with Z or +02:00 where it is known, 01.05.2024 10:00:00,5 and 10:00:00.5 are read"
+"""The forms that are read, for messages."""
+
+_EPOCH = date(1970, 1, 1).toordinal()
+_NANOSECOND = 1_000_000_000  # unit of the stamps [1/s]
+_MONTHS = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+_DATE = (
+    r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})(?P=mark)(?P<day>\d{1,2})"
+    r"|(?P<basic>\d{8})(?=T)"
+    r"|(?P<one>\d{1,2})(?P<sep>[-/.])(?P<other>\d{1,2})(?P=sep)(?P<local_year>\d{4})"
+    rf"|(?P<named_day>\d{{1,2}})[- ](?P<name>{'|'.join(_MONTHS)})[a-z]*[- ](?P<named_year>\d{{4}}))"
+)
+_HEAD = re.compile(rf"(?:{_DATE}(?:(?:[T_]|,? +|,)|$))?(?:(?P<hour>\d{{1,4}}):(?P<minute>\d{{2}}))?", re.IGNORECASE)
+_CELL = re.compile(
+    r"(?P<head>[^:]*:\d{2}|[^:]*)(?::(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,9}))?)?"
+    r"(?: ?(?P<half>[ap])\.?m\.?)?(?: ?(?P<zone>Z|UTC|GMT|[+-]\d{2}(?::?\d{2})?))?",
+    re.IGNORECASE,
+)
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """One time stamp."""
+
+    nanoseconds: int
+    parts: str
+    day: int = 0
+    month: int = 0
+
+
+@dataclass(frozen=True)
+class StampFormat:
+    """How a column of dates or clock times is read."""
+
+    parts: str
+    month_first: bool | None
+    first: Stamp
+    date_column: int | None = None
+
+    @property
+    def origin(self) -> int | None:
+        """The first stamp in ns since 1970; None without a date, or where the day may be the month."""
+        certain = self.month_first is not None or self.first.day == self.first.month
+        return self.first.nanoseconds if "d" in self.parts and certain else None
+
+    @property
+    def is_local(self) -> bool:
+        """Whether the clock is that of a place, which daylight saving time may turn."""
+        return "c" in self.parts and "z" not in self.parts
+
+    def seconds(self, cells: Sequence[str]) -> NDArray[np.float64]:
+        """Return the seconds since the first stamp; a missing cell is NaN.
+
+        Differences are taken in whole nanoseconds: each result is the closest float64.
+        """
+        elapsed, missing = np.empty(len(cells), np.int64), []
+        for index, cell in enumerate(cells):
+            if is_missing(cell):
+                missing.append(index)
+                elapsed[index] = 0
+                continue
+            try:
+                stamp = parse_stamp(cell, bool(self.month_first))
+            except ValueError:
+                raise CellError(index, f"{quote(cell)} is no date or clock time; {READ}") from None
+            self._check(index, cell, stamp)
+            elapsed[index] = stamp.nanoseconds - self.first.nanoseconds
+        seconds = elapsed / _NANOSECOND
+        seconds[missing] = np.nan
+        return np.asarray(seconds, np.float64)
+
+    def _check(self, index: int, cell: str, stamp: Stamp) -> None:
+        if stamp.parts != self.parts:
+            raise CellError(
+                index,
+                f"{quote(cell)} has not the form of the first time stamp (date, clock time and zone are in all stamps "
+                "or in none); write all stamps alike",
+            )
+        if self.month_first is None and (stamp.day, stamp.month) != (self.first.day, self.first.month):
+            raise CellError(
+                index,
+                f"{quote(cell)}: the day may come first or the month; write dates as year-month-day, or give the "
+                "sampling time (dt, --dt)",
+            )
+
+
+def is_missing(cell: str) -> bool:
+    """Return whether a cell stands for no value."""
+    return cell.strip().lower() in MISSING or cell.strip().lower() == "nan"
+
+
+def parse_stamp(cell: str, month_first: bool) -> Stamp:
+    """Read one time stamp."""
+    found = _CELL.fullmatch(cell.strip())
+    if found is None:
+        raise ValueError(cell)
+    head, second, fraction, half, zone = found.group("head", "second", "fraction", "half", "zone")
+    base = _parse_head(head.strip(), (half or "").lower(), (zone or "").upper(), month_first)
+    if second is None:
+        return base
+    if "c" not in base.parts or int(second) > 59:
+        raise ValueError(cell)
+    nanoseconds = base.nanoseconds + int(second) * _NANOSECOND + int((fraction or "0").ljust(9, "0"))
+    return Stamp(nanoseconds, base.parts, base.day, base.month)
+
+
+@lru_cache(maxsize=1 << 12)  # the stamps of a minute have it in common
+def _parse_head(head: str, half: str, zone: str, month_first: bool) -> Stamp:
+    found = _HEAD.fullmatch(head)
+    if found is None or not head:
+        raise ValueError(head)
+    part = found.groupdict()
+    day, numbers = _day_of(part, month_first)
+    if part["hour"] is None:
+        if day is None or half or zone:
+            raise ValueError(head)
+        return Stamp(day * 86400 * _NANOSECOND, "d", *numbers)
+    hour, minute = int(part["hour"]), int(part["minute"])
+    if minute > 59 or (hour > 23 and day is not None) or (half and not 1 <= hour <= 12) or (zone and day is None):
+        raise ValueError(head)
+    if half:
+        hour = hour % 12 + 12 * (half == "p")
+    seconds = (day or 0) * 86400 + hour * 3600 + minute * 60 - _offset(zone)
+    return Stamp(seconds * _NANOSECOND, ("" if day is None else "d") + "c" + ("z" if zone else ""), *numbers)
+
+
+def _day_of(part: dict[str, str | None], month_first: bool) -> tuple[int | None, tuple[int, int]]:
+    """Return the day since 1970, or None without a date; also the numbers of which either may be the day."""
+    numbers = (0, 0)
+    if part["year"]:
+        day = _date(part["year"], part["month"], part["day"])
+    elif part["basic"]:
+        day = _date(part["basic"][:4], part["basic"][4:6], part["basic"][6:])
+    elif part["name"]:
+        day = _date(part["named_year"], _MONTHS.index(part["name"].lower()) + 1, part["named_day"])
+    elif part["one"] and part["sep"] == ".":  # with points the day always comes first
+        day = _date(part["local_year"], part["other"], part["one"])
+    elif part["one"]:
+        numbers = int(part["one"]), int(part["other"] or 0)
+        of_day, of_month = reversed(numbers) if month_first else numbers
+        day = _date(part["local_year"], of_month, of_day)
+    else:
+        return None, numbers
+    return day.toordinal() - _EPOCH, numbers
+
+
+def _date(year: str | int | None, month: str | int | None, day: str | int | None) -> date:
+    return date(int(year or 0), int(month or 0), int(day or 0))
+
+
+def _offset(zone: str) -> int:
+    """Return the seconds by which a zone's clock is ahead of UTC."""
+    if zone in {"", "Z", "UTC", "GMT"}:
+        return 0
+    digits = zone[1:].replace(":", "").ljust(4, "0")
+    hours, minutes = int(digits[:2]), int(digits[2:])
+    if hours > 23 or minutes > 59:
+        raise ValueError(zone)
+    return (hours * 60 + minutes) * (-60 if zone[0] == "-" else 60)
+
+
+def find_format(cells: Sequence[str]) -> StampFormat | None:
+    """Return the format of a column of dates or clock times; None if a cell is neither missing nor such a stamp."""
+    given = [cell for cell in cells if not is_missing(cell)]
+    for month_first in (False, True):
+        try:
+            stamps = [parse_stamp(cell, month_first) for cell in given]
+        except ValueError:
+            continue
+        if not stamps or any(stamp.parts != stamps[0].parts for stamp in stamps):
+            return None
+        first = stamps[0]
+        certain = not first.day or any(max(stamp.day, stamp.month) > 12 for stamp in stamps)
+        return StampFormat(first.parts, month_first if certain else None, first)
+    return None
+
+
+_HOUR = 3600.0  # by how much daylight saving time turns a clock [s]
+_DAY = 86400.0  # by how much a clock without a date goes back at midnight [s]
+_NEAR = 0.5  # difference of a jump from an hour or a day up to which it is one [usual intervals]
+
+_REMEDY = "write the stamps with their offset from UTC (+01:00), or give the sampling time (dt, --dt)"
+
+
+class LocalClock:
+    """Looks for such jumps in time stamps that are given block by block."""
+
+    def __init__(self, path: Path, name: str, describe_row: Callable[[int], str], *, has_date: bool) -> None:
+        self._path, self._name, self._describe_row, self._has_date = path, name, describe_row, has_date
+        self._rows, self._last, self._usual = 0, np.empty(0), math.nan
+
+    def check(self, stamps: NDArray[np.float64]) -> None:
+        """Look at the next stamps, in s."""
+        row = self._rows - self._last.size
+        known = np.concatenate([self._last, stamps])
+        steps = np.diff(known)
+        forward = steps[steps > 0.0]
+        if math.isnan(self._usual) and forward.size:
+            self._usual = float(np.median(forward))
+        for jump, said in self._jumps():
+            found = np.abs(steps - self._usual - jump) <= _NEAR * self._usual
+            if found.any() and self._usual < 0.25 * _HOUR:
+                at = int(np.argmax(found))
+                raise LogError(
+                    f"{self._path}: {self._describe_row(row + at + 1)}, column {shown(self._name)}: the clock goes "
+                    f"{'back' if jump < 0.0 else 'on'} by {abs(steps[at]):.6g} s, {said}"
+                )
+        self._rows += stamps.size
+        self._last = known[-1:]
+
+    def _jumps(self) -> list[tuple[float, str]]:
+        back = (-_HOUR, f"as at the end of daylight saving time; {_REMEDY}")
+        forth = (_HOUR, f"as at the beginning of daylight saving time, or after a pause of an hour; {_REMEDY}")
+        midnight = "as at midnight; write the date into the column, too, or give the sampling time (dt, --dt)"
+        return [back, forth] if self._has_date else [(-_DAY, midnight)]
+
+
+def checked_clocks(
+    path: Path, names: Sequence[str], stamps: Mapping[int, StampFormat], columns: Sequence[int],
+    describe_row: Callable[[int], str], blocks: Iterator[list[NDArray[np.float64]]],
+) -> Iterator[list[NDArray[np.float64]]]:  # fmt: skip
+    """Yield blocks of columns, those of local clocks looked at for jumps."""
+    clocks = [
+        (at, LocalClock(path, names[column], describe_row, has_date="d" in form.parts))
+        for at, column in enumerate(columns)
+        if (form := stamps.get(column)) is not None and form.is_local
+    ]
+    for block in blocks:
+        for at, clock in clocks:
+            clock.check(block[at])
+        yield block

@@ -1,0 +1,228 @@
+"""Excel workbooks (.xlsx, .xlsm), with openpyxl: the first sheet with a table of numbers, below a row of names."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import date, datetime, time, timedelta
+from itertools import chain, islice, repeat
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from replant.errors import LogError, shown
+from replant.logs.isolated import allow
+from replant.logs.table import Table, at_most, damage_as_log_error, needed, open_zip
+from replant.logs.text_cells import quote, units_in, with_units
+from replant.logs.text_times import LocalClock, StampFormat, find_format, is_missing
+
+_HEADER_ROWS = 100  # first rows of a sheet among which the names are looked for [rows]
+_NEXT_ROWS = 10  # rows below the names in which each column's first cell is looked for [rows]
+_SAMPLE_ROWS = 100  # rows of data that dates written as text are told from [rows]
+_EPOCH = datetime(1970, 1, 1)
+
+_Row = Sequence[Any]
+MOST_ROWS = 1 << 20  # rows of a sheet: as many as Excel has [rows]
+MOST_SHEETS = 1000  # sheets that are looked into [count]
+_COUNTED = 1 << 10  # rows after which memory is asked for [rows]
+
+
+class _Cells(Sequence[Any]):
+    """The cells of a column: numbers as they would be in an array, the few others apart."""
+
+    def __init__(self) -> None:
+        self.numbers = array("d")
+        self.others: dict[int, Any] = {}
+
+    def append(self, cell: Any) -> None:
+        if not isinstance(cell, float | int) or isinstance(cell, bool):
+            if cell is not None:
+                self.others[len(self.numbers)] = cell
+            cell = math.nan
+        self.numbers.append(_as_float(cell))
+
+    def __len__(self) -> int:
+        return len(self.numbers)
+
+    def __getitem__(self, row: Any) -> Any:
+        if isinstance(row, slice):
+            return [self[at] for at in range(*row.indices(len(self)))]
+        found = self.numbers[row]
+        return self.others.get(row) if math.isnan(found) else found
+
+
+def _as_float(number: float) -> float:
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
+
+
+@dataclass(frozen=True)
+class _Sheet:
+    """The table of a sheet."""
+
+    title: str
+    names: tuple[str, ...]
+    first: int
+    columns: Sequence[_Cells]
+
+    def describe_row(self, row: int) -> str:
+        return f"sheet {shown(self.title)}, row {self.first + row}"
+
+
+def read(path: Path) -> Table:
+    """Open an Excel workbook.
+
+    Rows above the names are skipped; below the names may be a row of units.  Cells of dates and times are seconds since
+    the first row.  Of a formula the value counts that was saved with it.
+    """
+    openpyxl = needed(path, "openpyxl", "reading Excel files needs openpyxl", "'replant[xlsx]'")
+    with damage_as_log_error(path, "Excel workbook", "save it again as .xlsx, or as CSV"):
+        with open_zip(path):
+            pass
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        try:
+            sheets = at_most(path, book.worksheets, "sheets", MOST_SHEETS)
+            found = next((sheet for each in sheets if (sheet := _table_in(path, each)) is not None), None)
+        finally:
+            book.close()
+    if found is None:
+        raise LogError(f"{path}: no sheet has a row of names above columns of numbers; put the log's signals into one")
+    stamps = {number for number, cells in enumerate(found.columns) if _is_time(cells[:_SAMPLE_ROWS])}
+    return Table(
+        path,
+        found.names,
+        lambda numbers: iter([[_values(path, found, number, is_stamp=number in stamps) for number in numbers]]),
+        found.describe_row,
+        in_seconds=frozenset(stamps),
+        approximate_rows=len(found.columns[0]),
+    )
+
+
+def _table_in(path: Path, sheet: Any) -> _Sheet | None:
+    if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
+        return None
+    rows = _rows_of(path, sheet)
+    head = list(islice(rows, _HEADER_ROWS + _NEXT_ROWS))
+    for number, row in enumerate(head[:_HEADER_ROWS]):
+        columns = tuple(at for at, cell in enumerate(row) if isinstance(cell, str) and cell.strip())
+        if not columns or any(map(_is_value, row)):
+            continue
+        names = tuple(" ".join(row[at].split()) for at in columns)
+        first = number + 1
+        units = units_in(["" if cell is None else str(cell) for cell in _cells_at(head, first, columns)])
+        if units is not None:
+            names, first = with_units(names, units), first + 1
+        numbers = sum(map(_begins_with_value, zip(*_next_rows(head, first, columns), strict=True)))
+        if numbers > 1 or numbers == len(columns):
+            return _Sheet(str(sheet.title), names, first + 1, _columns(chain(head[first:], rows), columns))
+    return None
+
+
+def _rows_of(path: Path, sheet: Any) -> Iterator[_Row]:
+    """Yield the rows; those that a number in the file leaves out are empty."""
+    return at_most(path, (tuple(row) for row in sheet.iter_rows(values_only=True)), "rows in a sheet", MOST_ROWS)
+
+
+def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
+    """Return the cells of some columns, without the empty rows at the end."""
+    columns = [_Cells() for _ in chosen]
+    empty = given = 0  # rows that wait for one that is not empty; cells that are not
+    for row in rows:
+        cells = _cells_at([row], 0, chosen)
+        if all(cell is None for cell in cells):
+            empty += 1
+            continue
+        for column, cell in zip(columns, cells, strict=True):
+            column.numbers.extend(repeat(math.nan, empty))
+            column.append(cell)
+        given, empty = given + sum(cell is not None for cell in cells), 0
+        if given >= _COUNTED:
+            allow(held=8 * given, found=given)
+            given = 0
+    return columns
+
+
+def _cells_at(rows: Sequence[_Row], number: int, columns: Sequence[int]) -> list[Any]:
+    row = rows[number] if number < len(rows) else ()
+    return [row[at] if at < len(row) else None for at in columns]
+
+
+def _next_rows(rows: Sequence[_Row], first: int, columns: Sequence[int]) -> list[list[Any]]:
+    return [_cells_at(rows, number, columns) for number in range(first, first + _NEXT_ROWS)]
+
+
+def _begins_with_value(cells: Sequence[Any]) -> bool:
+    given = [cell for cell in cells if cell is not None]
+    return bool(given) and _is_value(given[0])
+
+
+def _is_value(cell: Any) -> bool:
+    return isinstance(cell, int | float | date | time | timedelta)
+
+
+def _is_time(cells: Sequence[Any]) -> bool:
+    given = [cell for cell in cells if cell is not None]
+    if given and all(isinstance(cell, str) for cell in given):
+        return find_format(given) is not None
+    return bool(given) and all(isinstance(cell, date | time | timedelta) for cell in given)
+
+
+def _values(path: Path, sheet: _Sheet, number: int, *, is_stamp: bool) -> NDArray[np.float64]:
+    cells = sheet.columns[number]
+    if is_stamp:
+        return _seconds(path, sheet, number, cells)
+    values = np.array(cells.numbers)
+    for row, cell in cells.others.items():
+        if isinstance(cell, bool):
+            values[row] = cell
+        elif not isinstance(cell, str) or not (is_missing(cell) or cell == "#N/A"):
+            raise _error(path, sheet, number, row, f"{quote(str(cell))} is not a number; correct it, or empty the cell")
+    return values
+
+
+def _seconds(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> NDArray[np.float64]:
+    """Return the seconds since the first stamp, from whole microseconds, which is how openpyxl reads a stamp."""
+    texts = [cell for cell in cells[:_SAMPLE_ROWS] if isinstance(cell, str)]
+    form = find_format(texts) if texts else None
+    values = _of_texts(path, sheet, number, cells, form) if form else _of_cells(path, sheet, number, cells)
+    kinds = {type(cell) for cell in cells if cell is not None}
+    if form.is_local if form else kinds & {datetime, time}:
+        has_date = "d" in form.parts if form else datetime in kinds
+        clock = LocalClock(path, sheet.names[number], sheet.describe_row, has_date=has_date)
+        clock.check(values)
+    return values
+
+
+def _of_texts(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any], form: StampFormat) -> NDArray[np.float64]:
+    try:
+        return form.seconds(["" if cell is None else str(cell) for cell in cells])
+    except ValueError as error:
+        row = getattr(error, "at", 0)
+        raise _error(path, sheet, number, row, str(error)) from None
+
+
+def _of_cells(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> NDArray[np.float64]:
+    elapsed: list[timedelta | None] = []
+    for row, cell in enumerate(cells):
+        if isinstance(cell, datetime):
+            elapsed.append(cell - _EPOCH)
+        elif isinstance(cell, date):
+            elapsed.append(datetime(cell.year, cell.month, cell.day) - _EPOCH)
+        elif isinstance(cell, time):
+            elapsed.append(datetime.combine(_EPOCH, cell) - _EPOCH)
+        elif cell is None or isinstance(cell, timedelta):
+            elapsed.append(cell)
+        else:
+            raise _error(path, sheet, number, row, f"{quote(str(cell))} is no date or time; correct it")
+    first = next((one for one in elapsed if one is not None), timedelta(0))
+    return np.array([math.nan if one is None else (one - first).total_seconds() for one in elapsed])
+
+
+def _error(path: Path, sheet: _Sheet, number: int, row: int, problem: str) -> LogError:
+    return LogError(f"{path}: {sheet.describe_row(row)}, column {shown(sheet.names[number])}: {problem}")

@@ -1,0 +1,173 @@
+"""Preprocess: what happens to the raw input and output before any filter: input map and working point."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.kernels.schema import LARGEST
+from replant.numerics.arguments import (
+    BoolArray,
+    FloatArray,
+    array_of_reals,
+    finite,
+    keep,
+    one_of,
+    record,
+    vector,
+)
+from replant.numerics.robust import without_spikes
+
+InputMap = str | Callable[[FloatArray], FloatArray]
+WorkingPoint = float | str
+
+
+@dataclass(frozen=True)
+class Preprocess:
+    """Input map, then working point: u_p = map(u) - input_offset, y_p = y - output_offset.
+
+    Parameters
+    ----------
+    input_map : {"identity", "square"} or callable
+        A static nonlinearity ahead of the linear plant; "square" for electrostatic actuators, whose force follows
+        the squared voltage.  A callable takes and gives a float64 vector of any length, entry by entry.
+    input_offset, output_offset : float, "first" or "mean"
+        Working point, in the unit of the *mapped* input and of the output: a number, the first sample, or the mean
+        of the start-up samples (of the whole record in `replant.fit`).
+
+    References
+    ----------
+    Bernat and Kolota (2023), below (25): u_p = u_A^2 - u_R^2, y_p = y_L - y_R.
+
+    Examples
+    --------
+    >>> Preprocess("square", input_offset="first").resolve([2.0, 3.0], [1.0, 1.0])
+    Preprocess(input_map='square', input_offset=4.0, output_offset=0.0)
+    """
+
+    input_map: InputMap = "identity"
+    input_offset: WorkingPoint = 0.0
+    output_offset: WorkingPoint = 0.0
+
+    def __post_init__(self) -> None:
+        if not callable(self.input_map):
+            keep(self, "input_map", one_of, ("identity", "square"))
+        keep(self, "input_offset", _working_point)
+        keep(self, "output_offset", _working_point)
+
+    def map_input(self, u: FloatArray) -> FloatArray:
+        """Return the mapped input (K,)."""
+        u = vector("u", u)
+        if self.input_map == "identity":
+            return u
+        if self.input_map == "square":
+            with np.errstate(over="ignore"):  # infinite: such a sample is rejected
+                return u * u
+        return self.call_map(u)
+
+    def call_map(self, u: FloatArray) -> FloatArray:
+        """Return the result (K,) of the function that maps the input.
+
+        Parameters
+        ----------
+        u : (K,) array
+            Raw input.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If it is of another shape than ``u``.
+        """
+        assert callable(self.input_map)
+        mapped = array_of_reals("the result of input_map", self.input_map(u))
+        if mapped.shape != u.shape:
+            raise InvalidArgumentError(f"input_map must keep the shape {u.shape}, it returned {mapped.shape}")
+        return mapped
+
+    @property
+    def needs(self) -> str:
+        """What must be known first: "nothing", the "first" sample, or the "mean" of some."""
+        offsets = (self.input_offset, self.output_offset)
+        return "mean" if "mean" in offsets else "first" if "first" in offsets else "nothing"
+
+    def resolve(self, u: FloatArray, y: FloatArray) -> Preprocess:
+        """Return the same with numbers for offsets, taken from raw samples, those that `screen` rejects left out.
+
+        Parameters
+        ----------
+        u, y : (K,) arrays
+            Raw input and output.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If "first" or "mean" is asked of a record without a single sample that can be used.
+        """
+        if self.needs == "nothing":
+            return self
+        u, y = record(u, y)
+        mapped = self.map_input(u)
+        valid = screen(mapped, y)[0]
+        if not valid.any():
+            raise InvalidArgumentError("the working point needs at least one sample that is finite in input and output")
+        return Preprocess(
+            self.input_map,
+            _level(self.input_offset, mapped[valid]),
+            _level(self.output_offset, y[valid]),
+        )
+
+
+def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], dict[str, int]]:
+    """Return which samples (K,) an identifier accepts, and how many it rejects for which reason.
+
+    Examples
+    --------
+    >>> screen(np.array([1.0, np.nan, 1e308]), np.zeros(3))
+    (array([ True, False, False]), {'not finite': 1, 'too large': 1})
+    """
+    with np.errstate(invalid="ignore"):
+        finite = np.isfinite(mapped) & np.isfinite(y)
+        small = (np.abs(mapped) <= LARGEST) & (np.abs(y) <= LARGEST)
+    rejected = {"not finite": int((~finite).sum()), "too large": int((finite & ~small).sum())}
+    return finite & small, rejected
+
+
+def accepted(signal: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return a signal (K,) with NaN for what no identifier accepts, and which samples it does accept.
+
+    Examples
+    --------
+    >>> accepted(np.array([1.0, 1e308]))
+    (array([ 1., nan]), array([ True, False]))
+    """
+    known = np.abs(signal) <= LARGEST
+    return np.where(known, signal, np.nan), known
+
+
+def _working_point(name: str, value: WorkingPoint) -> WorkingPoint:
+    return one_of(name, value, ("first", "mean")) if isinstance(value, str) else finite(name, value)
+
+
+def _level(offset: WorkingPoint, signal: FloatArray) -> float:
+    if offset == "first":
+        return float(signal[0])
+    if offset == "mean":
+        return float(signal.mean())
+    return float(offset)
+
+
+def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
+    """Return the same with the record's mean as working point, where a constant is estimated beside G(s).
+
+    That constant makes any working point right; one near the data keeps the regression well conditioned.  Gross
+    outliers do not count.
+    """
+    mapped = preprocess.map_input(u)
+    accepted, _ = screen(mapped, y)
+    if not accepted.any():
+        return preprocess
+    level = float(without_spikes(y[accepted]).mean())
+    return Preprocess(preprocess.input_map, float(mapped[accepted].mean()), level)

@@ -1,0 +1,93 @@
+"""Limits of arguments: times, counts that must fit into memory, grids, paths; as `arguments` checks types."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.numerics.arguments import FloatArray, iterable, not_negative, positive, vector, whole
+
+MOST_TRIED = 1000  # values of a grid, each of which is tried [count]
+
+SHORTEST, LONGEST = 1e-30, 1e30
+"""Shortest and longest time that is one [s].
+Derivation: the coefficients of ten poles as fast as the sampling are as large as dt^-10, which float64 holds; so it
+holds the number of samples within any time.
+"""
+
+
+def duration(name: str, value: Any) -> float:
+    """Return ``value`` as a float, a time in s that is neither as short nor as long as no time of a plant is."""
+    result = positive(name, value)
+    if not SHORTEST <= result <= LONGEST:
+        raise InvalidArgumentError(f"{name} must lie between {SHORTEST:g} and {LONGEST:g} s, got {result:g} s")
+    return result
+
+
+def dead_time(name: str, value: Any) -> float:
+    """Return ``value`` as a float, a dead time in s: zero, or as `duration`."""
+    result = not_negative(name, value)
+    return duration(name, result) if result else 0.0
+
+
+def stamps_of(t: Any, samples: int) -> FloatArray:
+    """Return time stamps as a vector (K,), one for each of K ``samples``."""
+    stamps = vector("t", t)
+    if stamps.size != samples:
+        raise InvalidArgumentError(f"t must have one stamp for each of {samples} samples, got {stamps.size}")
+    return stamps
+
+
+def increasing(t: Any, samples: int) -> FloatArray:
+    """Return time stamps as a vector (K,), finite and strictly increasing, one for each of K ``samples``."""
+    stamps = stamps_of(t, samples)
+    wrong = ~np.isfinite(stamps)
+    wrong[1:] |= ~(stamps[1:] > stamps[:-1])
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        raise InvalidArgumentError(f"t must be finite and strictly increasing; t[{k}] = {stamps[k]:.12g} is not")
+    if np.abs(stamps).max(initial=0.0) > LONGEST:
+        raise InvalidArgumentError(f"t must lie between {-LONGEST:g} and {LONGEST:g} s")
+    return stamps
+
+
+def count(name: str, value: Any, least: int, numbers: int = 1) -> int:
+    """Return ``value`` as an int, a number of things for which the system has memory."""
+    result = whole(name, value, least)
+    granted(f"{name} must be smaller: {shown(result)} need", result * numbers)
+    return result
+
+
+def granted(what: str, numbers: int) -> None:
+    """Raise InvalidArgumentError where the system does not grant memory for so many ``numbers`` of eight bytes.
+
+    It is asked for the memory and given it back, untouched: so nothing of it is used, and no limit is guessed.
+    """
+    try:
+        if numbers:
+            np.empty(numbers)
+    except (MemoryError, ValueError, OverflowError) as cause:
+        gibibytes = f"{numbers / 2**27:.3g}" if numbers < 10**300 else "1e300"
+        raise InvalidArgumentError(f"{what} {gibibytes} GiB of memory, more than the system grants") from cause
+
+
+def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[Any, ...]:
+    """Return the values of an iterable, each checked; a single one stands for itself."""
+    if not iterable(values):
+        return (check(name, values),)
+    taken = tuple(itertools.islice(values, MOST_TRIED + 1))
+    if len(taken) > MOST_TRIED:
+        raise InvalidArgumentError(f"{name} must be {MOST_TRIED} values at the most: each of them is tried")
+    return tuple(check(name, value) for value in taken)
+
+
+def file_path(name: str, value: Any) -> str:
+    """Return the path of a file or folder as text."""
+    path = value.__fspath__() if hasattr(type(value), "__fspath__") else value
+    if not isinstance(path, str):
+        raise ArgumentTypeError(f"{name} must be a path, got {type(value).__name__} {shown(value)}")
+    return path

@@ -1,0 +1,197 @@
+"""Linear algebra that neither raises nor warns, U-D factors of a covariance, quantiles of chi-square.
+
+A record may be constant, of size 1e300, or explained by half of the poles asked for.  Its matrices are then singular,
+its sums leave float64, or an iteration does not converge.  The caller takes this as "no model".
+
+Source: Bierman (1977), "Factorization Methods for Discrete Sequential Estimation", chapter 3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from replant.numerics.arguments import FloatArray
+
+#: Silences NumPy's warnings around computations whose results are checked for being finite afterwards.
+quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
+
+
+@quiet
+def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
+    """Return the roots of a polynomial in descending powers; NaN where they leave float64.
+
+    >>> roots(np.array([1.0, 3.0, 2.0])).real, roots(np.array([1e-300, 1e300]))
+    (array([-2., -1.]), array([nan+nanj]))
+    """
+    try:
+        return np.roots(polynomial).astype(np.complex128)
+    except np.linalg.LinAlgError:
+        return np.full(np.trim_zeros(polynomial, "f").size - 1, complex(np.nan, np.nan))
+
+
+@quiet
+def real_coefficients(denominator: FloatArray, least: float) -> FloatArray:
+    """Return the coefficients (n,) of prod(s + abs(pole)): the size of a denominator's if all poles were real."""
+    magnitudes = np.abs(roots(np.concatenate([[1.0], denominator])))
+    return np.asarray(np.poly(-np.maximum(magnitudes, least))[1:])
+
+
+@quiet
+def eigenvalues(symmetric: FloatArray) -> FloatArray:
+    """Return the eigenvalues (T,) of a symmetric matrix (T, T), ascending; NaN where the matrix is not finite."""
+    if not np.isfinite(symmetric).all():
+        return np.full(len(symmetric), np.nan)
+    try:
+        return np.asarray(np.linalg.eigvalsh(symmetric))
+    except np.linalg.LinAlgError:
+        return np.full(len(symmetric), np.nan)
+
+
+@quiet
+def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
+    """Return the solution (T,) of ``matrix`` x = ``right``, rows and columns equilibrated; None where singular.
+
+    None as well where the matrix (T, T), the right side (T,) or the solution is not finite.
+
+    >>> solve(np.array([[2.0, 0.0], [0.0, 4.0]]), np.array([1.0, 1.0])), solve(np.zeros((1, 1)), np.ones(1))
+    (array([0.5 , 0.25]), None)
+    """
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size[~(size > 0.0)] = 1.0
+    scaled = matrix / np.outer(size, size)
+    if not (np.isfinite(scaled).all() and np.isfinite(right).all()):
+        return None
+    try:
+        solution = np.linalg.solve(scaled, right / size)
+    except np.linalg.LinAlgError:
+        return None
+    result = np.asarray(solution / size)
+    return result if np.isfinite(result).all() else None
+
+
+@quiet
+def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tuple[FloatArray, int, FloatArray]:
+    """Return the least-squares solution of least norm (P,), the rank, and the singular values of the columns.
+
+    Without a solution these are zeros, 0, and an empty array.
+    """
+    nothing = np.zeros(columns.shape[1]), 0, np.zeros(0)
+    if not (np.isfinite(columns).all() and np.isfinite(target).all()):
+        return nothing
+    try:
+        found, _, rank, singular = np.linalg.lstsq(columns, target, rcond=tolerance)
+    except np.linalg.LinAlgError:
+        return nothing
+    if not np.isfinite(found).all():
+        return nothing
+    return np.asarray(found, np.float64), int(rank), np.asarray(singular, np.float64)
+
+
+@quiet
+def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
+    """Return the pseudo-inverse of a symmetric matrix; NaN where the matrix is not finite."""
+    if np.isfinite(symmetric).all():
+        try:
+            return np.asarray(np.linalg.pinv(symmetric, rcond=tolerance, hermitian=True))
+        except np.linalg.LinAlgError:
+            pass
+    return np.full_like(symmetric, np.nan)
+
+
+@quiet
+def inverse_of(matrix: FloatArray) -> FloatArray:
+    """Return the inverse of a square matrix (T, T) whose rows and columns have units of their own; NaN if singular."""
+    size = np.sqrt(np.abs(np.diag(matrix)))
+    size[~(size > 0.0)] = 1.0
+    scales = np.outer(size, size)
+    try:
+        return np.asarray(np.linalg.inv(matrix / scales) / scales)
+    except np.linalg.LinAlgError:
+        return np.full_like(matrix, np.nan)
+
+
+LEAST_PIVOT = 1e-13  # floor of a pivot of the equilibrated information: a hundred roundings [part of the diagonal]
+
+
+@quiet
+def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return U (..., T, T), unit upper triangular, and D (..., T) with U D U' = information^-1.
+
+    The information matrices (..., T, T) are equilibrated, so that the units of the parameters do not matter, and
+    factored by Cholesky's L D L'.  A direction that the data do not determine has a pivot that is rounding error: the
+    pivot is floored, and the entries below it, rounding errors as well, are taken as zero.  The direction then has a
+    large, finite variance.  The factors are not finite where the information is not.
+    """
+    size = information.shape[-1]
+    scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 0.0))
+    scale[~(scale > 0.0)] = 1.0
+    rest = information / (scale[..., :, None] * scale[..., None, :])
+    lower, pivots = np.zeros_like(rest), np.empty_like(scale)
+    lower[..., range(size), range(size)] = 1.0
+    for j in range(size):
+        pivot = np.maximum(rest[..., j, j, None], LEAST_PIVOT)
+        column = np.where(rest[..., j, j, None] <= LEAST_PIVOT, 0.0, rest[..., j + 1 :, j] / pivot)
+        rest[..., j + 1 :, j + 1 :] -= pivot[..., None] * (column[..., :, None] * column[..., None, :])
+        lower[..., j + 1 :, j], pivots[..., j] = column, pivot[..., 0]
+    # S = C L V L' C  =>  S^-1 = C^-1 L'^-1 V^-1 L^-1 C^-1 = U D U' with U = C^-1 L'^-1 C
+    inverse = _inverse(lower)
+    upper = np.triu(inverse.swapaxes(-2, -1) / scale[..., :, None] * scale[..., None, :])
+    upper[..., range(size), range(size)] = 1.0
+    return upper, 1.0 / (pivots * scale**2)
+
+
+def _inverse(lower: FloatArray) -> FloatArray:
+    """Return the inverses of unit lower triangular matrices (..., T, T), by forward substitution, which succeeds."""
+    inverse = np.zeros_like(lower)
+    for i in range(lower.shape[-1]):
+        inverse[..., i, i] = 1.0
+        inverse[..., i, :i] = -(lower[..., i, None, :i] @ inverse[..., :i, :i])[..., 0, :]
+    return inverse
+
+
+@quiet
+def compose(upper: FloatArray, diagonal: FloatArray) -> FloatArray:
+    """Return U D U' (..., T, T) of U (..., T, T) and D (..., T)."""
+    return np.asarray((upper * diagonal[..., None, :]) @ upper.swapaxes(-2, -1))
+
+
+@quiet
+def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return U and D with U D U' = covariance (T, T)."""
+    size = covariance.shape[0]
+    scale = np.sqrt(np.maximum(np.diag(covariance), np.finfo(float).tiny))
+    rest = covariance / np.outer(scale, scale)
+    upper, diagonal = np.eye(size), np.empty(size)
+    for j in reversed(range(size)):
+        diagonal[j] = np.maximum(rest[j, j], LEAST_PIVOT)
+        if rest[j, j] <= LEAST_PIVOT:
+            continue
+        upper[:j, j] = rest[:j, j] / diagonal[j]
+        rest = rest - diagonal[j] * np.outer(upper[:, j], upper[:, j]) * (np.arange(size) < j)[:, None]
+    return upper * scale[:, None] / scale[None, :], diagonal * scale**2
+
+
+@quiet
+def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
+    """Return the covariance of an estimate under coloured noise, with at least the variances under white noise.
+
+    A coloured variance of zero means that the autoregression explains the residual to rounding: it is then the white.
+    """
+    if not (np.diag(coloured) > np.finfo(float).eps * np.diag(white)).all():
+        return white
+    stretch = np.sqrt(np.maximum(np.diag(white) / np.diag(coloured), 1.0))
+    return np.asarray(coloured * np.outer(stretch, stretch))
+
+
+def chi2_quantile(probability: float, degrees: int) -> float:
+    r"""Return the value that a chi-square variable exceeds with 1 - ``probability``.
+
+    With :math:`P` the regularized lower incomplete gamma function, :math:`P(\nu / 2, x / 2) = p`.
+
+    >>> round(chi2_quantile(0.99, 25), 2)
+    44.31
+    """
+    from scipy.special import gammaincinv
+
+    return 2.0 * float(gammaincinv(degrees / 2.0, probability))

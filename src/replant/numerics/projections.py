@@ -1,0 +1,180 @@
+"""Projections on columns, among them Laguerre functions, by least squares, also generalised.
+
+The sums are formed in blocks that are too small for BLAS to start threads: on a busy machine threads wait for each
+other many times longer than the work takes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from replant.kernels.schema import LAGUERRE
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.linear_algebra import chi2_quantile, least_norm
+
+SMALL = 1 << 17  # multiplications that stay in one thread [count]
+
+TAKEN_AWAY = 1e-9  # length of a column, something taken off, that is rounding: a million times it [part of it before]
+WEAKEST = 1e-13  # eigenvalue of scaled sums of a direction that is not there: a hundred roundings [part of the largest]
+SHIFTS = 9  # of a residual against columns, by which `widening` is measured to a fifth [count]
+GOLDEN = 0.6180339887498949  # distance of two shifts, so that no period meets several of them [part of the record]
+
+
+def products(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return a' b (P, Q) of columns a (K, P) and b (K, Q).
+
+    >>> columns = np.arange(6.0).reshape(3, 2)
+    >>> products(columns, columns)
+    array([[20., 26.],
+           [26., 35.]])
+    """
+    rows = max(16, SMALL // (a.shape[1] * b.shape[1]))
+    total = np.zeros((a.shape[1], b.shape[1]))
+    for begin in range(0, len(a), rows):
+        total += a[begin : begin + rows].T @ b[begin : begin + rows]
+    return total
+
+
+def lengths_of(columns: FloatArray) -> FloatArray:
+    """Return the Euclidean length of each column (P,); 1 for a zero column, so that columns can be divided by it."""
+    lengths = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    return np.where(lengths > 0.0, lengths, 1.0)
+
+
+def orthogonal(matrix: FloatArray) -> FloatArray:
+    """Return T (P, R) with T' M T = 1 for a symmetric matrix M (P, P) of rank R; R is 0 where M is not finite."""
+    if not np.isfinite(matrix).all():
+        return np.zeros((len(matrix), 0))
+    try:
+        values, vectors = np.linalg.eigh(matrix)
+    except np.linalg.LinAlgError:
+        return np.zeros((len(matrix), 0))
+    kept = values > WEAKEST * max(float(values[-1]), np.finfo(float).tiny)
+    return np.asarray(vectors[:, kept] / np.sqrt(values[kept]))
+
+
+def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
+    """Return columns (K, C) minus their least-squares projection onto the nuisances (K, N)."""
+    nuisances = nuisances / lengths_of(nuisances)
+    basis = orthogonal(products(nuisances, nuisances))
+    weights = basis @ (basis.T @ products(nuisances, columns))
+    return np.asarray(columns - np.einsum("ij,jk->ik", nuisances, weights))
+
+
+def widening(basis: FloatArray, left: FloatArray) -> float:
+    """Return by how much colour widens the part of a residual that unrelated columns explain; 1 where it is white.
+
+    The part, over the residual's variance, is chi-square where the residual is white.  Where it is not quite, the part
+    is compared with that of the same residual shifted against the columns, so far that they have nothing to do with
+    each other: the median over `SHIFTS` shifts, over that of chi-square.
+
+    >>> noise = np.random.default_rng(0).standard_normal((3, 5000))
+    >>> slow = np.array([np.convolve(each, 0.95 ** np.arange(100))[:5000] for each in noise])
+    >>> columns = np.linalg.qr(slow[:2].T)[0]
+    >>> widening(columns, slow[2]) > 3.0
+    True
+    """
+    if not basis.shape[1] or not left.any():
+        return 1.0
+    places = (np.arange(1, SHIFTS + 1) * GOLDEN % 1.0 * left.size).astype(int)
+    parts = [float(np.sum(products(basis, np.roll(left, place)[:, None]) ** 2)) for place in places]
+    usual = float(left @ left) / left.size * chi2_quantile(0.5, basis.shape[1])
+    return max(1.0, float(np.median(parts)) / usual)
+
+
+POLES = tuple((1.0 - np.geomspace(0.8, 0.01, 7)).tolist())
+"""Poles that are tried: memories of 12 to 1200 samples [per sample].
+Origin: seven from one end to the other are a factor of two apart in memory.
+Sensitivity: not measured.
+"""
+
+
+def laguerre(r: FloatArray, pole: float) -> FloatArray:
+    """Return the states (K, 12) of the functions with this pole, driven by r - mean r (K,).
+
+    >>> laguerre(np.array([1.0, -1.0]), 0.6)[:, :2].round(2)
+    array([[ 0.8 , -0.48],
+           [-0.32,  0.7 ]])
+    """
+    from replant.kernels.filters.series import all_pole
+
+    model, states = np.array([1.0, -pole]), np.empty((LAGUERRE, r.size))
+    states[0] = all_pole(model, math.sqrt(1.0 - pole * pole) * (r - r.mean())[None])[0]
+    for i in range(1, LAGUERRE):
+        before = states[i - 1]
+        states[i] = all_pole(model, (np.concatenate([[0.0], before[:-1]]) - pole * before)[None])[0]
+    return np.ascontiguousarray(states.T)
+
+
+def best_pole(r: FloatArray, *signals: FloatArray) -> float:
+    """Return the pole whose functions of r (K,) leave the least of the signals (K,) unexplained."""
+    moved = [signal - signal.mean() for signal in signals]
+    targets = np.column_stack([signal / lengths_of(signal[:, None]) for signal in moved])
+    best, most = float(POLES[0]), -math.inf
+    for pole in POLES:
+        states = laguerre(r, pole)
+        centred = states - states.mean(axis=0)
+        amounts = orthogonal(products(centred, centred)).T @ products(centred, targets)
+        explained = float(np.sum(amounts**2))
+        if explained > most:
+            best, most = float(pole), explained
+    return best
+
+
+def laguerre_states(r: FloatArray, *signals: FloatArray) -> FloatArray:
+    """Return the states (K, 12), of the pole with which they leave the least of the signals (K,) unexplained."""
+    return laguerre(r, best_pole(r, *signals))
+
+
+SWEEPS = 2
+"""Times that the weights are found again with the colour of what is left [count].
+Origin: the colour of what the first weights leave is nearly right; more change nothing on the benchmarks.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+DEPENDENT = 1e-10  # singular value of functions that depend on each other: rounding [part of the largest]
+
+
+def weights_of(functions: FloatArray, signal: FloatArray) -> FloatArray:
+    """Return the weights (L,) of functions (K, L) that make a signal (K,), whatever the colour of what is left.
+
+    >>> noise = np.cumsum(np.random.default_rng(0).standard_normal(1000))
+    >>> function = np.sin(np.arange(1000.0))[:, None]
+    >>> weights_of(function, 2.0 * function[:, 0] + noise).round(1)
+    array([2.])
+    """
+    weights = _least_squares(functions, signal)
+    for _ in range(SWEEPS):
+        colour = Autoregression.of(signal - functions @ weights)
+        if colour.order == 0:
+            break
+        weights = _least_squares(colour.whiten(functions), colour.whiten(signal))
+    return weights
+
+
+def _least_squares(columns: FloatArray, target: FloatArray) -> FloatArray:
+    lengths = lengths_of(columns)
+    return np.asarray(least_norm(columns / lengths, target, DEPENDENT)[0] / lengths)
+
+
+def explained_power(functions: FloatArray, signal: FloatArray) -> float:
+    """Return the variance of what functions (K, L) explain of a signal (K,), less what they explain by chance.
+
+    Weights found by generalised least squares have the covariance C = variance of the innovation times (F' F)^-1 of the
+    whitened functions F.  By chance functions f explain the trace of C times the covariance of f.
+
+    >>> noise = np.cumsum(np.random.default_rng(0).standard_normal(1000))
+    >>> functions = np.random.default_rng(1).standard_normal((1000, 5))
+    >>> explained_power(functions, noise) < 0.2 < explained_power(functions, functions[:, 0] + noise)
+    True
+    """
+    part = functions @ weights_of(functions, signal)
+    noise = Autoregression.of(signal - part)
+    white = noise.whiten(signal - part)
+    filtered = noise.whiten(functions)
+    spread = (functions - functions.mean(axis=0)) @ orthogonal(products(filtered, filtered))
+    chance = float(np.mean(white**2)) * float(np.sum(spread**2)) / len(spread)
+    return max(float(part.var()) - chance, 0.0)

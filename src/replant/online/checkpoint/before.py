@@ -1,0 +1,62 @@
+"""Checkpoints of the version before: turned into the present one, or refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from replant.estimation.settings import STORED
+from replant.kernels.schema import ROOM, StateSlots, SumsSlots
+from replant.online.checkpoint.content_check import layout_of_state
+
+BEFORE = 5  # format of the version before [number]
+LAYOUT_BEFORE = "8d799f7d9cd3f93f"  # fingerprint of its layout of a state
+
+
+def from_before(header: dict[str, Any], body: memoryview) -> tuple[dict[str, Any], memoryview]:
+    """Return header and arrays of a checkpoint of the version before as those of this one.
+
+    It knew no ``history``: every state kept 30,000 raw samples and a path, and no sums; work arrays were stored.
+    Another layout than that version's is left as it is, and refused later.
+    """
+    if header["layout"] != LAYOUT_BEFORE:
+        return header, body
+    declared: list[Any] = header["arrays"]
+    ints, body = _first(declared[0], body, "<i8")
+    reals, body = _first(declared[1], body, "<f8")
+    begin = len(reals)
+    ints = np.insert(ints, StateSlots.path_size.index, ROOM)
+    ints = np.insert(ints, StateSlots.sums.index, begin)
+    reals = without_work(np.append(reals, np.zeros(SumsSlots.size({}))), *work_of(ints))
+    head = [["ints", "<i8", [len(ints)], len(ints)], ["reals", "<f8", [len(reals)], len(reals)]]
+    header["attributes"]["_request"]["Request"]["history"] = STORED
+    header |= {"layout": layout_of_state(), "arrays": [*head, *declared[2:]]}
+    return header, memoryview(ints.astype("<i8").tobytes() + reals.astype("<f8").tobytes() + bytes(body))
+
+
+def _first(declared: list[Any], body: memoryview, kind: str) -> tuple[np.ndarray[Any, Any], memoryview]:
+    """Return the first array of the body, rows that were not stored included, and the rest."""
+    _, _, (size,), rows = declared
+    if not 0 <= rows <= size <= math.floor(len(body) / 8) + ROOM * ROOM:
+        raise ValueError("other arrays")
+    array = np.zeros(size, kind)
+    array[:rows] = np.frombuffer(body, kind, rows)
+    return array, body[8 * rows :]
+
+
+def work_of(ints: np.ndarray[Any, Any]) -> tuple[int, int]:
+    """Return where in ``reals`` the work arrays begin and end, which no later sample reads."""
+    return int(ints[StateSlots.backup.index]), int(ints[StateSlots.past.index])
+
+
+def without_work(reals: np.ndarray[Any, Any], begin: int, end: int) -> np.ndarray[Any, Any]:
+    """Return reals (R,) with the work arrays as zeros at their end, where they are not stored."""
+    return np.concatenate([reals[:begin], reals[end:], np.zeros(end - begin)])
+
+
+def with_work(reals: np.ndarray[Any, Any], begin: int, end: int) -> np.ndarray[Any, Any]:
+    """Return reals (R,) in their order, the work arrays zero: the inverse of `without_work`."""
+    size = len(reals) - (end - begin)
+    return np.concatenate([reals[:begin], np.zeros(end - begin), reals[begin:size]])

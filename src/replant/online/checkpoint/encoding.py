@@ -1,0 +1,301 @@
+"""The bytes of a checkpoint: the complete state of an identifier, every number of the schema; they contain no code.
+
+    magic (8), version (uint32), length of the header (uint32),
+    header: JSON in ASCII, padded by blanks to a multiple of 8: every value that is not an array, and for each array its
+        name, type, shape and number of stored rows,
+    the arrays, one after the other: rows at the end whose bits are all zero are not stored, nor are work arrays,
+    SHA-256 of all bytes above (32).
+
+All numbers are little-endian.  The checksum detects damage, not forgery: it is no signature.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArgumentError, shown
+from replant.estimation.engine.state import State
+from replant.estimation.settings import Request, Settings
+from replant.kernels.schema import STATE_ARRAYS, StateSlots
+from replant.online.checkpoint.before import BEFORE, from_before, with_work, without_work, work_of
+from replant.online.checkpoint.content_check import (
+    check_collected,
+    check_settings,
+    check_start,
+    check_state,
+    layout_of_state,
+    sizes_of,
+)
+from replant.online.checkpoint.settings_json import from_plain, to_plain
+
+Progress = Mapping[str, int | float | str]
+
+MAGIC = b"\x89replant"
+
+VERSION = 6  # raised where the meaning of an entry changes; the layout is checked by itself [number]
+
+START = struct.Struct("<8sII")
+DIGEST = 32  # length of the checksum, of SHA-256 [bytes]
+LONGEST_HEADER = 2**20  # longest header that is read [bytes]
+LARGEST = 2**34  # largest array that is read, rows not stored included: no state needs 16 GiB [bytes]
+
+#: The attributes of an identifier that are no arrays, and their types.
+ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
+    "_request": Request,
+    "_settings": (Settings, type(None)),
+    "_reference": bool,
+    "_regular": bool,
+    "_hold": int,
+    "_dropped": int,
+    "_resolve_at": int,
+}
+STATE = "_state"  # the attribute that is stored as arrays
+
+ROW = "row"  # the header's entry of an identifier of several inputs, in the place of its attributes
+#: The header's entries.
+HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
+
+#: The arrays of an identifier, in their order, and their types.
+TYPES = {"ints": "<i8"}
+FLOAT = "<f8"
+
+
+@dataclass(frozen=True, eq=False)
+class Contents:
+    """The content of a checkpoint."""
+
+    attributes: dict[str, Any]  # of the identifier, without those that follow from others
+    progress: dict[str, int | float | str]  # entries of the caller, such as the number of samples read and counters
+
+
+def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> bytes:
+    """Return the bytes of an identifier with these attributes; equal identifiers give equal bytes."""
+    arrays = {name: getattr(attributes[STATE], name) for name in STATE_ARRAYS}
+    arrays["reals"] = without_work(arrays["reals"], *work_of(arrays["ints"]))
+    written = {name: len(array) for name, array in arrays.items()}
+    written["buffer"] = attributes[STATE].buffer_filled  # searching a large buffer for its used rows would be slow
+    kept = {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
+    return _sealed(
+        {
+            LAYOUT: layout_of_state(),
+            ATTRIBUTE: {name: to_plain("", attributes[name]) for name in ATTRIBUTES},
+            PROGRESS: {name: to_plain(f"progress[{name!r}]", value) for name, value in _checked(progress).items()},
+            ARRAYS: [[name, _type(name), list(arrays[name].shape), len(kept[name])] for name in arrays],
+        },
+        {name: np.asarray(array, _type(name)) for name, array in kept.items()},
+    )
+
+
+def encode_row(plain: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]], progress: Progress | None) -> bytes:
+    """Return the bytes of an identifier of several inputs: values in terms of JSON, and arrays of any names."""
+    written = {name: np.asarray(array, "<i8" if array.dtype.kind == "i" else FLOAT) for name, array in arrays.items()}
+    shapes = [[name, array.dtype.str, list(array.shape)] for name, array in written.items()]
+    return _sealed({ROW: plain, PROGRESS: _checked(progress), ARRAYS: shapes, LAYOUT: layout_of_state()}, written)
+
+
+def _sealed(content: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]) -> bytes:
+    """Return header, arrays and digest."""
+    header = _header(content)
+    if len(header) > LONGEST_HEADER or sum(array.nbytes for array in arrays.values()) > LARGEST:
+        raise InvalidArgumentError("this is too large for a checkpoint: use a smaller buffer, or less progress")
+    parts = [START.pack(MAGIC, VERSION, len(header)), header, *(array.tobytes() for array in arrays.values())]
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part)
+    return b"".join([*parts, digest.digest()])
+
+
+def decode(data: bytes | bytearray | memoryview) -> Contents:
+    """Return the arguments of `encode`."""
+    if not isinstance(data, bytes | bytearray | memoryview):
+        raise ArgumentTypeError(f"data must be bytes, got {type(data).__name__}")
+    header, body = _parts(bytes(data))
+    try:
+        return _contents(header, body)
+    except (DamagedCheckpointError, MemoryError):  # a lack of memory does not mean that the checkpoint is damaged
+        raise
+    except Exception as error:  # a forged header fails with almost any exception
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise DamagedCheckpointError(f"it does not describe an identifier of this version ({reason[:120]})") from error
+
+
+def _header(content: dict[str, Any]) -> bytes:
+    text = json.dumps(content, allow_nan=False, separators=(",", ":")).encode("ascii")
+    return text + b" " * (-len(text) % 8)
+
+
+def _type(name: str) -> str:
+    return TYPES.get(name, FLOAT)
+
+
+def _checked(progress: Progress | None) -> dict[str, int | float | str]:
+    if not isinstance(progress, Mapping | None):
+        raise ArgumentTypeError(f"progress must be a dict, got {type(progress).__name__} {shown(progress)}")
+    for name, value in (progress or {}).items():
+        if type(name) is not str or type(value) not in (int, float, str):
+            raise InvalidArgumentError(
+                f"progress must map names to int, float or str, got {shown(name)}: {shown(value)}"
+            )
+    return dict(progress or {})
+
+
+def _rows_in_use(array: np.ndarray[Any, Any]) -> int:
+    """Return the number of rows up to the last one with a bit set; a large buffer is often mostly empty."""
+    bits = array.view(np.uint64)
+    low, high = 0, len(bits)
+    while low < high:  # bisection: "all rows from this one on are zero" is monotone in the row
+        middle = (low + high) // 2
+        if bits[middle:].any():
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+def _parts(data: bytes) -> tuple[dict[str, Any], memoryview]:
+    """Return header and arrays, after a check that the bytes are complete and undamaged."""
+    if not data:
+        raise DamagedCheckpointError("it is empty")
+    if data[: len(MAGIC)] != MAGIC:
+        raise DamagedCheckpointError("it is not a checkpoint; `Identifier.save` writes one, and `read_log` reads a log")
+    if len(data) < START.size + DIGEST:
+        raise DamagedCheckpointError("it is cut off")
+    _, version, length = START.unpack_from(data)
+    if version not in (BEFORE, VERSION):
+        known = (
+            f"this replant reads versions {BEFORE} and {VERSION}: go on with the replant that wrote it, or begin anew"
+        )
+        raise DamagedCheckpointError(f"its format is version {version}; {known}")
+    view = memoryview(data)
+    if hashlib.sha256(view[:-DIGEST]).digest() != data[-DIGEST:]:
+        raise DamagedCheckpointError("it is damaged or cut off: its checksum does not match")
+    body = START.size + length
+    if length > LONGEST_HEADER or body > len(data) - DIGEST:
+        raise DamagedCheckpointError("its header is longer than the file")
+    try:
+        text = view[START.size : body].tobytes().decode("ascii")
+        header = json.loads(text, object_pairs_hook=_once, parse_float=_finite, parse_constant=_finite)
+    except (ValueError, RecursionError) as error:
+        raise DamagedCheckpointError("its header is not JSON") from error
+    if not isinstance(header, dict):
+        raise DamagedCheckpointError("its header is not an object")
+    arrays = view[body:-DIGEST]
+    if version == VERSION:
+        return header, arrays
+    try:
+        return from_before(header, arrays)
+    except Exception as error:  # a forged header fails with almost any exception
+        raise DamagedCheckpointError(f"it is not as version {BEFORE} writes one") from error
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    if len(dict(pairs)) != len(pairs):
+        raise ValueError("an entry occurs twice")
+    return dict(pairs)
+
+
+def _finite(text: str) -> float:
+    if not math.isfinite(value := float(text)):
+        raise ValueError(f"{text} is not a number in JSON")
+    return value
+
+
+def _contents(header: dict[str, Any], body: memoryview) -> Contents:
+    """Return the content that header and arrays describe; settings are checked first, then sizes, then numbers."""
+    if ROW in header:
+        return _row(header, body)
+    if set(header) != set(HEADER):
+        raise DamagedCheckpointError("its header has other entries")
+    attributes = {name: from_plain(plain) for name, plain in header[ATTRIBUTE].items()}
+    for name, value in attributes.items():
+        if isinstance(value, np.generic):  # earlier versions stored NumPy numbers as the caller had passed them
+            attributes[name] = value.item()
+    if list(attributes) != list(ATTRIBUTES):
+        raise DamagedCheckpointError("it is of another version of replant: it has other attributes")
+    for name, kind in ATTRIBUTES.items():
+        if type(attributes[name]) not in (kind if isinstance(kind, tuple) else (kind,)):
+            raise TypeError(f"{name.lstrip('_')} is a {type(attributes[name]).__name__}")
+    if header[LAYOUT] != layout_of_state():
+        raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
+    check_start(attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
+    attributes |= {STATE: _state(attributes, header[ARRAYS], body), "_mapped": False}  # a callable map is not stored
+    progress = {name: from_plain(plain) for name, plain in header[PROGRESS].items()}
+    return Contents(attributes, _checked(progress))
+
+
+def _row(header: dict[str, Any], body: memoryview) -> Contents:
+    """Return the content that header and arrays of an identifier of several inputs describe."""
+    if set(header) != {ROW, PROGRESS, ARRAYS, LAYOUT}:
+        raise DamagedCheckpointError("its header has other entries")
+    if header[LAYOUT] != layout_of_state():
+        raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
+    arrays, begin = {}, 0
+    for name, kind, shape in header[ARRAYS]:
+        if kind not in ("<i8", FLOAT) or any(type(size) is not int or size < 0 for size in shape):
+            raise ValueError(f"{name!r:.40} is declared as {kind!r:.40} {shape!r:.60}")
+        end = begin + 8 * math.prod(shape)
+        arrays[str(name)] = np.frombuffer(body[begin:end], kind).reshape(shape).astype(kind[1:])
+        begin = end
+    if begin != len(body):
+        raise DamagedCheckpointError(f"its arrays are declared as {begin} bytes, but it holds {len(body)}")
+    return Contents({ROW: header[ROW], ARRAYS: arrays}, _checked(header[PROGRESS]))
+
+
+def _state(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> State:
+    """Return the arrays of an identifier, checked."""
+    settings: Settings | None = attributes["_settings"]
+    request, reference, resolve_at = attributes["_request"], attributes["_reference"], attributes["_resolve_at"]
+    if settings is not None:
+        check_settings(settings, request, reference=reference)
+    *_, (_, _, _, rows), (_, _, (room, *_), samples) = declared  # of buffer and raw samples; no row in use is all zero
+    sizes = sizes_of(settings, request, room if type(room) is int else 0, reference=reference)
+    arrays = _arrays(declared, body, sizes.shapes)
+    begins = sizes.begins
+    arrays["reals"] = with_work(arrays["reals"], begins[StateSlots.backup], begins[StateSlots.past])
+    state = State(**arrays)
+    if not 0 <= state.buffer_filled <= rows:
+        raise DamagedCheckpointError("its buffer holds fewer samples than its state says")
+    if settings is not None:
+        check_state(state, settings, resolve_at, request.history)
+        return state
+    if not 0 <= min(state.samples, len(state.recent)) <= samples:
+        raise DamagedCheckpointError("it has collected fewer samples than its state says")
+    check_collected(state, request, resolve_at, reference=reference)
+    return state
+
+
+def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, ...]]) -> dict[str, Any]:
+    """Return arrays of these shapes; all declarations are checked before the first array is allocated."""
+    if [name for name, *_ in declared] != list(shapes):
+        raise ValueError("other arrays")
+    if sum(8 * math.prod(shape) for shape in shapes.values()) > LARGEST:
+        raise DamagedCheckpointError("its settings need arrays that are too large")
+    sizes = []
+    for name, kind, shape, rows in declared:
+        whole = [*shape, rows]
+        if kind != _type(name) or not shape or any(type(size) is not int or size < 0 for size in whole):
+            raise ValueError(f"{name} is declared as {kind!r:.40} {shape!r:.60}")
+        if tuple(shape) != shapes[name]:
+            raise DamagedCheckpointError(
+                f"its {name} have the shape {str(shape)[:60]}, and its settings need {list(shapes[name])}"
+            )
+        if rows > shape[0]:
+            raise ValueError(f"{name} is declared too large")
+        sizes.append(rows * math.prod(shape[1:]))
+    if 8 * sum(sizes) != len(body):
+        raise DamagedCheckpointError(f"its arrays are declared as {8 * sum(sizes)} bytes, but it holds {len(body)}")
+    arrays, start = {}, 0
+    for (name, kind, shape, rows), size in zip(declared, sizes, strict=True):
+        array = np.zeros(shape, np.dtype(kind).newbyteorder("="))
+        array[:rows] = np.frombuffer(body, kind, size, 8 * start).reshape(rows, *shape[1:])
+        arrays[name] = array
+        start += size
+    return arrays

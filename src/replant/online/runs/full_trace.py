@@ -1,0 +1,104 @@
+"""The complete trace of an online run as a Parquet file: one row for each sample, written during the run."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from replant.errors import LogError, MissingDependencyError
+from replant.logs.arrow import CHECKED, SUFFIXES
+from replant.online.trace import Trace
+
+GROUP_ROWS = 1 << 17  # rows of a row group: what is held before it is written [rows]
+
+
+class FullTrace:
+    """Writes traces to a file with the columns ``time [s]``, one for each parameter by its name, and ``error``.
+
+    The time is that of the trace's stamps; without stamps it counts from the first sample.
+
+    To be used in a ``with`` statement; if that ends in an exception, no file is left.
+    """
+
+    def __init__(self, path: Path, dt: float) -> None:
+        if path.suffix.lower() not in SUFFIXES:
+            raise LogError(f"{path}: the full trace is a Parquet file; give it the suffix .parquet")
+        try:
+            import pyarrow.parquet  # noqa: F401 - raises before the run, not after it
+        except ImportError as error:
+            raise MissingDependencyError(f"{path}: writing needs pyarrow: pip install 'replant[parquet]'") from error
+        self.path, self._dt = path, dt
+        self._unfinished = path.with_name(path.name + ".part")
+        self._held: list[Trace] = []
+        self._rows = 0
+        self._writer: Any = None
+
+    def __enter__(self) -> FullTrace:
+        with self._errors():
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._unfinished.touch()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
+    ) -> None:
+        try:
+            with self._errors():
+                if kind is None:
+                    self._write()
+                    self._close()
+                    self._unfinished.replace(self.path)
+        finally:
+            self._drop()
+
+    def _close(self) -> None:
+        """Write the end of the file."""
+        if self._writer is not None:
+            self._writer.close()
+            self._writer = None
+
+    def _drop(self) -> None:
+        """Remove the unfinished file, if there is one, also if it cannot be closed because the disk is full."""
+        with contextlib.suppress(OSError):
+            self._close()
+        with contextlib.suppress(OSError):
+            self._unfinished.unlink(missing_ok=True)
+
+    def take(self, trace: Trace) -> None:
+        """Take the trace of the next samples."""
+        self._held.append(trace)
+        if sum(map(len, self._held)) >= GROUP_ROWS:
+            with self._errors():
+                self._write()
+
+    def _write(self) -> None:
+        if not self._held:
+            return
+        import pyarrow
+        from pyarrow import parquet
+
+        parameters = np.concatenate([trace.parameters for trace in self._held])
+        errors = np.concatenate([trace.errors for trace in self._held])
+        clock = self._dt * np.arange(self._rows, self._rows + errors.size)
+        stamps = [trace.time for trace in self._held if trace.time is not None]
+        columns: dict[str, Any] = {"time [s]": np.concatenate(stamps) if len(stamps) == len(self._held) else clock}
+        columns |= {name: parameters[:, i].copy() for i, name in enumerate(self._held[0].names)}
+        table = pyarrow.table({**columns, "error": errors})
+        if self._writer is None:
+            self._writer = parquet.ParquetWriter(self._unfinished, table.schema, **CHECKED)
+        self._writer.write_table(table)
+        self._rows += errors.size
+        self._held = []
+
+    @contextlib.contextmanager
+    def _errors(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            reason = error.strerror or error
+            raise LogError(f"{self.path}: cannot be written ({reason}); choose another file") from error

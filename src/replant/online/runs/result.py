@@ -1,0 +1,285 @@
+"""The result of a run or of a fit, and the clock of its record."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from replant.estimation.engine.record import gaps_of
+from replant.estimation.filters import StateVariableFilter
+from replant.estimation.settings import Settings
+from replant.estimation.simulation.stretches import NONE, flags_of, joined, stretches_of
+from replant.fitting import notation
+from replant.fitting.fit_result import FitResult
+from replant.fitting.model import Model
+from replant.model.noise import NoiseModel
+from replant.model.preprocess import screen
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import FloatArray, IntArray
+from replant.online.runs.thinning import Overview
+from replant.verdict import Assessment, Simulation
+
+KNOTS = 36_000  # stamps kept of a record that is too long for memory: as many as its overview has points [count]
+
+
+@dataclass(frozen=True, eq=False)
+class Clock:
+    """When each sample of a record was taken, in s since the first one."""
+
+    dt: float  # sampling time in s; of an irregular clock the usual interval
+    # places, times: (V,): numbers of samples, ascending, and their times in s; None for a regular clock
+    places: FloatArray | None = None
+    times: FloatArray | None = None
+    # shortest, longest: least and greatest interval of an irregular clock in s; NaN for a regular one
+    shortest: float = math.nan
+    longest: float = math.nan
+
+    @classmethod
+    def of(cls, dt: float, stamps: FloatArray | None) -> Clock:
+        """Return the clock of a record in memory; ``stamps`` (K,) in s, None for a regular clock."""
+        if stamps is None or not stamps.size:
+            return cls(dt)
+        recorder = ClockRecorder(dt, stamps.size, stamps.size)
+        recorder.take(stamps)
+        return recorder.clock
+
+    @property
+    def gaps(self) -> FloatArray:
+        """Begin and end of the gaps in s, (G, 2), see `gaps_of`."""
+        if self.times is None:
+            return np.zeros((0, 2))
+        ends = self._ends_of_gaps
+        return np.column_stack([self.times[ends - 1], self.times[ends]])
+
+    @cached_property
+    def _ends_of_gaps(self) -> IntArray:
+        """Which of the knots are the first ones behind a gap, (G,)."""
+        if self.places is None or self.times is None:
+            return np.zeros(0, np.int64)
+        between = np.diff(self.times) - self.dt * (np.diff(self.places) - 1.0)
+        return gaps_of(np.append(self.dt, between), self.dt)
+
+    @property
+    def irregular(self) -> bool:
+        """Whether the clock is irregular."""
+        return self.times is not None
+
+    def at(self, samples: npt.ArrayLike) -> FloatArray:
+        """Return the time in s of samples (V,), numbered from 0; fractions lie between two samples."""
+        samples = np.asarray(samples, np.float64)
+        if self.places is None or self.times is None:
+            return np.asarray(self.dt * samples)
+        beyond = self.dt * (np.minimum(samples, 0.0) + np.maximum(samples - self.places[-1], 0.0))
+        found = np.interp(samples, self.places, self.times) + beyond
+        ends = self._ends_of_gaps
+        if not ends.size:
+            return np.asarray(found)
+        after = np.searchsorted(self.places, samples)  # no fraction of a sample lies within a gap
+        before = np.maximum(after - 1, 0)
+        held = self.times[before] + self.dt * (samples - self.places[before])
+        inside = np.isin(after, ends) & (samples < self.places[np.minimum(after, self.places.size - 1)])
+        return np.where(inside, held, found)
+
+    def after(self, counts: npt.ArrayLike) -> FloatArray:
+        """Return the time in s at which so many samples (V,) had been taken, the last of them for one sampling time."""
+        counts = np.asarray(counts, np.float64)
+        if not self.irregular:
+            return np.asarray(counts * self.dt)
+        return np.asarray(self.at(counts - 1.0) + self.dt)
+
+    def duration(self, samples: int) -> float:
+        """Return how long a record of so many samples lasts, in s."""
+        return float(self.after(samples)) if samples else 0.0
+
+
+class ClockRecorder:
+    """Collects the clock of a record whose stamps come batch by batch."""
+
+    def __init__(self, dt: float, length: int, knots: int = KNOTS) -> None:
+        self._dt, self._stride = dt, max(1, -(-length // max(knots, 1)))
+        self._seen, self._first, self._last = 0, math.nan, math.nan
+        self._shortest, self._longest = math.inf, 0.0
+        self._kept: list[FloatArray] = []
+
+    def take(self, stamps: FloatArray) -> None:
+        """Take the stamps (K,) of the next samples, in s."""
+        if not stamps.size:
+            return
+        if self._seen == 0:
+            self._first = self._last = float(stamps[0])
+            steps = np.diff(stamps)
+        else:
+            steps = np.diff(stamps, prepend=self._last)
+        if steps.size:
+            self._shortest = min(self._shortest, float(steps.min()))
+            self._longest = max(self._longest, float(steps.max()))
+        self._kept.append(stamps[-self._seen % self._stride :: self._stride] - self._first)
+        self._seen += stamps.size
+        self._last = float(stamps[-1])
+
+    @property
+    def clock(self) -> Clock:
+        """The clock so far; a regular one before the first stamp."""
+        if self._seen == 0:
+            return Clock(self._dt)
+        times = np.concatenate(self._kept)
+        places = self._stride * np.arange(times.size, dtype=np.float64)
+        if places[-1] != self._seen - 1:
+            places, times = np.append(places, self._seen - 1.0), np.append(times, self._last - self._first)
+        return Clock(self._dt, places, times, self._shortest, self._longest)
+
+
+MOST_SHADES = 1000  # stretches left out that a plot tells apart [count]
+
+
+@dataclass(frozen=True, eq=False)
+class History:
+    """The estimate over time, thinned.
+
+    Attributes
+    ----------
+    samples : (H,) array of int
+        After how many samples each row was taken.
+    parameters : (H, P) array
+    std : (H, P) array or None
+        Standard deviation of each estimate, if the estimator gives it.
+    """
+
+    samples: np.ndarray[tuple[int], np.dtype[np.int64]]
+    parameters: FloatArray
+    std: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Result:
+    """An identified model with the record of its identification.
+
+    Attributes
+    ----------
+    model : Model
+        What is worth keeping: G(s), its uncertainty, its noise.
+    one_step : float
+        Fit in percent, one step ahead.
+    simulation : Simulation
+        The model's output beside the record, with its fit in percent.
+    samples : int
+        Accepted samples.
+    rejected : dict
+        Number of rejected samples, by reason.
+    verdict : Assessment
+    elapsed : float
+        Duration of the computation in s.
+    settings : Settings or None
+        Of an online run.
+    history : History or None
+        Of an online run.
+    overview : Overview or None
+        Of a record that is too long for memory; the simulation then holds only its newest samples.
+    left_out : (R, 2) array of int
+        Samples that the fits leave out, as rows [begin, end) of the record: bridged, rejected, or without an output.
+    finished : bool
+        Whether an online run ended with `Identifier.finish`.
+    clock : Clock or None
+        When the samples were taken; None for a regular clock.
+    """
+
+    model: Model
+    one_step: float
+    simulation: Simulation
+    samples: int
+    rejected: dict[str, int]
+    verdict: Assessment
+    elapsed: float
+    settings: Settings | None = None
+    history: History | None = None
+    overview: Overview | None = None
+    left_out: IntArray = field(default_factory=NONE.copy)
+    finished: bool = False
+    clock: Clock | None = None
+
+    def clock_of(self, dt: float) -> Clock:
+        """Return the clock of the record, whose sampling time is ``dt`` s."""
+        return self.clock if self.clock is not None and self.clock.irregular else Clock(dt)
+
+    def __repr__(self) -> str:
+        return notation.in_lines("Result", self.model, self.samples, self.verdict.reasons)
+
+    def _repr_html_(self) -> str:
+        return notation.with_picture(self.model)
+
+    @property
+    def structure(self) -> Structure:
+        """The structure of the model."""
+        return self.model.structure
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The parameters (P,)."""
+        return self.model.parameters
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """The model as G(s)."""
+        return self.model.transfer_function
+
+    @property
+    def covariance(self) -> FloatArray | None:
+        """Of the parameters (P, P), in their units squared, if the estimator gives it."""
+        return self.model.covariance
+
+    @property
+    def noise(self) -> NoiseModel | None:
+        """The model of the residual, where the method has one."""
+        return self.model.noise
+
+    def left_out_over_time(self, dt: float) -> FloatArray:
+        """Return begin and end of stretches left out, and of gaps, (L, 2) in s; those close together are joined."""
+        samples = self.overview.samples if self.overview else self.simulation.output.size
+        rows = joined(self.left_out, max(1, samples // MOST_SHADES)) - np.array([1.0, 0.0])
+        clock = self.clock_of(dt)
+        found = clock.at(np.maximum(rows, 0.0))
+        return np.concatenate([found, clock.gaps]) if clock.irregular else found
+
+    def residual(self, y: FloatArray) -> FloatArray:
+        """Return the newest measured outputs (K,) minus the simulated ones; NaN for samples that are left out."""
+        first = (self.overview.samples if self.overview else y.size) - y.size
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.where(flags_of(self.left_out, first, y.size), np.nan, y - self.simulation.output)
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Standard deviations of parameters, poles, gain and response, if the estimator gives them."""
+        return self.model.uncertainty
+
+    @property
+    def fixed_filter(self) -> StateVariableFilter | None:
+        """The filter of an online run; 1/A of the result if it was the refined filter."""
+        if self.settings is None:
+            return None
+        return self.settings.filter.fixed_at(self.transfer_function.den, self.settings.dt)
+
+
+def result_of_fit(fitted: FitResult, u: FloatArray, y: FloatArray, begun: float, t: FloatArray | None = None) -> Result:
+    """Return the result of an offline fit."""
+    if fitted.reference:
+        y = np.where(np.isfinite(fitted.reference.signal), y, np.nan)
+    used = screen(fitted.preprocess.map_input(u), y)[0]
+    used[fitted.outliers] = used[fitted.stuck] = False
+    return Result(
+        fitted.model,
+        fitted.one_step,
+        fitted.simulation,
+        fitted.samples,
+        fitted.rejected,
+        fitted.verdict,
+        time.perf_counter() - begun,
+        left_out=stretches_of(~used),
+        clock=Clock.of(fitted.dt, t),
+    )

@@ -1,0 +1,274 @@
+"""Run an identifier over a record of any length, with progress and a thinned history, and return the result."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from replant.estimation.filters import Filter
+from replant.estimation.settings import LONGEST_STARTUP, STORED, Request
+from replant.estimation.simulation.fitted_run import FITTED, Score
+from replant.estimation.simulation.stretches import (
+    NONE,
+    flags_of,
+    stretches_of,
+)
+from replant.model.preprocess import screen
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+from replant.numerics.linear_algebra import quiet
+from replant.online.identifier import Identifier
+from replant.online.kept_model import model_of
+from replant.online.runs.result import KNOTS, ClockRecorder, History, Result
+from replant.online.runs.thinning import Arrays, Batch, Recorder, Source, batched
+from replant.online.startup import settle
+from replant.online.trace import Trace
+from replant.verdict import Simulation
+
+CHUNK = 1 << 13  # samples between two reports of progress: fewer than an identifier keeps [samples]
+PIECE = 1 << 15  # samples of the second pass that are looked at together [samples]
+MOST_ROWS = 10_000  # rows of history kept: more than a plot can show [rows]
+SETTLED = 1_000_000  # samples looked at where choices are made from the record beforehand [samples]
+IDENTIFYING, TESTING = "identifying", "testing"  # the stages of a run
+BANDS = 200  # times that standard deviations are taken along the way [count]
+
+
+def run_online(
+    request: Request,
+    u: FloatArray,
+    y: FloatArray,
+    progress: Callable[[int], None] = lambda samples: None,
+    *,
+    startup: int | None = None,
+    reference: FloatArray | None = None,
+    t: FloatArray | None = None,
+) -> Result:
+    """Identify a record in memory in one pass; see `run_source`."""
+
+    def report(stage: str, samples: int) -> None:
+        if stage == IDENTIFYING:
+            progress(samples)
+
+    return run_source(request, Arrays(u, y, reference, t), report, startup=startup, irregular=t is not None)
+
+
+def run_source(
+    request: Request,
+    source: Source,
+    progress: Callable[[str, int], None] = lambda stage, samples: None,
+    sink: Callable[[Trace], None] = lambda trace: None,
+    newest: int | None = None,
+    startup: int | None = None,
+    irregular: bool = False,
+    with_history: bool = True,
+) -> Result:
+    """Identify a record of any length in one pass; a second pass simulates the model and computes its fits.
+
+    At the end a record of at most 30000 samples is solved as a whole, see `Identifier.finish`.
+
+    With instruments, the start-up is a tenth of the record, at most 20000 samples.  Without them, the settings left at
+    "auto" are chosen beforehand from the first million samples.
+    """
+    begun = time.perf_counter()
+    identifier = _identifier(request, source, startup, irregular=irregular)
+    history = _History(source.samples, request.structure.size) if with_history else None
+    bridged = _Bridged(identifier)
+    chunk = min(CHUNK, max(1, source.samples // BANDS))
+    done, stamped = 0, _needs_stamps(request, source)
+    for batch in batched(source.batches(), FITTED):
+        u, y, r, t = _signals(batch, irregular=irregular)
+        for start in range(0, u.size, chunk):
+            piece = slice(start, start + chunk)
+            regular = np.asarray(identifier.dt * np.arange(done, done + u[piece].size)) if stamped else None
+            stamps = regular if t is None else t[piece]
+            trace = identifier.update_many(u[piece], y[piece], stamps, None if r is None else r[piece])
+            bridged.take(u[piece], y[piece])
+            if history is not None:
+                history.take(trace, identifier.uncertainty.std)
+            sink(trace)
+            done += len(trace)
+            progress(IDENTIFYING, done)
+    finished = startup is None or identifier.settings is None
+    if finished:
+        identifier.finish()
+        if history is not None:
+            history.end(identifier.parameters, identifier.uncertainty.std)
+    bridged.note()
+    bridged.note_again()
+    kept = None if history is None else history.history
+    return _result(
+        identifier, request, kept, source, begun, progress, newest, bridged.stretches, finished,
+        irregular=irregular,
+    )  # fmt: skip
+
+
+def _signals(batch: Batch, *, irregular: bool) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
+    """Return input, output, reference or None, and stamps or None of a batch."""
+    u, y, *others = batch
+    t = others.pop() if irregular and others else None
+    return u, y, others[0] if others else None, t
+
+
+def _needs_stamps(request: Request, source: Source) -> bool:
+    """Return whether a run on a regular clock needs stamps: samples are missing, and without stamps they take no time.
+
+    The article's filters need a regular clock, so that they get no stamps.
+    """
+    regular_only = isinstance(request.filter, Filter) and request.filter.regular_only
+    return not source.complete and not regular_only
+
+
+def _identifier(request: Request, source: Source, startup: int | None, *, irregular: bool) -> Identifier:
+    if startup is not None:
+        return Identifier(**vars(dataclasses.replace(request, startup=startup)))
+    if request.wants_instruments:
+        startup = min(max(source.samples // 10, 1), LONGEST_STARTUP)
+        return Identifier(**vars(dataclasses.replace(request, startup=startup)))
+    first = next(batched(source.batches(), SETTLED), (np.empty(0), np.empty(0)))
+    u, y, _, t = _signals(first, irregular=irregular)
+    return Identifier(**settle(request, u, y, source.samples, t=t).arguments)
+
+
+class _History:
+    """Keeps every so many rows of the traces: at least `MOST_ROWS` of a long record, and fewer than twice as many."""
+
+    def __init__(self, samples: int, size: int) -> None:
+        self._stride, self._seen = max(1, samples // MOST_ROWS), 0
+        self._rows, self._bands = [np.empty((0, size))], [np.empty((0, size))]
+
+    def take(self, trace: Trace, std: FloatArray) -> None:
+        self._rows.append(trace.parameters[(-1 - self._seen) % self._stride :: self._stride].copy())
+        self._bands.append(np.broadcast_to(std, self._rows[-1].shape))
+        self._seen += len(trace)
+
+    def end(self, parameters: FloatArray, std: FloatArray) -> None:
+        """Replace the newest row by the estimate that the whole record gave."""
+        if len(self._rows) > 1 and len(self._rows[-1]):
+            self._rows[-1][-1] = parameters
+            self._bands[-1] = self._bands[-1].copy()
+            self._bands[-1][-1] = std
+
+    @property
+    def history(self) -> History:
+        parameters = np.concatenate(self._rows)
+        samples = self._stride * np.arange(1, parameters.shape[0] + 1)
+        return History(samples, parameters, np.concatenate(self._bands))
+
+
+class _Bridged:
+    """Collects which samples of the record an identifier bridged, from the samples that it keeps after each chunk."""
+
+    def __init__(self, identifier: Identifier) -> None:
+        self._identifier = identifier
+        self._samples = 0  # samples of the record noted so far
+        self._accepted: list[BoolArray] = []  # of those since then, which an identifier that is starting holds back
+        self._found = [NONE]
+        self._all: list[BoolArray] = []  # accepted ones of the whole record, while it is short enough to be solved
+        self._seen = 0
+
+    def take(self, u: FloatArray, y: FloatArray) -> None:
+        """Take the samples (K,) that the identifier has just been given."""
+        # a sample without an output is kept as well
+        mapped = self._identifier.request.preprocess.map_input(u)
+        self._accepted.append(screen(mapped, np.where(np.isfinite(y), y, 0.0))[0])
+        self._seen += u.size
+        if self._seen <= 2 * STORED:
+            self._all.append(self._accepted[-1])
+        else:
+            self._all = []
+        if self._identifier.settings is not None:
+            self.note()
+
+    def note(self) -> None:
+        """Note which samples since the last note were bridged; of a long start-up only the newest are kept."""
+        accepted = np.concatenate([np.empty(0, bool), *self._accepted])
+        self._found.append(_stretches_among(accepted, self._identifier.bridged, self._samples))
+        self._samples += accepted.size
+        self._accepted = []
+
+    def note_again(self) -> None:
+        """Note what the solution of the whole record has left out, in place of what was bridged on the way."""
+        left_out = self._identifier.left_out
+        if left_out.size and self._all:
+            self._found = [_stretches_among(np.concatenate(self._all), left_out)]
+
+    @property
+    def stretches(self) -> IntArray:
+        """Of the whole record, (R, 2)."""
+        return np.concatenate(self._found)
+
+
+def _stretches_among(accepted: BoolArray, doubted: BoolArray, first: int = 0) -> IntArray:
+    """Return where the newest accepted samples (K,) are doubted, which says so of the newest of them alone, (R, 2)."""
+    places, flags = np.flatnonzero(accepted), np.zeros(accepted.size, bool)
+    count = min(places.size, doubted.size)
+    flags[places[places.size - count :]] = doubted[doubted.size - count :]
+    return stretches_of(flags, first)
+
+
+@quiet
+def _result(
+    identifier: Identifier,
+    request: Request,
+    history: History | None,
+    source: Source,
+    begun: float,
+    progress: Callable[[str, int], None],
+    newest: int | None,
+    bridged: IntArray,
+    finished: bool,
+    *,
+    irregular: bool,
+) -> Result:
+    """Return the result of an online run; ``begun`` is the value of `time.perf_counter` at its start."""
+    settings = identifier.settings
+    hold = settings.filter.input_hold if settings else "zoh"
+    score = Score(identifier.transfer_function, identifier.dt, hold)
+    preprocess = settings.preprocess if settings else None
+    kept, left_out = Recorder(source.samples, newest), [NONE]
+    clock = ClockRecorder(identifier.dt, source.samples, source.samples if newest is None else KNOTS)
+    for u, y, t in _pieces(source, irregular=irregular):
+        if preprocess is None:  # every sample was rejected
+            preprocess = request.preprocess.resolve(u, y)
+        mapped = preprocess.map_input(u)
+        accepted, _ = screen(mapped, y)
+        used = accepted & ~flags_of(bridged, kept.samples, u.size)
+        left_out.append(stretches_of(~used, kept.samples))
+        measured = np.where(used, y, np.nan)
+        known = screen(mapped, np.zeros(u.size))[0]  # the input of a sample without an output acts all the same
+        modelled = score.take(np.where(known, mapped - float(preprocess.input_offset), np.nan), measured, t)
+        kept.take(u, y, modelled, used, t)
+        if t is not None:
+            clock.take(t)
+        progress(TESTING, kept.samples)
+    verdict = identifier.assess()
+    simulation = Simulation(kept.output(score.shift), score.offset, score.simulated)
+    return Result(
+        model_of(identifier, simulation, score.one_step, verdict),
+        score.one_step,
+        simulation,
+        identifier.samples,
+        identifier.rejected,
+        verdict,
+        time.perf_counter() - begun,
+        settings,
+        history,
+        kept.overview(score.shift),
+        np.concatenate(left_out),
+        finished,
+        clock.clock,
+    )
+
+
+def _pieces(source: Source, *, irregular: bool) -> Iterator[tuple[FloatArray, FloatArray, FloatArray | None]]:
+    """Yield a record: first the samples that the initial state is fitted over, then pieces that fit into a cache."""
+    first = True
+    for batch in batched(source.batches(), FITTED):
+        u, y, _, t = _signals(batch, irregular=irregular)
+        size = FITTED if first else PIECE
+        first = False
+        for start in range(0, max(u.size, 1), size):
+            piece = slice(start, start + size)
+            yield u[piece], y[piece], None if t is None else t[piece]

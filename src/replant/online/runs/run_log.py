@@ -1,0 +1,213 @@
+"""`rp.run`, one online pass over a log or arrays, and the comparison of methods on the same record."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError, ReplantError
+from replant.estimation.optimizers import OPTIMIZERS, Optimizer
+from replant.estimation.settings import AUTO, Request, filter_for
+from replant.estimation.simulation.stretches import flags_of
+from replant.fitting.fit import fit
+from replant.fitting.fit_result import FitResult
+from replant.fitting.samples import RawRecord, Samples
+from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
+from replant.logs.log import Log
+from replant.model.interop import in_our_words
+from replant.model.preprocess import Preprocess
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray, one_of, record, vector
+from replant.numerics.limits import increasing
+from replant.online.runs.result import Result, result_of_fit
+from replant.online.runs.run import run_online
+from replant.verdict.other_columns import other_columns, with_other_columns
+from replant.verdict.verdict import Verdict
+
+AT_REST = Preprocess("identity", "mean", "mean")
+
+
+@in_our_words
+def run(
+    u: Any,
+    y: Any = None,
+    dt: float | None = None,
+    structure: Structure | None = None,
+    *,
+    poles: int | None = None,
+    zeros: int = 0,
+    delay: float = 0.0,
+    optimizer: Optimizer | str = AUTO,
+    preprocess: Preprocess = AT_REST,
+    t: Any = None,
+    reference: Any = None,
+    input: str | None = None,  # noqa: A002 - the field's word
+    output: str | None = None,
+) -> Result:
+    """Identify a record online, in one pass as `Identifier` does, and return the result as ``replant run`` does.
+
+    Parameters
+    ----------
+    u : (K,) array, Log, list of Log, or table
+        Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
+    y : (K,) array
+        Output.
+    dt : float
+        Sampling time in s.
+    structure : Structure
+        Or ``poles``, ``zeros`` and ``delay`` in its place.
+    poles, zeros : int
+        Number of poles and of zeros.
+    delay : float
+        Dead time in s.
+    optimizer : Optimizer or str
+        See `Identifier`.
+    preprocess : Preprocess
+        Input map and working point, by default the record's mean.
+    t : (K,) array, optional
+        Time stamps in s, strictly increasing, of an irregular clock.
+    reference : (K,) array, optional
+        Where a controller makes the input, see `fit`.
+    input, output : str, optional
+        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
+        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
+
+    Raises
+    ------
+    InvalidArgumentError, ArgumentTypeError
+        For an argument that cannot be used; the message names it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from replant import TransferFunction
+    >>> u = np.where(np.arange(4000) // 125 % 2 == 0, 1.0, -1.0)
+    >>> result = run(u, TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.01), 0.01, poles=1)
+    >>> result.model
+    <Model 2 / (s + 0.5): u -> y, fit 100.0 %, trusted>
+    """
+    structure = Structure.wanted(structure, poles, zeros, delay)
+    given = Samples.of(u, y, dt, t, reference, input, output)
+    request = Request(
+        structure, given.dt, filter=filter_for(given.input_hold), optimizer=optimizer, preprocess=preprocess
+    )
+    u, y = record(given.u, given.y)
+    stamps = None if given.t is None else increasing(given.t, u.size)
+    r = None if given.reference is None else vector("reference", given.reference)
+    if r is not None and r.size != u.size:
+        raise InvalidArgumentError(f"reference must have one value for each of {u.size} samples, got {r.size}")
+    result = run_online(request, u, y, reference=r, t=stamps)
+    return replace(result, model=result.model.of_log(given.input_name, given.output_name, given.source, given.sha256))
+
+
+def judged_by_log(result: Result, log: Log) -> Result:
+    """Return the result of a run over a whole log; its verdict names fewer poles, and columns that explain the rest."""
+    settings = result.settings
+    smaller = is_asked_for(result.verdict, result.structure)
+    if not (log.others or smaller) or settings is None or not result.parameters.any() or log.earlier:
+        return result
+    y = np.where(flags_of(result.left_out, 0, log.output.size), np.nan, log.output)
+    raw = RawRecord(result.structure, log.dt, settings.preprocess, log.input, y, log.stamps, settings.filter.input_hold)
+    if not raw.usable.any():
+        return result
+    record, verdict = raw.made_ready(y, None), result.verdict
+    if smaller and settings.instruments:
+        verdict = with_fewer_poles(verdict, result.structure, result.parameters, raw.made_ready(y, log.reference))
+    others = {name: signal[raw.made_use_of] for name, signal in log.others.items()}
+    found = other_columns(result.structure, result.parameters, record, log.dt, others)
+    verdict = with_other_columns(verdict, found)
+    kept = Verdict(verdict.status, verdict.reasons, verdict.excited)
+    return replace(result, verdict=verdict, model=replace(result.model, verdict=kept))
+
+
+DEFAULT = "default"
+OFFLINE = ("srivc", "least_squares")
+#: What can be compared: replant's default, every optimizer, and the fits of the whole record.
+METHODS = (DEFAULT, *OPTIMIZERS, *OFFLINE)
+#: What is compared by default: replant's default, two of the article's optimizers, and the fits of the whole record.
+USUAL = (DEFAULT, "amsgrad", "gradient", *OFFLINE)
+TRIAL = 500  # samples of a trial run [samples]
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """The result of one method."""
+
+    name: str  # name of the method
+    result: Result | None  # None if the method found no model
+    fitted: FitResult | None = None  # the fit of an offline method
+    problem: str = ""  # why there is no result
+
+
+def compare(
+    request: Request,
+    u: FloatArray,
+    y: FloatArray,
+    methods: Sequence[str] = USUAL,
+    progress: Callable[[str, float], None] = lambda name, part: None,
+    reference: FloatArray | None = None,
+    t: FloatArray | None = None,
+) -> list[Contender]:
+    """Identify the same record by each of ``methods``; a method that fails is reported, and the others go on."""
+    contenders = []
+    for name in methods:
+        name = one_of("method", name, METHODS)
+        r = reference if _uses_reference(name, request) else None
+        with contextlib.suppress(ReplantError):  # a trial run first: loading kernels is not the method's time
+            first_r, first_t = (None if signal is None else signal[:TRIAL] for signal in (r, t))
+            _identify(name, request, u[:TRIAL], y[:TRIAL], first_r, first_t, progress)
+        try:
+            contenders.append(_identify(name, request, u, y, r, t, progress))
+        except ReplantError as problem:
+            contenders.append(Contender(name, None, problem=str(problem)))
+        progress(name, 1.0)
+    return contenders
+
+
+def _uses_reference(name: str, request: Request) -> bool:
+    return name == "srivc" if name in OFFLINE else _online(name, request).takes_reference
+
+
+def _online(name: str, request: Request) -> Request:
+    return dataclasses.replace(request, optimizer=AUTO if name == DEFAULT else name)
+
+
+def _identify(
+    name: str,
+    request: Request,
+    u: FloatArray,
+    y: FloatArray,
+    r: FloatArray | None,
+    t: FloatArray | None,
+    progress: Callable[[str, float], None],
+) -> Contender:
+    if name in OFFLINE:
+        begun = time.perf_counter()
+        more: dict[str, Any] = {} if r is None else {"reference": r}
+        fitted = fit(
+            u,
+            y,
+            request.dt,
+            request.structure,
+            method=name,
+            preprocess=request.preprocess,
+            filter=request.filter,
+            t=t,
+            **more,
+        )
+        return Contender(name, result_of_fit(fitted, u, y, begun, t), fitted)
+    request = _online(name, request)
+    return Contender(name, run_online(request, u, y, lambda done: progress(name, done / u.size), reference=r, t=t))
+
+
+def best(contenders: Sequence[Contender]) -> Contender | None:
+    """Return the contender with the best simulated fit; None if no contender has a model."""
+    known = [(entry.result.simulation.fit, entry) for entry in contenders if entry.result is not None]
+    usable = [(fit, entry) for fit, entry in known if fit > float("-inf")]
+    return max(usable, key=lambda pair: pair[0])[1] if usable else None

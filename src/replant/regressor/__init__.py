@@ -1,1 +1,0 @@
-"""From samples to the regressor: preprocessing, filters and scaling."""

@@ -1,0 +1,321 @@
+"""The evidence for a verdict: of a record, of an identifier that keeps raw samples, of one that keeps sums alone.
+
+| an identifier that keeps too few samples to test its estimate on: question | from |
+|---|---|
+| does the input move | its moving variance, beside the largest that it has been |
+| does it excite every coefficient | the information that the recursion keeps, nuisances eliminated |
+| does the model follow the output | the moving mean square of the a-priori error, beside the variance of the output |
+| is the estimate certain | its covariance, by power and colour of the residual |
+| does it stand still | the past estimates that are kept |
+| does the structure hold | the verdict on the start-up, whose samples were there |
+| have residual or sensor changed | the CUSUM test, ties, missing outputs |
+
+What only samples tell is not checked, and that is said.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from replant.estimation.engine.covariance import covariance, slowness
+from replant.estimation.engine.dimensions import FEWEST_JUDGED, RECENT
+from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.record import Record
+from replant.estimation.engine.state import GAP, SHORTEST_STEP, State
+from replant.estimation.settings import STORED, Request, Settings
+from replant.kernels.schema import PAST, Doubt
+from replant.model.shared_root import cancelled_pole
+from replant.model.structure import Structure
+from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.linear_algebra import compose, eigenvalues, inverse_of, quiet, real_coefficients
+from replant.verdict.estimate_tests import (
+    MOST_UNCERTAIN,
+    MOST_UNCERTAIN_IN_LOOP,
+    movement_findings,
+    uncertainty_findings,
+)
+from replant.verdict.evidence import FEWEST, LEAST_POWER, PER_COEFFICIENT, RESTING, Evidence, moving
+from replant.verdict.judge import POOREST_FIT, judge
+from replant.verdict.record_tests import REFUSED, Excitation, clock_finding, guard_findings, level_finding, rested
+from replant.verdict.verdict import Assessment, Finding, conclude, duration, percent
+
+MOST_SAMPLES = 50_000  # samples of a record that the verdict looks at, the newest of them [samples]
+MOST_IRREGULAR = 5000  # the same where each interval costs a discretisation of its own [samples]
+NO_SAMPLE = Assessment("converging", ("no sample yet",))
+NOT_CHECKED = (
+    "history={}: too few raw samples are kept to solve the record again, and to check what else the input explains, "
+    "feedback, the dead time, actuator, sensor and slow noise"
+)
+NO_SUMS = (
+    "history={}: too few raw samples are kept for a verdict, and this optimizer follows no sums: give history=1000"
+)
+
+
+def assess_record(
+    structure: Structure,
+    parameters: FloatArray,
+    record: Record,
+    dt: float,
+    covariance: FloatArray | None = None,
+    *,
+    instruments: bool = True,
+    unseen: bool = False,
+    usual_interval: float | None = None,
+    disagreement: float = 0.0,
+    left_out: int = 0,
+    since_change: int = 0,
+) -> Assessment:
+    """Return the verdict on a model by a record: in sample, unless the model has not seen it.
+
+    >>> from replant.model.transfer_function import TransferFunction
+    >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
+    >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)
+    >>> verdict = assess_record(Structure(1), np.array([0.5, 2.0]), Record(u, y, np.array([0.1])), 0.1)
+    >>> verdict.status, round(verdict.fit, 6)
+    ('trusted', 100.0)
+    """
+    irregular = record.intervals.size > 1
+    rest = 0 if record.u.size <= MOST_SAMPLES else record.u.size - moving(record.u)
+    rest = rest if rest > MOST_SAMPLES // 2 else 0  # of a long rest half of what is looked at is enough
+    end = min(record.u.size - rest + MOST_SAMPLES // 2, record.u.size)
+    looked_at = record.first(end).last(MOST_SAMPLES).answering(structure.delay)
+    evidence = Evidence(
+        structure,
+        dt,
+        looked_at,
+        estimate=parameters,
+        covariance=None if covariance is None or not np.isfinite(covariance).all() else covariance,
+        earlier=parameters,
+        unseen=looked_at.u.size if unseen else 0,
+        learned=record.u.size,
+        in_sample=not unseen,
+        adapts=not unseen,
+        finished=not unseen,
+        instruments=instruments,
+        disagreement=disagreement,
+        left_out=left_out,
+        since_change=since_change,
+        usual_interval=usual_interval or (float(np.median(record.intervals[1:])) if irregular else 0.0),
+    )
+    verdict = judge(evidence)
+    if not rest:
+        return verdict
+    return replace(verdict, excited=False, reasons=(*verdict.reasons, rested(record.last(rest).span)))
+
+
+def assess_running(state: State, settings: Settings, history: int) -> Assessment:
+    """Return the verdict on an estimate in use that keeps at most so many raw samples."""
+    if state.samples == 0:
+        return NO_SAMPLE
+    if history < FEWEST_JUDGED:
+        return assess_sums(state, settings, history)
+    return judge(evidence_of(state, settings))
+
+
+def assess_starting(
+    request: Request,
+    kept: RecentSamples,
+    wanted: int,
+    solved: int = 0,
+    uncertainty: float = math.nan,
+) -> Assessment:
+    """Return the verdict during start-up."""
+    if not len(kept):
+        return NO_SAMPLE
+    u, there = kept.input, kept.is_measured
+    reason = f"starting: {int(there.sum())} of the {wanted} samples for the first model"
+    if wanted > request.startup:
+        reason += f"; startup={request.startup} samples gave no usable model"
+    findings = [Finding("converging", reason)]
+    if solved:
+        reason = f"the present model is provisional: it is made from {solved} samples and tested on none"
+        findings.append(Finding("converging", reason))
+    excited = bool(np.ptp(u) > RESTING * np.abs(u).max())
+    if not excited:
+        findings.append(Finding("not excited", "the input is constant: move it"))
+    if u.size > 1:
+        findings += clock_finding(float(np.median(kept.interval[1:])), request.dt)
+    findings += level_finding(u[there], kept.output[there])
+    return Assessment(*conclude(findings, ""), excited=excited, samples=u.size, uncertainty=uncertainty)
+
+
+@quiet
+def evidence_of(state: State, settings: Settings) -> Evidence:
+    """Return the evidence for a verdict that a state holds."""
+    from replant.kernels.monitoring import outliers
+
+    dt, size, origin, samples = settings.dt, settings.structure.size, state.record_began, state.samples
+    finished = state.finished_at == samples
+    in_use = _in_use(RecentSamples.of(state, STORED if finished else RECENT).cleaned(), state)
+    kept = in_use if finished else in_use.since_last_gap(dt)
+    record = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True)
+    is_well = finished or _is_well(kept)  # what is over is left out, and said
+    if is_well and kept.is_stuck.any():
+        record = replace(record, measured=record.is_measured & ~kept.is_stuck)
+    record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
+    record = record.answering(settings.structure.delay)
+    newest = kept[len(kept) - record.u.size :]
+    learned, earlier = earlier_estimate(state, size)
+    known = covariance(state, settings)
+    # the record begins where an alarm ended, without a change or a gap in time
+    began = len(kept) == len(in_use) == samples - state.gap_at and state.gap_at > max(origin, state.changed_at)
+    # an estimate that forgets has the uncertainty of its memory once a change is older than the newest samples
+    follows, changed = state.past_step == SHORTEST_STEP, max(state.revised_from, origin)
+    return Evidence(
+        settings.structure,
+        dt,
+        record,
+        estimate=state.physical[:size],
+        covariance=known if np.isfinite(known).all() else None,
+        slowness=slowness(state, settings),
+        earlier=earlier,
+        unseen=min(samples - learned, record.u.size // 2),
+        learned=learned - origin,
+        refused=state.refused > 0,
+        adapts=state.adapt,
+        instruments=settings.instruments,
+        follows=follows,
+        largest_power=state.largest_power,
+        grown=samples - state.change_began if state.alarm else 0,
+        after_change=changed > 0 and not (follows and samples - changed > RECENT),
+        undecided=state.undecided > 0,
+        after_alarm=not finished and began and bool(in_use.interval[0] <= GAP * dt),
+        trusted_before=state.trusted_at > 0,
+        since_trusted=samples - state.trusted_at,
+        finished=finished,
+        disagreement=state.disagreement if finished else 0.0,
+        input_zero=-state.input_offset,
+        missing=_missing(in_use),
+        stuck=not finished and bool(kept.is_stuck[-outliers.CALM :].any()),
+        left_out=state.stuck if finished else int(kept.is_stuck.sum()) if is_well else 0,
+        usual_interval=float(np.median(in_use.interval[1:])) if len(in_use) > 1 else 0.0,
+        # a solution of the whole record has left out what the sensor did not measure
+        measured=None if finished else newest.output.copy(),
+        bridged=newest.is_bridged if finished else newest.is_replaced,
+    )
+
+
+def judged(state: State, dt: float) -> BoolArray:
+    """Return which of the raw samples kept (K,) the verdict uses: those since the last interruption, not bridged."""
+    kept = RecentSamples.of(state)
+    used = _in_use(kept, state).since_last_gap(dt)
+    return np.asarray((np.arange(len(kept)) >= len(kept) - len(used)) & ~(kept.is_bridged | kept.is_stuck))
+
+
+def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
+    """Return the raw samples since the record began anew, at least the newest one."""
+    return kept[-max(state.samples - max(state.record_began, state.gap_at), 1) :]
+
+
+def _is_well(kept: RecentSamples) -> bool:
+    """Return whether a sensor that was stuck has shown since that it is well.
+
+    It has given other outputs for as long, and before or since some on both sides of those at which it was stuck:
+    else an end of its scale may be there, where it is stuck again as soon as the output comes near.
+    """
+    from replant.kernels.monitoring import outliers
+
+    stuck = np.flatnonzero(kept.is_stuck)
+    if not stuck.size:
+        return True
+    held, given = kept.output[stuck], kept.output[~kept.is_stuck]
+    has_lasted = len(kept) - 1 - stuck[-1] >= max(outliers.CALM, stuck[-1] - stuck[0])
+    return bool(has_lasted and (given < held.min()).any() and (given > held.max()).any())
+
+
+def _missing(kept: RecentSamples) -> int:
+    """Return how many of the newest raw samples in a row came without an output."""
+    if not kept.are_examined:
+        return 0
+    there = np.flatnonzero(kept.doubt != Doubt.MISSING)
+    return len(kept) - 1 - int(there[-1]) if there.size else len(kept)
+
+
+def earlier_estimate(state: State, size: int) -> tuple[int, FloatArray]:
+    """Return the oldest past estimate (P,) and how many samples it has learned; the present one if it is no older."""
+    learned, estimate = state.learned, state.theta
+    kept = state.past[: min(state.past_kept, PAST)]
+    oldest = kept[np.argmin(kept[:, 0])] if len(kept) else np.array([np.inf])
+    if oldest[0] < learned:
+        learned, estimate = int(oldest[0]), oldest[1:]
+    return learned, estimate[:size] * state.unit[:size]
+
+
+@quiet
+def assess_sums(state: State, settings: Settings, history: int) -> Assessment:
+    """Return the verdict by sums."""
+    if not (state.examines_output and settings.instruments):
+        return Assessment("converging", (NO_SUMS.format(history),), samples=0)
+    sums, size, poles = state.sums, settings.structure.coefficients, settings.structure.poles
+    fit = math.nan
+    if sums.output_power > 0.0:  # with the refined filter that of a simulation
+        fit = 100.0 * (1.0 - math.sqrt(sums.error_power / sums.output_power))
+    known, estimate = covariance(state, settings)[:size, :size], state.physical[:size]
+    sizes = real_coefficients(estimate[:poles], 1.0 / max(state.elapsed, settings.dt))
+    std = np.sqrt(np.maximum(np.diag(known), 0.0))
+    uncertainty = float((std[:poles] / sizes).max())
+    learned, earlier = earlier_estimate(state, size)
+    step = np.abs(earlier - estimate)
+    sigmas = float((step / np.maximum(std, np.finfo(float).tiny)).max())
+    found = Excitation(_condition(state, size), 1.0)
+    findings, enough = _of_monitoring(state, settings), max(FEWEST, PER_COEFFICIENT * size)
+    rests = _of_input(state)
+    if sums.count < enough:
+        seen = state.samples - state.record_began
+        findings.append(Finding("converging", f"{seen} samples are too few for a verdict: it takes {enough}"))
+    elif state.largest_power > 0.0:
+        findings += found.findings
+        if not fit >= POOREST_FIT:
+            reason = f"run beside the plant, the model explains almost nothing of the output (fit {fit:.0f} %)"
+            reason += ": if a controller moves the input, give its reference"
+            findings.append(Finding("inconsistent", reason))
+        most = MOST_UNCERTAIN_IN_LOOP if settings.reference else MOST_UNCERTAIN
+        cancelled = cancelled_pole(settings.structure, state.physical, known)
+        findings += uncertainty_findings(uncertainty, most, math.inf, cancelled, "", "take more samples")
+        span = f"the last {duration((state.samples - learned) * settings.dt)}"
+        findings += movement_findings(float((step[:poles] / sizes).max()), sigmas, span)
+    findings += [*rests, Finding("trusted", NOT_CHECKED.format(history))]
+    favour = f"run beside the plant, the model fits the output to {fit:.1f} %; its denominator's coefficients have"
+    status, reasons = conclude(findings, f"{favour} standard deviations up to {percent(uncertainty)}")
+    return Assessment(
+        status, reasons, not rests and not found.findings, int(sums.count),
+        fit=fit, condition=found.condition, movement=sigmas, uncertainty=uncertainty,
+    )  # fmt: skip
+
+
+def _condition(state: State, size: int) -> float:
+    """Return the condition number of the scaled instruments as `excitation` does, by their information."""
+    information = inverse_of(compose(*state.factors)[:size, :size])
+    scale = np.sqrt(np.diag(information))
+    values = eigenvalues(information / np.outer(scale, scale))
+    return math.sqrt(values[-1] / values[0]) if np.isfinite(values).all() and values[0] > 0.0 else math.inf
+
+
+def _of_input(state: State) -> list[Finding]:
+    if not state.largest_power > 0.0:
+        return [Finding("not excited", "the input is constant: move it")]
+    if state.input_power < LEAST_POWER * state.largest_power:
+        part = percent(state.input_power / state.largest_power)
+        reason = f"the input hardly moves any more: its variance is {part} of its largest so far"
+        return [Finding("trusted", reason)]  # the sums are those of when it moved
+    return []
+
+
+def _of_monitoring(state: State, settings: Settings) -> list[Finding]:
+    """Return what the monitoring says of updates, start-up, sensor and residual."""
+    from replant.kernels.monitoring import outliers
+
+    findings = [Finding("diverged", REFUSED)] if state.refused else []
+    if state.sums.refuted:
+        reason = "the samples of the start-up spoke against the model that they gave: a plant of more poles, or not"
+        findings.append(Finding("inconsistent", f"{reason} linear; fit says more of them"))
+    return findings + guard_findings(
+        state.sums.missing * settings.dt if state.sums.missing > GAP else 0.0,
+        bool(state.stuck_outputs) and state.samples - state.stuck_last < outliers.CALM,
+        (state.samples - state.change_began) * settings.dt if state.alarm else 0.0,
+        bool(state.undecided),
+        "" if state.look_at else "; nothing is learned until it is as before: reset begins anew",
+    )

@@ -1,0 +1,247 @@
+"""Tests of the estimate: its uncertainty, its movement, and its distance from the estimate that the samples give."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.model.shared_root import cancelled_pole
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import one_step
+from replant.numerics.levels import ALPHA, MATTERS
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, roots
+from replant.verdict.evidence import Evidence, Runs
+from replant.verdict.newton_step import Distance, gain_findings, output_frequency
+from replant.verdict.newton_step import distance as distance_of
+from replant.verdict.verdict import Assessment, Finding, figure, percent
+
+MOST_UNCERTAIN = 0.15
+"""Standard deviation of a coefficient of the denominator beyond which it is not known yet: the 95 % interval is then
+wider than a third either way [part of its size].
+Origin: a choice of what a user may rely on.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+MOST_UNCERTAIN_IN_LOOP = 0.06
+"""The same where the loop is closed, as it is found or as a reference says: a controller is tuned by the model, and
+disturbances that it fights make errors of coefficients that go together [part of its size].
+Origin: of the loops of the accuracy family those in which one coefficient in ten is a tenth off have 0.07 and more,
+those whose error is below 4 % at the best have 0.046 and less.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+
+MOST_SCATTER = math.sqrt(MATTERS)  # rms that the estimate's own error makes, at most [part of the output's]
+MINOR_SCATTER = 0.5 * MOST_SCATTER  # up to which the model is known whatever a coefficient is [part of the output's]
+MOST_MOVED = math.sqrt(MATTERS)  # movement of a coefficient below which the estimate stands still [part of its size]
+MOVED_SIGMAS = 4.0  # movement of a coefficient that is no chance: 6e-5 of a normal deviate [standard deviations]
+SLOW = 3.0  # scatter of the path from which on slow noise is named as the reason [standard deviations by its colour]
+MENTIONED = 0.01 * MOST_MOVED  # uncertainty below which slow noise is not named: rounding is slow [part of the size]
+IMPROVED = 1.0 - MOST_MOVED  # of the power that an earlier estimate left: less by as much as one must move [ratio]
+FARTHEST = 0.5 * math.sqrt(MATTERS)  # distance from what the samples give that is of no account [part of the size]
+SUSPECT = 0.05  # chance of a distance by chance, of an estimate that noise biases: how much is asked [probability]
+INTEGRATOR_SIGMAS = 3.0  # distance from the origin below which a pole may be an integrator's [standard deviations]
+
+LONGER = re.compile(r"(?:(?:record|repeat it) [\w. ]+? times(?: as long)?|take more samples), (?:or )?")  # see `longer`
+
+
+@dataclass(frozen=True)
+class Certainty:
+    """The figures of the estimate, by their names in `Assessment`, and the findings from them."""
+
+    figures: dict[str, float]  # "uncertainty", "movement" and "distance"
+    improves: bool  # whether the estimate moved, and explains the newest samples better than the earlier one
+    findings: list[Finding]
+    # by how much the output of the estimate that the noise model gives of the same samples differs, where that is no
+    # chance, as a part of the output's amplitude
+    disagreement: float = 0.0
+
+    @classmethod
+    def of(
+        cls, evidence: Evidence, runs: Runs, closed: bool = False, by_reference: FloatArray | None = None
+    ) -> Certainty:
+        """Test the estimate."""
+        size, speeds = evidence.coefficients, Speeds.of(evidence, closed, by_reference)
+        if evidence.instruments:
+            away = distance_of(runs.now, evidence.known, ALPHA)
+        else:
+            away = distance_of(runs.now, slice(0, evidence.samples), SUSPECT)
+        known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
+        std = np.sqrt(np.maximum(np.diag(known), 0.0))
+        uncertainty = runs.size(std[: evidence.structure.poles], speeds.poles)
+        step = (evidence.estimate - evidence.earlier)[:size]
+        moved = runs.size(step, speeds.poles)
+        sigmas = float((np.abs(step) / np.maximum(std, np.finfo(float).tiny)).max())
+        distance = runs.size(away.step, speeds.poles)
+        errors = runs.now.error, runs.old.error
+        if by_reference is not None:  # the rest is the disturbances', which may drift
+            errors = one_step(errors[0]), one_step(errors[1])
+        left = float(np.var(errors[0][evidence.newest])), float(np.var(errors[1][evidence.newest]))
+        improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
+        most = MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN
+        scatter = _scatter(evidence, runs, known, speeds, by_reference)
+        cancelled = cancelled_pole(evidence.structure, evidence.estimate, known)
+        slow, surprise = slow_noise(evidence, uncertainty), _surprise(evidence, away, known)
+        is_apart = evidence.is_solved and cancelled is None and surprise > 1.0
+        figures = {
+            "uncertainty": uncertainty if cancelled is None else math.inf, "movement": sigmas, "distance": distance
+        }  # fmt: skip
+        more = "" if evidence.finished else "take more samples"
+        times = "repeat it {} times" if evidence.moving < evidence.samples / 2 else "record {} times as long"
+        findings = uncertainty_findings(
+            uncertainty, most, math.inf if closed else scatter, cancelled, slow, more, times
+        )
+        if not scatter <= MOST_SCATTER:
+            reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
+            reason += f": {more or longer(scatter, MOST_SCATTER, times)}, or move the input more"
+            findings.append(Finding("converging", reason))
+        if cancelled is None or _shows(runs):
+            findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
+        if cancelled is None and surprise > 1.0 and distance > FARTHEST and not is_apart:
+            findings.append(_of_distance(evidence, distance))
+        findings += gain_findings(evidence, runs, known, away.covariance)
+        return cls(figures, improves, findings, _apart(runs, away.step) if is_apart else 0.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Speeds:
+    """How fast the poles are, by which errors of the denominator are judged.
+
+    A pole counts by its magnitude; one slower than the record is long, as one just as long.  Where the loop is closed,
+    the controller and not a slow pole decides what the output does: where a pole may as well lie in the origin, as an
+    integrator's does, every pole counts by its distance from where the output moves, j output, which makes of an error
+    of A(s) that of A(j output).
+    """
+
+    poles: FloatArray  # (n,): what each counts as, in rad/s
+    output: float = 0.0  # how fast the output moves: its rms frequency by a reference, else the mean of the model's
+    integrators: int = 0  # how many poles count as that fast
+
+    @classmethod
+    def of(cls, evidence: Evidence, closed: bool, by_reference: FloatArray | None = None) -> Speeds:
+        """Return the speeds of the estimate's poles."""
+        least = 1.0 / evidence.record.span
+        if not (closed and evidence.modes):
+            poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
+            return cls(np.maximum(poles, least))
+        if by_reference is None or not np.ptp(by_reference) > 0.0:
+            output = output_frequency(evidence)
+        else:
+            output = float(np.diff(by_reference).std() / by_reference.std()) / evidence.dt
+        pairs = [mode for mode in evidence.modes for _ in range(2 if mode.mode.pole.imag else 1)]
+        sizes = np.array([abs(mode.mode.pole) for mode in pairs])
+        squares = np.array([float(np.trace(mode.covariance)) for mode in pairs])
+        may = ~(sizes**2 > INTEGRATOR_SIGMAS**2 * squares) & (sizes < output)
+        if may.any():
+            sizes = np.where(may, output, np.hypot(sizes, output))
+        return cls(np.maximum(sizes, least), output, int(may.sum()))
+
+    def moved(self, signals: FloatArray, dt: float) -> FloatArray:
+        """Return signals (K, ...) without what integrators make drift: each is filtered by s/(s + output)."""
+        if not self.integrators:
+            return signals
+        from replant.kernels.filters.series import all_pole
+
+        decay = np.array([1.0, -math.exp(-self.output * dt)])
+        channels = signals.reshape(len(signals), -1).T
+        for _ in range(self.integrators):
+            channels = all_pole(decay, np.diff(channels, axis=1, prepend=channels[:, :1]))
+        return np.ascontiguousarray(channels.T).reshape(signals.shape)
+
+
+def slow_noise(evidence: Evidence, uncertainty: float) -> str:
+    """Return, in brackets, that noise which no autoregression describes (`numerics.robust`) makes the uncertainty."""
+    if evidence.slowness < SLOW or uncertainty < MENTIONED:
+        return ""
+    return " (because the residual varies slowly: the output drifts, or the plant is slightly nonlinear)"
+
+
+def _scatter(
+    evidence: Evidence, runs: Runs, covariance: np.ndarray, speeds: Speeds, by_reference: FloatArray | None
+) -> float:
+    """Return the standard deviation of the modelled output by the estimate's error, over that of the output.
+
+    What counts is the output that is simulated from the input, or with a reference what that makes of it.
+    """
+    slopes, output = runs.now.zeta, runs.now.forced
+    if by_reference is not None and runs.now.instruments is not None:
+        slopes, output = runs.now.instruments, by_reference
+    moved, size = speeds.moved(slopes, evidence.dt)[evidence.known], speeds.moved(output, evidence.dt)[evidence.known]
+    made = float(np.trace(covariance @ np.atleast_2d(np.cov(moved.T))))
+    return math.sqrt(max(made, 0.0)) / float(size.std()) if size.std() > 0.0 else math.inf
+
+
+def longer(uncertainty: float, most: float, times: str) -> str:
+    """Return in words how much of the same another record has to hold: a standard deviation falls as 1/sqrt(N).
+
+    Where the input rests for most of the record, more rest tells nothing: it is to be repeated.
+    """
+    return times.format(figure((uncertainty / most) ** 2))
+
+
+def without_longer(verdict: Assessment) -> Assessment:
+    """Return a verdict that does not ask for more of the same, where that would not help."""
+    return replace(verdict, reasons=tuple(LONGER.sub("", reason) for reason in verdict.reasons))
+
+
+def uncertainty_findings(
+    uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str, more: str, times: str = ""
+) -> list[Finding]:
+    """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
+    if uncertainty <= most and cancelled is None:
+        return []
+    reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
+    advice = f"{more or longer(uncertainty, most, times)}, move the input more, or ask for fewer poles and zeros"
+    if cancelled is not None:
+        real = cancelled.real + 0.0  # not -0
+        pole = f"a zero may cancel the pole near {real:.3g}"
+        if cancelled.imag:
+            pole = f"zeros may cancel the poles near {real:.3g} +- {cancelled.imag:.3g}j"
+        reason, advice = f"{pole} rad/s, so that the coefficients are not known", "ask for fewer poles and zeros"
+    if scatter <= MINOR_SCATTER:
+        known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"
+        trust = "rely on G(s) where the input excites it, not on coefficients"
+        return [Finding("trusted", f"{reason}, {known}: {trust}{'' if cancelled is None else ', or ' + advice}")]
+    return [Finding("converging", f"{reason}: {advice}")]
+
+
+def _shows(runs: Runs) -> bool:
+    """Return whether the movement of the estimate shows in the modelled output."""
+    return float(np.std(runs.now.forced - runs.old.forced)) > MINOR_SCATTER * float(np.std(runs.now.forced))
+
+
+def movement_findings(moved: float, sigmas: float, span: str, *, improves: bool = False) -> list[Finding]:
+    """Say where the estimate has moved by more than matters, and not by chance."""
+    if not (moved > MOST_MOVED and (sigmas > MOVED_SIGMAS or improves)):
+        return []
+    reason = f"a coefficient has moved by {percent(moved)} over {span} ({figure(sigmas)} standard deviations)"
+    return [Finding("converging", reason)]
+
+
+def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
+    """Return the statistic of a distance over its limit.
+
+    Of two estimates of the same samples, the one without the noise model and the one with it, the difference scatters
+    no more than the first.
+    """
+    if not (evidence.in_sample and evidence.instruments):
+        return away.statistic
+    square = float(away.step @ inverse_of(known) @ away.step)  # NaN where that is singular
+    return min(away.statistic, square / chi2_quantile(1.0 - ALPHA, away.step.size))
+
+
+def _apart(runs: Runs, step: FloatArray) -> float:
+    """Return by how much a step of the coefficients changes the modelled output, as a part of its amplitude."""
+    output = float(runs.now.forced.std())
+    return float(np.std(runs.now.zeta @ step)) / output if output > 0.0 else 0.0  # nothing explained: said elsewhere
+
+
+def _of_distance(evidence: Evidence, distance: float) -> Finding:
+    reason = f"the samples give a coefficient that differs by {percent(distance)}"
+    if not evidence.adapts:
+        return Finding("inconsistent", f"{reason}: the plant has changed since, or is another one")
+    if not evidence.instruments:
+        return Finding("inconsistent", f"{reason}: noise biases an estimate without instruments")
+    return Finding("converging", f"{reason}: the estimate has not converged to them yet")

@@ -1,0 +1,247 @@
+"""The evidence for a verdict: estimates and samples, and the estimates run over the samples."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.model_run import ModelRun, run_model
+from replant.model.structure import Structure
+from replant.model.uncertainty import UncertainMode, Uncertainty
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+from replant.numerics.levels import MATTERS
+from replant.numerics.linear_algebra import roots
+from replant.verdict.verdict import duration
+
+FEWEST = 100  # samples held out below which one column explains as much as MATTERS by chance [samples]
+PER_COEFFICIENT = 10  # samples held out for each, else a model explains a tenth of the noise by chance [samples]
+LEAST_POWER = 0.01 * MATTERS  # variance of the newest input below which it rests [part of the largest it has been]
+RESTED = 2500  # rest after which it is noted whether the model is trusted: half of the way between reviews [samples]
+RESTING = 1e-12  # movement that is rounding of float64, some thousand times its precision [part of the largest value]
+ROUNDING = 1e-6  # what is rounding of a log: its numbers have six digits and more [part of a signal]
+UNSTABLE_SIGMAS = 3.0  # of a pole right of the axis, where an integrator's may be by chance [standard deviations]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The estimates and samples (W) that a verdict is made from, and what was noticed about them online."""
+
+    structure: Structure
+    dt: float  # nominal sampling time in s
+    record: Record  # the newest samples
+    estimate: FloatArray  # (P,)
+    covariance: FloatArray | None  # (P, P): of the estimate; None where none is known
+    earlier: FloatArray  # (P,): an estimate that has not used the newest ``unseen`` samples
+    unseen: int
+    learned: int  # samples that ``earlier`` was made from
+    in_sample: bool = False  # whether there is no earlier estimate: every sample was used, as in an offline fit
+    refused: bool = False  # whether an update was undone because it would have left float64
+    adapts: bool = True  # False where the user froze the estimate
+    instruments: bool = True  # False where noise biases the estimate
+    follows: bool = False  # whether the estimate follows a plant that changes: the newest samples alone test it
+    largest_power: float = 0.0  # largest moving variance that the input has had; 0 where it is not known
+    usual_interval: float = 0.0  # median time between samples in s, gaps included; 0 where there are no time stamps
+    disagreement: float = 0.0  # difference of two estimates of the record that a right structure makes equal
+    grown: int = 0  # samples since the residual began to exceed its usual size beyond chance; else 0
+    after_change: bool = False  # whether the estimate was begun anew, or revised, after a change that it remembers
+    since_change: int = 0  # samples since the plant has changed within the record, so that no one model explains it
+    undecided: bool = False  # whether the samples since the last change do not yet tell what it was
+    after_alarm: bool = False  # whether the record begins where an alarm ended, and nothing is believed to have changed
+    trusted_before: bool = False  # whether the model was trusted when the input came to rest, and no alarm came since
+    since_trusted: int = 0  # samples since that was last known
+    finished: bool = False  # whether the record has ended, and the estimate was then made from all of it
+    missing: int = 0  # newest samples in a row that came without an output
+    stuck: bool = False  # whether the sensor is stuck or saturated, or was just now
+    left_out: int = 0  # outputs without which estimate and verdict are made, as the sensor was stuck or at its limit
+    input_zero: float = 0.0  # the record's input where that of the actuator is zero
+    slowness: float = 1.0  # standard deviation of the estimate over that which the residual's power and colour predict
+    output_unit: float = 1.0  # unit of the record's output, in the user's unit
+    measured: FloatArray | None = None  # (W,): the output as the sensor gave it; None where it is the record's
+    bridged: BoolArray | None = None  # (W,): samples whose output is the model's, as it is in doubt: not tested on
+
+    def in_own_units(self) -> Evidence:
+        """Return the same evidence scaled to about one by powers of two, so that squares fit into float64."""
+        of_input, of_output = _power_of_two(self.record.u), _power_of_two(self.record.y)
+        n = self.structure.poles
+        with np.errstate(over="ignore"):
+            factors = np.full(self.estimate.size, of_input / of_output)
+        factors[:n] = 1.0
+        factors[self.coefficients :] = 1.0 / of_output
+
+        def scaled(record: Record) -> Record:
+            before = None if record.before is None else scaled(record.before)
+            return replace(record, u=record.u / of_input, y=record.y / of_output, before=before)
+
+        return replace(
+            self,
+            record=scaled(self.record),
+            estimate=self.estimate * factors,
+            earlier=self.earlier * factors,
+            covariance=None if self.covariance is None else self.covariance * factors * factors[:, None],
+            largest_power=self.largest_power / of_input / of_input,
+            input_zero=self.input_zero / of_input,
+            output_unit=self.output_unit * of_output,
+            measured=None if self.measured is None else self.measured / of_output,
+        )
+
+    def as_whole(self) -> Evidence:
+        """Return the same evidence with nothing held out: every sample tests the present estimate."""
+        learned = self.learned + self.unseen
+        return replace(self, earlier=self.estimate, unseen=0, learned=learned, in_sample=True)
+
+    @property
+    def is_solved(self) -> bool:
+        """Whether the estimate is the solution of just these samples."""
+        return self.finished and self.in_sample and self.instruments
+
+    @property
+    def raw(self) -> FloatArray:
+        """The output (W,) as the sensor gave it."""
+        return self.record.y if self.measured is None else self.measured
+
+    @property
+    def used(self) -> BoolArray:
+        """Which samples (W,) the tests of the model use."""
+        return self.record.is_measured if self.bridged is None else self.record.is_measured & ~self.bridged
+
+    @property
+    def past(self) -> IntArray:
+        """How many used samples in a row come before each of those that the estimate should explain, up to LAGS."""
+        record = replace(self.record, measured=self.used, before=None)
+        return np.minimum(record.predecessors[self.known], np.arange(self.samples)[: self.samples - self.known.start])
+
+    @property
+    def coefficients(self) -> int:
+        """How many coefficients G(s) has."""
+        return self.structure.coefficients
+
+    @property
+    def samples(self) -> int:
+        """How many samples there are."""
+        return self.record.u.size
+
+    @property
+    def modes(self) -> tuple[UncertainMode, ...]:
+        """The estimate's poles with their uncertainty; none where no covariance is known."""
+        if self.covariance is None:
+            return ()
+        size, structure = self.coefficients, replace(self.structure, bias=False)
+        return Uncertainty(structure, self.estimate[:size], self.covariance[:size, :size]).first_order_modes
+
+    @property
+    def unstable_pole(self) -> float:
+        """Real part of the rightmost pole, in rad/s, if it surely grows more than e-fold over the record; else 0."""
+        pole = float(roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]])).real.max())
+        if not pole * self.record.span > 1.0:
+            return 0.0
+        squares = [float(mode.covariance[0, 0]) for mode in self.modes]
+        known = zip(self.modes, squares, strict=True)
+        is_sure = [mode.mode.pole.real > UNSTABLE_SIGMAS * math.sqrt(max(square, 0.0)) for mode, square in known]
+        return pole if any(is_sure) or not is_sure else 0.0
+
+    @property
+    def enough(self) -> int:
+        """How many samples a test needs."""
+        return max(FEWEST, PER_COEFFICIENT * self.coefficients)
+
+    @property
+    def counted(self) -> int:
+        """Samples that count for whether there are enough: of a whole record those that wait for a dead time, too."""
+        return self.record.joined.u.size if self.in_sample else self.samples
+
+    @property
+    def is_young(self) -> bool:
+        """Whether too few samples came since the earlier estimate to test it on."""
+        return not self.in_sample and self.unseen < self.enough
+
+    @property
+    def held_out(self) -> int:
+        """How many of the newest samples the earlier estimate is tested on; 0 for all."""
+        return 0 if self.in_sample or self.is_young else self.unseen
+
+    @property
+    def moving(self) -> int:
+        """Samples before the input came to rest."""
+        return moving(self.record.u, self.largest_power)
+
+    @property
+    def was_trusted(self) -> bool:
+        """Whether the model was trusted when the input came to rest, and it has rested since."""
+        rested = self.samples - self.moving
+        return self.trusted_before and (not self.moving or rested >= self.since_trusted + RESTED)
+
+    @property
+    def newest(self) -> slice:
+        """The samples that the earlier estimate is tested on."""
+        return slice(self.samples - self.held_out, self.samples) if self.held_out else slice(0, self.samples)
+
+    @property
+    def known(self) -> slice:
+        """The samples that the present estimate should explain."""
+        return self.newest if self.follows else slice(0, self.samples)
+
+    def seconds(self, samples: int) -> float:
+        """Return how long the newest ``samples`` lasted, in s."""
+        intervals = self.record.intervals
+        return float(intervals[0]) * samples if intervals.size == 1 else float(intervals[-samples:].sum())
+
+    @property
+    def span(self) -> str:
+        """In words, how long the samples last that the earlier estimate is tested on."""
+        return f"the last {self.age}"
+
+    @property
+    def age(self) -> str:
+        """In words, how long ago the earlier estimate was made."""
+        return duration(self.seconds(self.held_out or self.samples))
+
+
+@dataclass(frozen=True, eq=False)
+class Runs:
+    """The earlier and the present estimate, each run over the samples."""
+
+    old: ModelRun
+    now: ModelRun
+    error: FloatArray  # (N,): of the earlier estimate over the N newest samples, its mean subtracted
+    power: float  # variance of the output over them
+
+    @classmethod
+    def of(cls, evidence: Evidence, by_reference: FloatArray | None = None) -> Runs | None:
+        """Run both estimates; None where a signal leaves float64; ``by_reference`` (K, 2) as for `run_model`."""
+        old = now = run_model(evidence.structure, evidence.earlier, evidence.record, evidence.dt, by_reference)
+        if not np.array_equal(evidence.earlier, evidence.estimate):
+            now = run_model(evidence.structure, evidence.estimate, evidence.record, evidence.dt, by_reference)
+        if old is None or now is None:
+            return None
+        error = old.error[evidence.newest]
+        return cls(old, now, error - error.mean(), float(np.var(evidence.record.y[evidence.newest])))
+
+    def size(self, step: FloatArray, speeds: FloatArray) -> float:
+        """Return the relative size of a step (n,) or (n + m + 1,) of the coefficients; ``speeds`` (n,) of the poles.
+
+        For a_i it is abs(step) over the coefficient of prod(s + speed), the size of a_i if all poles were real; for b_j
+        half of the output that the step makes, over the output.
+        """
+        n = self.now.structure.poles
+        sizes = np.poly(-speeds)[1:]
+        largest = float((np.abs(step[:n]) / sizes).max())
+        output = float(self.now.forced.std())
+        if step.size == n or not output > 0.0:
+            return largest
+        made = np.abs(step[n:]) * self.now.zeta[:, n:].std(axis=0) / output
+        return max(largest, 0.5 * float(made.max()))
+
+
+def moving(u: FloatArray, power: float = 0.0) -> int:
+    """Return how many samples (K,) come before an input stays within a hundredth of its amplitude."""
+    far = np.flatnonzero(np.abs(u - u[-1]) > math.sqrt(LEAST_POWER * max(power, float(np.var(u)))))
+    return int(far[-1]) + 1 if far.size else 0
+
+
+def _power_of_two(signal: FloatArray) -> float:
+    """Return the largest power of two not above the largest magnitude of a signal; 1 for a signal that is zero."""
+    largest = float(np.abs(signal).max(initial=0.0))
+    return 2.0 ** math.floor(math.log2(largest)) if largest > 0.0 else 1.0

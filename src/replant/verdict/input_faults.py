@@ -1,0 +1,200 @@
+"""Faults of the input: an actuator that is not linear, another hold or dead time than it was taken to have.
+
+| fault | columns of its score test |
+|---|---|
+| the actuator saturates, or has a dead zone | B/A of v^3 and v^5, v the input on a scale from -1 to 1 |
+| its gain is another one in the other direction | B/A of abs(v) |
+| it has play or friction | B/A of the play of v, of two widths: it depends on where the input came from |
+| the input runs straight between its samples | the output with such an input, less that with a held one |
+| the input acts later or earlier | the derivative of the output by the dead time |
+
+A linear model is right behind a curve only as far as that is straight.  What other dynamics could explain is taken away
+first: it is then the model that is wrong.  An input of two levels cannot tell: all curves through two points are
+straight lines.  A signal that was sampled, such as a measured voltage, runs on between its samples; one that a computer
+puts out is held.  Taken as held, a smooth input acts half a sample late, and the coefficients make up for that.
+
+Sources: Ljung (1999), "System Identification: Theory for the User", section 5.2 (Hammerstein models); Krasnosel'skii
+and Pokrovskii (1989), "Systems with Hysteresis" (the play operator); Garnier and Wang (2008), "Identification of
+Continuous-time Models from Sampled Data", chapter 4 (intersample behaviour).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from replant.estimation.simulation.model_run import ModelRun, run_model
+from replant.numerics.arguments import FloatArray
+from replant.numerics.levels import ALPHA
+from replant.numerics.linear_algebra import chi2_quantile
+from replant.numerics.projections import without
+from replant.verdict.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
+from replant.verdict.evidence import Evidence, Runs
+from replant.verdict.score_test import (
+    LARGEST_PART,
+    NEGLIGIBLE,
+    Explained,
+    Part,
+    dynamics,
+    power_of,
+    residual_of,
+    unexplained,
+)
+from replant.verdict.verdict import Finding, percent
+
+WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]
+SMOOTH = 1.5  # of second over first differences: 2 of single steps, 3 of noise, w^2 of a sine of w [ratio of powers]
+
+ADVICE = "stay where it is straight, or map the input by its curve"
+SATURATES, DEAD = f"the actuator seems to saturate ({ADVICE})", f"the actuator seems to have a dead zone ({ADVICE})"
+LOPSIDED = f"the actuator seems to have another gain in the other direction ({ADVICE})"
+LOOSE = "the actuator seems to have play or friction (move it by more, or so that it comes from one side)"
+
+
+def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
+    """Name the actuator's fault that explains a part of the residual most surely, if it is more than chance."""
+    run, rows = runs.now, evidence.known
+    power, whole = power_of(evidence, evidence.record.y[rows]), evidence.record.joined
+    v, before = _scaled(whole.u - evidence.input_zero), whole.u.size - evidence.samples  # all that acts comes through
+    error, nuisances = run.error[rows], run.nuisances[rows]
+    linear = np.hstack([run.zeta[rows], dynamics(evidence, run)])
+    residual = residual_of(evidence, error, np.hstack([nuisances, linear]))
+    surest, part, fault = 1.0, 0.0, ""
+    for curves, (inward, outward) in _curves(v):
+        found = residual.explained(_behind_the_plant(evidence, run, curves)[before:][rows])
+        if found.statistic > surest:
+            surest, part = found.statistic, min(found.power / power, 1.0)
+            fault = outward if _grows_outward(v[before:][rows], curves[before:][rows] @ found.weights) else inward
+    # where linear columns explain more, it is the model that is wrong
+    if not part > max(LARGEST_PART, residual_of(evidence, error, nuisances).explained(linear).power / power):
+        return []
+    reason = f"such a curve before the plant would explain another {percent(part)} of the output's power"
+    return [Finding("inconsistent", f"{fault}: {reason}")]
+
+
+def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
+    """Say where an input that is taken as held ran straight between its samples, or may have, and what that changes."""
+    if evidence.record.input_hold != "zoh" or not _is_smooth(evidence.record.u):
+        return []
+    told = _straight_input(evidence)
+    if told is None:
+        return []
+    found, step = told
+    # the weight of a straight input is 1, of a held one 0; `chance` is how far it may be off
+    weight, chance = float(found.weights[0]), math.sqrt(chi2_quantile(1.0 - ALPHA, 1)) * found.spread
+    if abs(weight) <= chance and abs(weight - 1.0) <= chance and _largest_change(evidence, step) > FARTHEST:
+        reason = "the samples do not tell a held input from one that runs straight between its samples, on which"
+        advice = 'if it is measured or analogue, use --input-hold foh, or RefinedFilter("foh")'
+        return [Finding("trusted", f"{reason} coefficients depend: {advice}")]
+    if not (found.is_sure and weight > 0.0 and weight + chance > 0.5):  # surely not held, nor surely nearer to it
+        return []
+    size = runs.size(step, Speeds.of(evidence, closed=False).poles)
+    reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
+    status = "inconsistent" if size > FARTHEST else "trusted"
+    return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
+
+
+def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Finding]:
+    """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes.
+
+    A pole too few looks like a dead time, too, but leaves more for other dynamics to explain.
+    """
+    run, rows = runs.now, evidence.known
+    power = power_of(evidence, evidence.record.y[rows])
+    later = _later(evidence, run.forced)[rows, None]
+    residual = residual_of(evidence, run.error[rows], np.hstack([run.zeta[rows], run.nuisances[rows]]))
+    found = residual.explained(later)
+    off = float(found.weights[0]) * evidence.dt
+    delay = evidence.structure.delay + off
+    if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > -0.5 * evidence.dt):
+        return []
+    left = unexplained(evidence, runs, known=later)
+    if left.is_sure and (left.is_large or left.size > 0.5 * part.size):
+        return []
+    step = -residual.weights_of(later)[: evidence.coefficients, 0] * found.weights[0]
+    size = runs.size(step, Speeds.of(evidence, closed=False).poles)
+    # in as many digits as tell it from the one given
+    wanted = round(max(delay, 0.0), max(1 - math.floor(math.log10(abs(off))), 0))
+    reason = f"the input seems to act {abs(off):.2g} s {'later' if off > 0.0 else 'earlier'} than the model says"
+    status = "inconsistent" if size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
+    return [Finding(status, f"{reason}: with a dead time of {wanted:g} s a coefficient differs by {percent(size)}")]
+
+
+def _later(evidence: Evidence, output: FloatArray) -> FloatArray:
+    """Return by how much a model's output (K,) changes where it comes a sampling time later, to first order."""
+    record = evidence.record
+    times = np.cumsum(record.intervals) if record.intervals.size > 1 else record.dt * np.arange(output.size)
+    later = np.zeros(output.size)
+    for rows in record.parts:
+        if len(range(*rows.indices(output.size))) > 1:
+            later[rows] = -evidence.dt * np.gradient(output[rows], times[rows])
+    return later
+
+
+def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:
+    """Return how much of a straight input the residual holds, and the step of the coefficients if it is one.
+
+    None where the model cannot be run.  Where rows are lost a straight line is nearer to what the input did than one
+    step, whatever its hold is: both are run on it.
+    """
+    record, places = evidence.record.restored
+    held, straight = (
+        run_model(evidence.structure, evidence.estimate, replace(record, input_hold=hold), evidence.dt)
+        for hold in ("zoh", "foh")
+    )
+    if held is None or straight is None:
+        return None
+    rows = places[evidence.known]
+    column = (straight.forced - held.forced)[rows, None]
+    own = np.hstack([held.zeta[rows], held.nuisances[rows]])
+    residual = residual_of(evidence, held.error[rows], own)
+    return residual.explained(column), -residual.weights_of(column)[: evidence.coefficients, 0]
+
+
+def _largest_change(evidence: Evidence, step: FloatArray) -> float:
+    """Return the largest part of its size by which a step changes a coefficient, of those that it changes surely."""
+    if evidence.covariance is None:
+        return 0.0
+    std = np.sqrt(np.maximum(np.diag(evidence.covariance)[: step.size], 0.0))
+    part = np.abs(step) / np.maximum(np.abs(evidence.estimate[: step.size]), np.finfo(float).tiny)
+    return float(part[np.abs(step) > MOVED_SIGMAS * std].max(initial=0.0))
+
+
+def _is_smooth(u: FloatArray) -> bool:
+    first = np.diff(u)
+    return float(np.mean(np.diff(first) ** 2)) < SMOOTH * float(np.mean(first**2))
+
+
+def _scaled(u: FloatArray) -> FloatArray:
+    """Return an input on a scale from -1 to 1; zero stays where it is if the input lies on both sides of it."""
+    low, high = float(u.min()), float(u.max())
+    middle = 0.0 if low < 0.0 < high else 0.5 * (low + high)
+    return np.asarray((u - middle) / max(high - middle, middle - low))
+
+
+def _curves(v: FloatArray) -> Iterator[tuple[FloatArray, tuple[str, str]]]:
+    """Yield curves (K, C) of the scaled input, and what they are where they grow less and more than straight ones."""
+    from replant.kernels.filters.series import play  # compiled: imported where it is used
+
+    yield np.column_stack([v**3, v**5]), (SATURATES, DEAD)
+    yield np.abs(v)[:, None], (LOPSIDED, LOPSIDED)
+    yield np.column_stack([play(v, width) for width in WIDTHS]), (LOOSE, LOOSE)
+
+
+def _grows_outward(v: FloatArray, curve: FloatArray) -> bool:
+    """Return whether a curve's values (K,), beside the straight line through them, grow with the distance from zero."""
+    straight = np.column_stack([v, np.ones(v.size)])
+    return float(without(curve[:, None], straight)[:, 0] @ without((v * np.abs(v))[:, None], straight)[:, 0]) > 0.0
+
+
+def _behind_the_plant(evidence: Evidence, run: ModelRun, curves: FloatArray) -> FloatArray:
+    """Return the model's outputs (K, C) where the input is replaced by each of the curves (K, C), from the first on."""
+    outputs, whole = np.zeros_like(curves), evidence.record.joined
+    for column, curve in enumerate(curves.T):
+        ran = run_model(run.structure, run.parameters, replace(whole, u=curve.copy()), evidence.dt)
+        if ran is not None:
+            outputs[:, column] = ran.forced
+    return outputs

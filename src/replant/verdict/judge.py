@@ -1,0 +1,282 @@
+"""Judge: runs every test on the evidence, words its findings, and makes the verdict of them.
+
+A model is trusted if
+
+* the newest samples excite the plant;
+* an estimate that has not used them explains them from the input alone;
+* the input cannot explain any more of the residual, and the residual is not larger than before;
+* the estimate has a small uncertainty and no longer moves.
+
+Under a controller the input answers the residual.  A right model is trusted then, too, if the noise model whitens the
+residual, or if a reference explains nothing of it.  An unstable model is trusted with a reference alone.
+
+A wrong sampling time is found from time stamps only: without them the record is that of another plant in another unit
+of time.
+
+Source: Ljung (1999), "System Identification: Theory for the User", chapter 16; Soderstrom and Stoica (1989), "System
+Identification", chapter 11.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from replant.estimation.engine.state import GAP
+from replant.estimation.simulation.fitted_run import fit_percent
+from replant.numerics.autoregression import one_step, whiteness
+from replant.numerics.levels import MATTERS
+from replant.numerics.linear_algebra import quiet, roots
+from replant.numerics.robust import robust_std
+from replant.verdict import record_tests
+from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
+from replant.verdict.evidence import LEAST_POWER, RESTING, Evidence, Runs
+from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
+from replant.verdict.loop_tests import COLOURED, Loop, Reference, unexplained_by_reference
+from replant.verdict.score_test import NEGLIGIBLE, unexplained, unexplained_before
+from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, duration, percent
+
+POOREST_FIT = 10.0  # simulated fit below which the input explains next to nothing: noise has four times its power [%]
+WORST_FIT = -1000.0  # simulated fit below which fits are not told apart in words [%]
+DISAGREES = 0.5 * math.sqrt(MATTERS)  # difference of estimates that a right structure makes equal [part of the output]
+FEWEST_MOVING = 500  # before the input rests, to speak for a model: those of the default's start-up [samples]
+MANY = 10  # from which on a model may be tested on those that it was made from [samples that a test needs]
+BEFORE = "the model was trusted when the input came to rest, and the output has shown nothing against it since"
+
+Figures = dict[str, Any]
+
+
+@quiet
+def judge(evidence: Evidence) -> Assessment:
+    """Return the verdict on an estimate from the evidence.
+
+    Whether the model is right is one question, whether the newest samples can tell is another.  Where these do not
+    excite the plant, as while the input rests, the estimate is judged by all samples; where none of them does, the
+    verdict from before the rest stays.  By all samples it is judged as well where too few came since it was made, if
+    the record is long or has ended.  At the end of a record that was solved as a whole, a verdict on an earlier
+    estimate that is not "trusted" says little of the present one: that is then judged by all samples, as `fit` is.
+    """
+    evidence = evidence.in_own_units()
+    if evidence.is_young and (evidence.finished or evidence.samples >= MANY * evidence.enough):
+        evidence = evidence.as_whole()
+    verdict = _judged(evidence)
+    if verdict.excited:
+        if evidence.finished and not evidence.in_sample and verdict.status != "trusted":
+            return _judged(evidence.as_whole())
+        return verdict
+    objections = _of_samples(evidence) + _of_guard(evidence)
+    if evidence.was_trusted and not any(found.status in ("diverged", "inconsistent") for found in objections):
+        return replace(verdict, status="trusted", reasons=(BEFORE, verdict.reasons[0]))
+    few = 0 if evidence.finished else FEWEST_MOVING
+    before = verdict if evidence.in_sample or evidence.moving < few else _judged(evidence.as_whole())
+    if before.excited:
+        return replace(before, excited=False, reasons=(*before.reasons, verdict.reasons[0]))
+    return verdict
+
+
+def _judged(evidence: Evidence) -> Assessment:
+    """Return the verdict by the samples held out, or by all where none is."""
+    figures: Figures = {"samples": evidence.samples, "held_out": evidence.held_out}
+    findings, in_favour = _of_samples(evidence), ""
+    stop = any(finding.status != "converging" for finding in findings) or evidence.counted < evidence.enough
+    stop = stop or not evidence.used[evidence.known].any()  # an output that was never measured says nothing
+    reference, doubts = (None, []) if stop else Reference.of(evidence)
+    runs = None if stop else Runs.of(evidence, None if reference is None else reference.explained)
+    if not stop and runs is None:
+        pole = roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])).real.max()
+        reason = f"the model's signals leave float64 (a pole at {pole:+.3g} rad/s)"
+        findings.append(Finding("inconsistent", reason))
+    if runs is not None:
+        found = record_tests.excitation(runs.now, evidence.newest)
+        figures |= {"condition": found.condition, "excitation": found.share}
+        findings += _of_sensor(evidence, runs)
+        # what the comparison with the model names is not named again
+        evidence = replace(evidence, stuck=evidence.stuck and all(each.status == "trusted" for each in findings))
+        if not _lacks_excitation(findings):
+            findings += found.findings
+        if not _lacks_excitation(findings):  # without excitation the tests of the model are meaningless
+            loop = Loop.of(evidence, runs, reference, doubts)
+            findings += _of_model(evidence, runs, loop, figures)
+            in_favour = _in_favour(evidence, loop, figures)
+    findings += _of_guard(evidence)
+    figures["excited"] = not _lacks_excitation(findings)
+    verdict = Assessment(*conclude(findings, in_favour), **figures)
+    # more samples do not make a model right that they speak against
+    return without_longer(verdict) if verdict.status == "inconsistent" else verdict
+
+
+def _lacks_excitation(findings: list[Finding]) -> bool:
+    return any(finding.status == "not excited" for finding in findings)
+
+
+def _of_samples(evidence: Evidence) -> list[Finding]:
+    """Return the findings that need no model."""
+    findings = [Finding("diverged", record_tests.REFUSED)] if evidence.refused else []
+    if evidence.usual_interval:
+        findings += record_tests.clock_finding(evidence.usual_interval, evidence.dt)
+    u, whole = evidence.record.u, evidence.record.joined.u
+    if np.ptp(whole) <= RESTING * np.abs(whole).max():
+        reason = "the input is constant: move it"
+        if evidence.largest_power > (RESTING * float(np.abs(u).max())) ** 2:
+            reason = record_tests.rested(evidence.seconds(evidence.samples))
+        return [*findings, Finding("not excited", reason)]
+    if evidence.counted < evidence.enough:
+        since = "" if evidence.in_sample else " (since the last interruption)"
+        reason = f"{evidence.counted} samples{since} are too few for a verdict: it takes {evidence.enough}"
+        return [*findings, Finding("converging", reason)]
+    if np.var(u[evidence.newest]) < LEAST_POWER * evidence.largest_power:
+        part = percent(float(np.var(u[evidence.newest])) / evidence.largest_power)
+        reason = f"the input hardly moves any more: its variance over {evidence.span} is {part} of its largest so far"
+        findings.append(Finding("not excited", reason))
+    if evidence.is_young:
+        few = f"{evidence.unseen} samples that the estimate has not used are too few"
+        reason = f"{few if evidence.unseen else 'the estimate has used every sample: none is left'} to test it on"
+        findings.append(Finding("converging", reason))
+    return findings + record_tests.level_finding(u, evidence.raw)
+
+
+def _of_guard(evidence: Evidence) -> list[Finding]:
+    """Return the findings of the online monitoring."""
+    findings = record_tests.guard_findings(
+        evidence.seconds(evidence.missing) if evidence.missing > GAP else 0.0,
+        evidence.stuck,
+        evidence.seconds(evidence.grown) if evidence.grown else 0.0,
+        evidence.undecided,
+    )
+    if evidence.since_change:
+        reason = f"the plant seems to have changed {duration(evidence.seconds(evidence.since_change))} before the end"
+        findings.append(Finding("inconsistent", f"{reason}: identify the parts before and since by themselves"))
+    return findings
+
+
+def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
+    """Return the faults of the sensor, found by comparison with the model's output."""
+    y, newest = evidence.raw, np.arange(evidence.samples)[evidence.newest]
+    newest = newest[evidence.record.is_measured[newest]]  # else y is the model's
+    if not newest.size:
+        return []
+    modelled = evidence.record.y - runs.old.error
+    noise = robust_std(runs.old.error[evidence.used])
+    count = newest.size
+    intervals = evidence.record.intervals
+    steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
+    resolved = record_tests.is_resolved(y, noise)
+    elapsed, unit = np.cumsum(steps), evidence.output_unit
+    u, y, modelled = evidence.record.u[newest], y[newest], modelled[newest]
+    found = record_tests.end_finding(u, y, modelled, noise, elapsed)
+    found = found or record_tests.saturation_finding(y, modelled, unit)
+    found = found or record_tests.stuck_finding(y, modelled, noise, resolved, elapsed, unit)
+    return found + record_tests.left_out_finding(evidence.left_out)
+
+
+def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
+    """Return the findings of the tests of the model and of the estimate."""
+    made = None if loop.reference is None else loop.reference.output
+    certainty = Certainty.of(evidence, runs, loop.is_closed, made)
+    figures |= certainty.figures
+    model = [
+        *_fit(evidence, runs, loop, figures),
+        *([] if loop.is_closed else actuator_findings(evidence, runs)),
+        *_unexplained(evidence, runs, loop, figures),
+        *([] if loop.is_closed else _unexplained_before(evidence, runs)),
+        *record_tests.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
+        *record_tests.burst_finding(evidence, runs, referenced=loop.reference is not None),
+        *_disagreement(max(evidence.disagreement, certainty.disagreement)),
+    ]
+    if certainty.improves:  # the present estimate may explain what the earlier one does not
+        model = [Finding(max(found.status, "converging", key=STATUSES.index), found.reason) for found in model]
+    held = [] if loop.reference is not None else hold_findings(evidence, runs)
+    # an input that acts half a sample earlier than it was taken to act seems to answer the residual
+    return (held or loop.findings) + model + certainty.findings
+
+
+def _disagreement(size: float) -> list[Finding]:
+    if size <= DISAGREES:
+        return []
+    reason = f"filtered by its noise model the same record gives another model, whose output differs by {percent(size)}"
+    reason += ": too few poles or zeros, a wrong dead time, or a plant that is not linear"
+    return [Finding("inconsistent", reason)]
+
+
+def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
+    y = evidence.record.y[evidence.newest]
+    used = evidence.used[evidence.newest]
+    figures["whiteness"] = whiteness(runs.error)
+    shown = np.where(used, y, np.nan)
+    if loop.reference is not None:  # in feedback the rest is the disturbances', and may be the larger part
+        fit = loop.reference.fit(runs.old.error, evidence.newest)
+    elif evidence.unstable_pole > 0.0:  # from the input alone it diverges
+        fit = fit_percent(shown, y - one_step(runs.error))
+    else:
+        fit = fit_percent(shown, y - runs.error)
+    figures["fit"] = fit
+    if loop.reference is not None and not unexplained_by_reference(evidence, runs.old, loop.reference).is_sure:
+        return []  # a poor fit may be chance
+    if fit >= POOREST_FIT:
+        if evidence.unstable_pole > 0.0 and loop.reference is None:
+            reason = f"one step ahead over {evidence.span}, the model fits the output to {fit:.1f} %"
+            return [Finding("trusted", reason)]
+        return []
+    if math.isnan(fit):
+        return [Finding("inconsistent", f"the output is constant over {evidence.span} while the input moves")]
+    run = f"{_how_run(evidence, loop)} over {evidence.span}{' (in sample)' if evidence.in_sample else ''}"
+    figure = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
+    reason = f"{run}, the model explains almost nothing of the output (fit {figure})"
+    if evidence.record.r is None:
+        reason += f": {COLOURED}" if loop.feedback.found else ": if a controller moves the input, give its reference"
+    return [Finding("inconsistent", reason)]
+
+
+def _how_run(evidence: Evidence, loop: Loop) -> str:
+    """Return in words how the model was run for its fit."""
+    if loop.reference is not None:
+        return "in what the reference explains of the output"
+    return "one step ahead" if evidence.unstable_pole > 0.0 else "simulated from the input alone"
+
+
+def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
+    """Say what other dynamics, or the reference, could still explain of the residual."""
+    closed = loop.feedback.found
+    if loop.reference is not None:  # in feedback the input may explain what the noise model leaves
+        part = unexplained_by_reference(evidence, runs.now, loop.reference)
+    else:
+        part = unexplained(evidence, runs, feedback=closed)
+    figures |= {"explained": part.size, "explained_limit": part.statistic}
+    late = [] if loop.is_closed else dead_time_findings(evidence, runs, part)
+    if late:
+        return late
+    if not part.is_sure or part.size < NEGLIGIBLE:
+        return []
+    reason = f"the {part.source} could explain another {percent(min(part.size, 1.0))} of the output's power"
+    if not part.is_large:
+        return [Finding("trusted", f"{reason}, unexplained by the model: small, but statistically significant")]
+    if closed and loop.reference is None:
+        return [Finding("inconsistent", f"{reason}: {COLOURED}")]
+    biased = "" if evidence.instruments else "noise, which biases an estimate without instruments, "
+    causes = f"{biased}too few poles or zeros, a wrong dead time, or a plant that changes or is nonlinear"
+    return [Finding("inconsistent", f"{reason}, unexplained by the model: {causes}")]
+
+
+def _unexplained_before(evidence: Evidence, runs: Runs) -> list[Finding]:
+    """Say what the earlier estimate leaves of samples that it has not used, where that matters."""
+    part = unexplained_before(evidence, runs) if evidence.held_out and evidence.used[evidence.newest].any() else None
+    if part is None or not (part.is_sure and part.is_large):
+        return []
+    part_of = f"{percent(min(part.size, 1.0))} of the output's power over {evidence.span}"
+    past = f"unexplained by the estimate of {evidence.age} ago: it still converges, or the plant changes"
+    return [Finding("converging", f"the input could explain another {part_of}, {past}")]
+
+
+def _in_favour(evidence: Evidence, loop: Loop, figures: Figures) -> str:
+    """Return the reason to trust the model."""
+    fit, uncertainty = figures.get("fit", math.nan), figures.get("uncertainty", math.nan)
+    which = "in sample" if evidence.in_sample else "which the estimate had not used"
+    std = f"; its denominator's coefficients have standard deviations up to {percent(uncertainty)}"
+    std = "" if math.isinf(uncertainty) else std + slow_noise(evidence, uncertainty)
+    explains = f"the model fits the output to {fit:.1f} %"
+    if fit < POOREST_FIT:  # with a reference alone, where `_fit` lets it pass
+        explains = "what the model leaves may be chance"
+    return f"{_how_run(evidence, loop)} over {evidence.span} ({which}), {explains}{std}"

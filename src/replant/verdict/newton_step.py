@@ -1,0 +1,254 @@
+r"""The distance from an estimate to that which samples give, by one Gauss-Newton step, and how well abs G is known.
+
+The step :math:`(\sum \zeta\zeta^T)^{-1} \sum \zeta e`, slopes and residual filtered by the noise model, is that of
+refined instrumental variables at the estimate: it is zero for an estimate made from the same record.  Filtered, the
+residual is independent of the slopes under feedback, too.  The step's covariance takes the colour that is left into
+account.  A significant step means that noise has biased the estimate, that the estimate is frozen while the plant
+changes, or that it lags.
+
+A coefficient may be known well and abs G badly, or the other way round; whoever uses the model uses G.  After a
+change of the plant a new model is made from few samples.  It is trusted where three standard deviations of abs G fit
+into the error that a trusted model may have.  The relative standard deviation of abs G at a frequency follows from the
+covariance of the coefficients by the delta method.  Where an alarm ended and no other model was found, the samples
+since must be able to tell such an error: the standard deviation is then that of an estimate from them alone.  The
+excited frequencies are those at which :math:`|G|^2` times the input's power density, the power density of the model's
+output, is at least a hundredth of its largest: a tenth of the amplitude.
+
+The second test finds a change of the plant that the residual over a long record hides: the step that the newest samples
+alone ask for, of several lengths, and what it makes of abs G.
+
+Sources: Soderstrom and Stoica (1983), "Instrumental Variable Methods for System Identification", chapter 4; Ljung
+(1999), "System Identification: Theory for the User", sections 9.4 and 6.4 (Welch's spectrum).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.estimation.simulation.model_run import ModelRun
+from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.levels import ALPHA, MATTERS
+from replant.numerics.linear_algebra import chi2_quantile, larger, pseudo_inverse, roots
+from replant.numerics.projections import lengths_of, orthogonal, products, without
+from replant.verdict.evidence import Evidence, Runs
+from replant.verdict.verdict import Finding, duration, percent
+
+RANK_TOLERANCE = 1e-14  # eigenvalue below which a direction is not there: fifty times float64's [part of the largest]
+FEWEST_STRETCHES, MOST_STRETCHES = 4, 8  # earlier stretches that tell the scatter of steps, by their median [count]
+LARGEST_ERROR = math.sqrt(MATTERS)  # of abs G, with which a model is trusted after a change [part of abs G]
+SIGMAS = 3.0  # of abs G that must fit into it: at 99.7 % [standard deviations]
+EXCITED = MATTERS  # density of the output's power below which a frequency is not excited [part of the largest]
+SEGMENT = 1024  # length of a segment of Welch's spectrum [samples]
+SLOWEST = 0.1  # lowest frequency added below the spectrum's: abs G is that at rest [part of the slowest pole]
+SLOW_FREQUENCIES = 8  # frequencies that are added below the spectrum's [count]
+LENGTHS = (1, 2, 4, 8, 16)  # of the newest samples: a change may be of any age [numbers of samples that say something]
+CONTRADICTS = 0.5 * LARGEST_ERROR  # part of abs G by which the newest samples must contradict it [part of abs G]
+CONTRADICTS_SIGMAS = 2.0  # the same, at 95 %, where all coefficients together are significant [standard deviations]
+
+
+@dataclass(frozen=True)
+class Distance:
+    """The distance from an estimate to the estimate that a record gives, to first order."""
+
+    step: FloatArray  # (n + m + 1,)
+    statistic: float  # over its limit: above 1 the step is significant
+    covariance: FloatArray  # of an estimate from this record alone, the residual's colour taken into account
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The step by instruments Z from slopes zeta and an error e, all whitened and free of nuisances, scaled to one."""
+
+    instruments: FloatArray  # (K, n)
+    inverse: FloatArray  # (n, n): (Z' zeta)^-1
+    step: FloatArray  # (n,)
+    left: FloatArray  # (K,): of the error
+    lengths: FloatArray  # (n,): of the slopes as they were
+
+    @classmethod
+    def of(cls, zeta: FloatArray, error: FloatArray, by_reference: FloatArray | None, nuisances: FloatArray) -> Step:
+        """Return the step of slopes (K, n) and an error (K,), by the slopes or those of a reference."""
+        lengths = lengths_of(zeta)
+        zeta = instruments = zeta / lengths
+        if by_reference is None:
+            basis = orthogonal(products(zeta, zeta))
+            inverse = np.asarray(basis @ basis.T)
+        else:
+            moved = without(by_reference, nuisances)
+            instruments = moved / lengths_of(moved)
+            inverse = pseudo_inverse(products(instruments, zeta), RANK_TOLERANCE)
+        step = inverse @ products(instruments, error[:, None])[:, 0]
+        return cls(instruments, inverse, step, error - np.einsum("ij,j->i", zeta, step), lengths)
+
+    def spread(self, columns: FloatArray) -> FloatArray:
+        """Return the step's covariance (n, n) where its instruments, coloured as the residual, are these columns."""
+        return np.asarray(self.inverse @ products(columns, columns) @ self.inverse.T)
+
+    def surprise(self, covariance: FloatArray) -> float:
+        """Return step' C^-1 step."""
+        return float(self.step @ pseudo_inverse(covariance, RANK_TOLERANCE) @ self.step)
+
+    def distance(self, square: float, limit: float, covariance: FloatArray) -> Distance:
+        """Return the distance in the coefficients' units; of a surprise that is not finite it is sure."""
+        statistic = math.inf if math.isnan(square) else square / limit
+        return Distance(self.step / self.lengths, statistic, covariance / np.outer(self.lengths, self.lengths))
+
+
+def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
+    """Return the Gauss-Newton step from an estimate towards the one that a record gives, with its significance."""
+    nuisances = np.hstack([run.nuisances[rows], np.ones((len(run.error[rows]), 1))])
+    # With instruments from a reference the noise model is that of the residual itself: they are right whatever the
+    # filter is, and in a loop the slopes explain much of what a load makes of it, so that the rest has another colour.
+    taken = nuisances if run.instruments is not None else np.hstack([run.zeta[rows], nuisances])
+    noise = Autoregression.of(without(run.error[rows, None], taken)[:, 0])
+    nuisances = noise.whiten(nuisances)
+    zeta = without(noise.whiten(run.zeta[rows]), nuisances)
+    error = without(noise.whiten(run.error[rows])[:, None], nuisances)[:, 0]
+    by_reference = None if run.instruments is None else noise.whiten(run.instruments[rows])
+    newton = Step.of(zeta, error, by_reference, nuisances)
+    rest = Autoregression.of(newton.left)
+    innovation, coloured = rest.whiten(newton.left), rest.colour(newton.instruments)
+    variance = float(innovation @ innovation) / max(innovation.size - len(newton.step), 1)
+    covariance = variance * newton.inverse @ products(coloured, coloured) @ newton.inverse.T
+    covariance = larger(covariance, float(np.mean(newton.left**2)) * newton.spread(newton.instruments))
+    limit = float(chi2_quantile(1.0 - false_alarm, len(newton.step)))
+    return newton.distance(newton.surprise(covariance), limit, covariance)
+
+
+def newest_distances(run: ModelRun, counts: Iterable[int], false_alarm: float) -> Iterator[tuple[int, Distance]]:
+    """Yield the Gauss-Newton step that the newest samples alone ask of an estimate, for each number of them.
+
+    A few samples do not tell the colour of their own residual: tested with it, coloured noise would be taken for a
+    change.  So colour and power are those of the residual over the whole run, and instruments and residual are whitened
+    by them (generalised least squares).  Where the few samples leave more power, that is used.  Slow noise makes steps
+    scatter more than this says: by how much is measured on earlier stretches of the same length.  (The scatter of the
+    estimate's path is no measure of it: the path moves after a change, which would so excuse itself.)
+    """
+    noise = Autoregression.of(run.error - run.error.mean())
+    white = noise.whiten(run.error)
+    nuisances = noise.whiten(np.hstack([run.nuisances, np.ones((len(run.error), 1))]))
+    slopes = noise.whiten(run.zeta)
+    by_reference = None if run.instruments is None else noise.whiten(run.instruments)
+    usual, wider = float(white.var()), 1.0
+
+    def newton(rows: slice) -> tuple[Step, FloatArray, float]:
+        moving = without(np.column_stack([slopes[rows], white[rows]]), nuisances[rows])
+        found = Step.of(
+            moving[:, :-1], moving[:, -1], None if by_reference is None else by_reference[rows], nuisances[rows]
+        )
+        free = max(len(moving) - len(found.step) - nuisances.shape[1], 1)
+        covariance = max(usual, float(found.left @ found.left) / free) * found.spread(found.instruments)
+        return found, covariance, found.surprise(covariance)
+
+    for count in counts:
+        if count > len(white):
+            return
+        newest = len(white) - count
+        begins = range(newest % count, newest, count)
+        if len(begins) >= FEWEST_STRETCHES:  # the median: some of them may lie after a change
+            chosen = np.linspace(0, len(begins) - 1, min(len(begins), MOST_STRETCHES)).astype(int)
+            squares = [newton(slice(begins[k], begins[k] + count))[2] for k in chosen]
+            usual_square = chi2_quantile(0.5, slopes.shape[1])
+            wider = max(float(np.median(squares)) / usual_square or wider, 1.0)
+        else:
+            wider = max(wider, 1.0)
+        found, covariance, square = newton(slice(newest, None))
+        yield (
+            count,
+            found.distance(square, wider * chi2_quantile(1.0 - false_alarm, len(found.step)), wider * covariance),
+        )
+
+
+def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray, alone: FloatArray) -> list[Finding]:
+    """Say where abs G is not known well enough, and where the newest samples contradict it."""
+    omega = excited_frequencies(evidence)
+    worst = _worst_gain(evidence, covariance, omega)
+    findings = [] if evidence.in_sample else _contradiction(evidence, runs, omega)
+    if evidence.after_change and not SIGMAS * worst <= LARGEST_ERROR:
+        reason = f"since the plant has changed abs G is known to {percent(worst)} only (standard deviation)"
+        findings.append(Finding("converging", f"{reason}, at a frequency that the input excites"))
+    if evidence.after_alarm:  # what raised it may have been a change that the offset and initial state hide
+        worst = _worst_gain(evidence, alone, excited_frequencies(evidence, slowest=True))
+        if not CONTRADICTS_SIGMAS * worst <= LARGEST_ERROR:
+            reason = "the residual is as usual again, but the samples since tell abs G"
+            findings.append(Finding("converging", f"{reason} to {percent(worst)} only (standard deviation)"))
+    return findings
+
+
+def _worst_gain(evidence: Evidence, covariance: FloatArray, omega: FloatArray) -> float:
+    """Return the largest relative standard deviation of abs G at some frequencies (F,)."""
+    std = _uncertainty(evidence, covariance).response(omega)[0]
+    return float(std.max()) if np.isfinite(std).all() else np.inf
+
+
+def excited_frequencies(evidence: Evidence, *, slowest: bool = False) -> FloatArray:
+    """Return the frequencies (F,), in rad/s, that the input excites.
+
+    A record shorter than the slowest mode does not resolve the lowest ones: the density there is taken for that of the
+    lowest frequency that it resolves.  A pole slower than the record counts as one as slow, unless ``slowest``.
+    """
+    omega, density = _input_spectrum(evidence)
+    poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
+    lowest = SLOWEST * max(float(poles.min()), 0.0 if slowest else 1.0 / evidence.record.span)
+    if 0.0 < lowest < omega[0]:
+        below = np.geomspace(lowest, omega[0], SLOW_FREQUENCIES, endpoint=False)
+        omega, density = np.concatenate([below, omega]), np.concatenate([np.full(below.size, density[0]), density])
+    power = _magnitude(evidence, evidence.estimate, omega) ** 2 * density
+    return np.asarray(omega[power >= EXCITED * power.max()])
+
+
+def output_frequency(evidence: Evidence) -> float:
+    """Return the mean frequency, in rad/s, of the power of the model's output, as far as the record resolves it."""
+    omega, density = _input_spectrum(evidence)
+    power = _magnitude(evidence, evidence.estimate, omega) ** 2 * density
+    return float(omega @ power / power.sum())
+
+
+def _input_spectrum(evidence: Evidence) -> tuple[FloatArray, FloatArray]:
+    """Return the frequencies (F,) that the record resolves, in rad/s, and Welch's density of the input (F,) there."""
+    u, size = evidence.record.u, min(evidence.record.u.size, SEGMENT)
+    segments = np.lib.stride_tricks.sliding_window_view(u, size)[:: max(size // 2, 1)]
+    segments = (segments - segments.mean(axis=1, keepdims=True)) * np.hanning(size + 1)[:size]
+    density = np.asarray((np.abs(np.fft.rfft(segments)) ** 2).mean(axis=0))
+    return np.asarray(2.0 * np.pi * np.fft.rfftfreq(size, evidence.record.dt)[1:], float), density[1:]
+
+
+def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Finding]:
+    """Say whether the newest samples alone would put abs G elsewhere, and over which length it is most."""
+    present, surest, size, length = _magnitude(evidence, evidence.estimate, omega), 0.0, 0.0, 0
+    counts = sorted({evidence.held_out, *(evidence.enough * times for times in LENGTHS)} - {0})
+    for count, away in newest_distances(runs.now, counts, ALPHA):
+        if not away.statistic > 1.0:
+            continue
+        there = _magnitude(evidence, evidence.estimate[: evidence.coefficients] + away.step, omega)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.abs(there / present - 1.0)
+        margin = off - CONTRADICTS_SIGMAS * _uncertainty(evidence, away.covariance).response(omega)[0]
+        margin[~(off > CONTRADICTS)] = 0.0
+        k = int(np.argmax(np.nan_to_num(margin)))
+        if margin[k] > surest:
+            surest, size, length = float(margin[k]), float(off[k]), count
+    if not surest > 0.0:
+        return []
+    span = duration(evidence.seconds(length))
+    reason = f"the samples of the last {span} alone would put abs G {percent(size)} elsewhere"
+    return [Finding("inconsistent", f"{reason}: the plant may have changed")]
+
+
+def _magnitude(evidence: Evidence, coefficients: FloatArray, omega: FloatArray) -> FloatArray:
+    """Return abs G (F,) of a model given by its coefficients."""
+    n, s = evidence.structure.poles, 1j * omega
+    den = np.concatenate([[1.0], coefficients[:n]])
+    return np.asarray(np.abs(np.polyval(coefficients[n : evidence.coefficients], s) / np.polyval(den, s)))
+
+
+def _uncertainty(evidence: Evidence, covariance: FloatArray) -> Uncertainty:
+    """Return the uncertainty of G(s) alone, without a bias."""
+    structure = replace(evidence.structure, bias=False)
+    return Uncertainty(structure, evidence.estimate[: evidence.coefficients], covariance)

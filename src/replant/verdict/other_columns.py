@@ -1,0 +1,197 @@
+"""Other columns of a file that explain what a model leaves of the output: a second input, a measured disturbance.
+
+The alternative "another column" has the columns of the alternative "other dynamics", made of the other signal.  What
+the input could explain is taken away first, so that a copy of the input, late, filtered or scaled, explains nothing.
+
+A signal that is made from the output explains its noise, and is no cause: a filtered output, a control error.  It
+answers the residual, at once or later, which a cause does not.  What follows the input is its copy, the measured
+position of the actuator, or another output: its past and that of the input tell more of it than its own past alone.
+Under a controller a reference moves the output by way of the input: there a signal that explains the input is no cause
+either.  Nor is a clock, which only ever rises.
+
+The columns are taken one after the other, each time that which explains most and follows no other that does; what it
+explains is known from then on.  Thus a second sensor of the same cause is not named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.model_run import ModelRun, run_model
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.levels import MATTERS
+from replant.numerics.linear_algebra import quiet
+from replant.verdict.assess import MOST_SAMPLES
+from replant.verdict.estimate_tests import without_longer
+from replant.verdict.evidence import Evidence, Runs
+from replant.verdict.loop_tests import Reference, answer
+from replant.verdict.score_test import Explained, Part, Residual, dynamics, known_columns, power_of, residual_of
+from replant.verdict.verdict import Assessment, percent
+
+REFINED = 2  # times that the noise is estimated again from what a column leaves: a third changes no verdict [count]
+
+
+@dataclass(frozen=True)
+class OtherColumn:
+    """A column that explains a part of what a model leaves of the output."""
+
+    name: str
+    size: float  # part of the output's power
+    left: float  # part of the power that the model leaves
+    bias: float  # part of the output's power that the model explains in its place, as it moves with the input
+
+    @property
+    def reason(self) -> str:
+        """What is said of it."""
+        told = f"column {self.name} explains {percent(min(self.left, 1.0))} of what is left"
+        if self.bias > MATTERS:
+            return f"{told}, and moves with the input, so that its effect is in the coefficients"
+        return f"{told}: it moves the output, too; record with it held still"
+
+
+@quiet
+def other_columns(
+    structure: Structure,
+    parameters: FloatArray,
+    record: Record,
+    dt: float,
+    others: Mapping[str, FloatArray],
+    *,
+    in_sample: bool = True,
+) -> tuple[OtherColumn, ...]:
+    """Return the columns that explain a part of the residual that matters and is no chance, that with most first."""
+    whole = record.u.size
+    record = record.last(MOST_SAMPLES).answering(structure.delay)
+    rows = slice(whole - record.u.size, whole)
+    signals = {name: _scaled(signal[rows]) for name, signal in others.items() if _moves(signal[rows])}
+    evidence = Evidence(
+        structure, dt, record, parameters, None, parameters,
+        unseen=0 if in_sample else record.u.size, learned=record.u.size, in_sample=in_sample, adapts=in_sample,
+    ).in_own_units()  # fmt: skip
+    if not signals or evidence.counted < evidence.enough or not np.ptp(record.u) > 0.0:
+        return ()
+    runs = Runs.of(evidence)
+    if runs is None:
+        return ()
+    run = runs.now
+    closed = answer(run, evidence.known, evidence.record.u, first=int(run.is_direct)).found
+    causes = {}
+    for name, x in signals.items():
+        by_x = _run(evidence, x)
+        if by_x is not None and not _is_made_of(evidence, run, by_x, closed=closed):
+            causes[name] = by_x
+    return tuple(_chosen(evidence, run, causes, closed=closed))
+
+
+def _chosen(evidence: Evidence, run: ModelRun, causes: dict[str, ModelRun], *, closed: bool) -> list[OtherColumn]:
+    """Return those of the causes that explain something, each beside the ones before it."""
+    error, y = run.error[evidence.known], evidence.record.y[evidence.known]
+    own = known_columns(evidence, run)
+    known, found = np.hstack([own, dynamics(evidence, run, feedback=closed)]), []
+    causes = dict(causes)
+    while causes:
+        residual, sure = residual_of(evidence, error, known), []
+        for name, by_x in causes.items():
+            columns = dynamics(evidence, by_x)
+            explained = _explained(residual, error, columns)
+            part = Part.of(evidence, explained, error, y, name)
+            if part.is_sure and part.size > MATTERS:
+                sure.append((part, columns, columns @ explained.weights))
+        if not sure:
+            break
+        sure.sort(key=lambda each: -each[0].size)
+        first = _first_cause(evidence, {part.source: causes[part.source] for part, _, _ in sure})
+        part, columns, effect = next(each for each in sure if each[0].source == first)
+        del causes[first]
+        known = np.hstack([known, columns])
+        bias = _bias(evidence, error, own, effect, y) if evidence.adapts else 0.0
+        left = part.size * power_of(evidence, y) / power_of(evidence, error)
+        found.append(OtherColumn(first, part.size, left, bias))
+    return found
+
+
+def _first_cause(evidence: Evidence, sure: Mapping[str, ModelRun]) -> str:
+    """Return the first signal that follows none of the others: a second sensor of one cause follows it."""
+    for name, by_x in sure.items():
+        if not any(_follows(evidence, by_x.u, other) for other in sure.values() if other is not by_x):
+            return name
+    return next(iter(sure))
+
+
+def _follows(evidence: Evidence, x: FloatArray, run: ModelRun) -> bool:
+    """Return whether the past of a run's input tells more of a signal (K,) than its own past does."""
+    x = x[evidence.known]
+    alone = residual_of(evidence, x, np.zeros((x.size, 0)))
+    return alone.explained(dynamics(evidence, run, feedback=True)).is_sure
+
+
+def _explained(residual: Residual, error: FloatArray, columns: FloatArray) -> Explained:
+    """Return what columns (K, C) explain of an error, in the noise that is left beside them.
+
+    The autoregression of the error takes a slow effect for noise.  Of a column that explains nothing, what it seems to
+    explain hardly changes the noise.
+    """
+    found = residual.explained(columns)
+    for _ in range(REFINED):
+        found = residual.beside(error, columns @ found.weights).explained(columns)
+    return found
+
+
+def _bias(evidence: Evidence, error: FloatArray, own: FloatArray, effect: FloatArray, y: FloatArray) -> float:
+    """Return how much of a column's effect (K,) the model's own slopes (K, N) take up, as a part of the output."""
+    slopes = evidence.coefficients
+    weights = residual_of(evidence, error, own).weights_of((effect - effect.mean())[:, None])[:slopes, 0]
+    taken = own[:, :slopes] @ weights
+    return float(np.var(taken[evidence.used[evidence.known]])) / power_of(evidence, y)
+
+
+def _is_made_of(evidence: Evidence, run: ModelRun, by_x: ModelRun, *, closed: bool) -> bool:
+    """Return whether a signal is made from the output or the input, or moves the output by way of the input."""
+    x = by_x.u
+    if _follows(evidence, x, run):
+        return True
+    if answer(replace(run, states=np.hstack([run.states, by_x.states])), evidence.known, x).found:
+        return True
+    return closed and Reference.projected(x, evidence.record.u, evidence.record.y).strength > 1.0
+
+
+def _run(evidence: Evidence, x: FloatArray) -> ModelRun | None:
+    """Return the model run from another signal (K,), without a dead time."""
+    record = replace(evidence.record, u=x, before=None)
+    return run_model(replace(evidence.structure, delay=0.0), evidence.estimate, record, evidence.dt)
+
+
+def _moves(signal: FloatArray) -> bool:
+    """Return whether a signal (K,) has finite values that differ, and is no clock."""
+    known = signal[np.isfinite(signal)]
+    if known.size < 2 or not np.ptp(known) > 0.0:
+        return False
+    steps = np.diff(known)
+    return not ((steps > 0.0).all() or (steps < 0.0).all())
+
+
+def _scaled(signal: FloatArray) -> FloatArray:
+    """Return a signal (K,) around zero with a spread of one; a missing value is that before it."""
+    known = np.isfinite(signal)
+    last = np.maximum.accumulate(np.where(known, np.arange(signal.size), -1))
+    filled = signal[np.where(last >= 0, last, int(np.argmax(known)))]
+    moved = filled / np.abs(filled).max()
+    moved = moved - moved.mean()
+    return np.asarray(moved / moved.std(), np.float64)
+
+
+def with_other_columns(verdict: Assessment, found: tuple[OtherColumn, ...]) -> Assessment:
+    """Return a verdict that names other columns; that one must record longer is then not said."""
+    if not found:
+        return verdict
+    named = [each.reason for each in found]
+    reasons = without_longer(verdict).reasons
+    if any(each.bias > MATTERS for each in found) and verdict.status in ("trusted", "converging"):
+        return replace(verdict, status="inconsistent", reasons=(*named, *reasons))
+    leading = 1 if verdict.status == "trusted" else 0
+    return replace(verdict, reasons=(*reasons[:leading], *named, *reasons[leading:]))

@@ -1,0 +1,290 @@
+r"""Tests of the record itself: whether it excites the plant, whether sensor and clock are well, whether it changes.
+
+The information matrix of the coefficients is :math:`\sum \zeta\zeta^T` over the instruments (the slopes of the
+simulated output along a and b), offset and initial state eliminated, each entry scaled by its size over all samples.
+
+Sources: Ljung (1999), "System Identification: Theory for the User", sections 13.2 and 14.4; Soderstrom and Stoica
+(1989), "System Identification", section 5.4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from replant.estimation.simulation.model_run import ModelRun
+from replant.kernels.monitoring.outliers import MANY, MOVED_RESOLVED, STEPS
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import one_step
+from replant.numerics.levels import MATTERS
+from replant.numerics.linear_algebra import eigenvalues
+from replant.numerics.projections import TAKEN_AWAY, products, without
+from replant.numerics.robust import never_ties, robust_std, still_runs, usual_step
+from replant.verdict.estimate_tests import MOST_UNCERTAIN, MOVED_SIGMAS
+from replant.verdict.evidence import FEWEST, ROUNDING, Evidence, Runs
+from replant.verdict.verdict import Finding, duration, figure, percent
+
+WORST_CONDITION = 1e7  # of the scaled regressors: its square leaves two digits of float64's sixteen [ratio]
+LEAST_SHARE = MATTERS  # of the newest samples' information, else deviations are ten times as large [part of the usual]
+SURE = 4.0  # growth of the residual's power that is no chance: 3e-5 [standard deviations of its logarithm]
+BLOCKS = (32, 64, 128, 256, 512)  # newest stretches in which a failure is looked for, violent or mild [samples]
+FEWEST_BLOCKS, BURST = 8, 2.0  # earlier stretches as long, and ratio to the largest: by chance 3e-5 [count; ratio]
+BURST_MATTERS = 0.05
+"""Growth over the usual power of a stretch below which it does not matter [part of the output's power].
+Origin: a choice of what matters to a user, above MATTERS as one stretch is short.
+Sensitivity: halved or doubled, nothing changes on these records.
+"""
+PARTS = 25  # of a residual, whose scatter tells how sure its power is, to a seventh [count]
+BINARY = 3  # values of a binary input that rests between its moves [count]
+REFUSED = "updates left the range of float64 and were undone: lower the gain or step size, then reset"
+RESTS_TIED = math.sqrt(MOVED_RESOLVED)  # as in the recursion [standard deviations of the residual]
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How well the samples determine the coefficients; `Assessment` describes the two figures."""
+
+    condition: float
+    share: float
+
+    @property
+    def findings(self) -> list[Finding]:
+        """What the input lacks."""
+        if not self.condition < WORST_CONDITION:
+            figure = "infinite" if math.isinf(self.condition) else f"{self.condition:.1e}"
+            reason = f"the input does not excite every coefficient (condition number {figure}): move it more"
+            return [Finding("not excited", f"{reason}, or ask for fewer poles and zeros")]
+        if not self.share >= LEAST_SHARE:
+            part = percent(max(self.share, 0.0))
+            reason = f"the newest samples hold {part} of the information that as many others hold"
+            return [Finding("not excited", f"the input hardly moves any more: {reason}")]
+        return []
+
+
+def excitation(run: ModelRun, newest: slice) -> Excitation:
+    """Return the excitation over a run, and over its ``newest`` samples as a part of that."""
+    zeta = without(run.zeta, run.nuisances)
+    lengths = np.linalg.norm(zeta, axis=0)
+    # of a column that the nuisances explain completely, only rounding is left
+    if not (lengths > TAKEN_AWAY * np.linalg.norm(run.zeta, axis=0)).all():
+        return Excitation(math.inf, 0.0)
+    scaled = zeta / lengths * math.sqrt(len(zeta))
+    values = eigenvalues(products(scaled, scaled) / len(zeta))
+    condition = math.sqrt(values[-1] / values[0]) if values[0] > 0.0 else math.inf
+    if not condition < WORST_CONDITION:
+        return Excitation(condition, 0.0)
+    recent = run.zeta[newest] / lengths * math.sqrt(len(zeta))
+    recent = recent - recent.mean(axis=0)
+    least = float(eigenvalues(products(recent, recent) / len(recent))[0])
+    return Excitation(condition, least / float(values[0]))
+
+
+def guard_findings(missing: float, stuck: bool, grown: float, undecided: bool, then: str = "") -> list[Finding]:
+    """Return what the monitoring says: for how long, in s, no output has come and the residual has grown; 0 for not."""
+    findings = []
+    if missing:
+        reason = f"no output has arrived for {duration(missing)}, only the input: check the sensor and its cable"
+        findings.append(Finding("inconsistent", reason))
+    elif stuck:
+        reason = "the output is constant to the bit, or was just now: a stuck or saturated sensor, or a cable off"
+        findings.append(Finding("inconsistent", reason))
+    elif grown:
+        reason = f"the residual began to grow {duration(grown)} ago: the plant, the sensor or the disturbances have"
+        findings.append(Finding("inconsistent", f"{reason} changed{then}"))
+    if undecided:
+        reason = "the residual had grown, and the samples since do not tell yet whether a load or the plant has changed"
+        findings.append(Finding("converging", f"{reason}: move the input"))
+    return findings
+
+
+def rested(seconds: float) -> str:
+    """Return what is said of an input that moved before so long a rest."""
+    return f"the input has rested for the last {duration(seconds)} and more: move it to learn more"
+
+
+def clock_finding(usual: float, dt: float) -> list[Finding]:
+    """Return a finding if time stamps that are ``usual`` s apart contradict the sampling time ``dt``."""
+    if abs(usual / dt - 1.0) <= MOST_UNCERTAIN:  # the coefficients are off by as much
+        return []
+    reason = f"the time stamps are {usual:.3g} s apart where dt says {dt:.3g} s: one of them is wrong"
+    return [Finding("inconsistent", reason)]
+
+
+def level_finding(u: FloatArray, y: FloatArray) -> list[Finding]:
+    """Return a finding if the output looks like an input: it has a few levels only, while the input has many."""
+    levels, others = np.unique(y).size, np.unique(u).size
+    if not 1 < levels <= BINARY < others:
+        return []
+    reason = f"the output has only {levels} different values while the input has {others}: are the columns swapped?"
+    return [Finding("inconsistent", reason)]
+
+
+def is_resolved(y: FloatArray, noise: float) -> bool:
+    """Return whether noise of standard deviation ``noise`` keeps two samples in a row from being equal."""
+    return noise > ROUNDING * float(y.std()) and never_ties(y)
+
+
+def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -> list[Finding]:
+    """Return a finding if the output stays at an end of its scale while the model's output goes beyond.
+
+    How far the model should be there follows from how it goes with the output elsewhere.  Where an output turns round,
+    however coarse its scale, the model is as far; where it is cut off, the model is farther out than rounding explains.
+    """
+    values, counts = np.unique(y, return_counts=True)
+    tied = values[counts >= MANY]
+    for end, outwards in ((tied[:1], -1.0), (tied[-1:], 1.0)):
+        if not end.size or np.count_nonzero(outwards * (y - end[0]) > 0.0) >= MANY:
+            continue
+        there, inside = y == end[0], outwards * (y - end[0]) < 0.0
+        power = min(2, np.unique(y[inside]).size - 1)
+        if power < 1:
+            continue
+        # by the output, not the other way round: what is cut off then changes nothing of what is left
+        usual = np.polynomial.Polynomial.fit(y[inside], modelled[inside], power)
+        beyond = outwards * float(np.mean(modelled[there]) - usual(end[0]))
+        visits = int(np.count_nonzero(np.diff(there, prepend=False) & there))
+        chance = MOVED_SIGMAS * robust_std(modelled[inside] - usual(y[inside])) / math.sqrt(visits)
+        if beyond > max(chance, 0.5 * usual_step(y), ROUNDING * float(y.std())):  # a rounded output is half a step off
+            share = (
+                f"{percent(float(there.mean()))} of the newest {y.size} samples lie exactly at an extreme of the output"
+            )
+            far = f"the model's output {beyond * unit:.3g} beyond: a sensor at its limit"
+            return [Finding("inconsistent", f"{share}, and {far}")]
+    return []
+
+
+def end_finding(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float, seconds: FloatArray) -> list[Finding]:
+    """Return a finding if the end of a record is filled up with a constant.
+
+    The constant is none that the output takes elsewhere.  The output jumps there, other than the model's, or the input
+    rests for longer than ever before.
+    """
+    begin = int(still_runs(y)[-1, 0])
+    if begin < 1 or y.size - begin < MANY or np.count_nonzero(y[:begin] == y[-1]) >= MANY:
+        return []
+    least = max(MOVED_SIGMAS * noise, STEPS * usual_step(y), ROUNDING * float(y.std()))
+    jump = abs(float(y[begin] - y[begin - 1] - (modelled[begin] - modelled[begin - 1])))
+    rests = np.diff(still_runs(u))[:, 0]
+    held = rests[-1] > rests[:-1].max(initial=0)
+    if not (jump > least or (held and float(np.ptp(modelled[begin:])) > least)):
+        return []
+    lasted = duration(float(seconds[-1] - seconds[begin - 1]))
+    which = "input and output" if not np.ptp(u[begin:]) else "the output"
+    reason = f"the last {lasted} of {which} are constant to the bit: the end of the record is filled up"
+    return [Finding("inconsistent", f"{reason}, or a cable is off: cut them")]
+
+
+def stuck_finding(
+    y: FloatArray, modelled: FloatArray, noise: float, resolved: bool, seconds: FloatArray, unit: float = 1.0
+) -> list[Finding]:
+    """Return a finding if the output was lately constant to the bit while the model's output moved."""
+    rounding = ROUNDING * float(y.std())
+    least = max((RESTS_TIED if resolved else MOVED_SIGMAS) * noise, STEPS * usual_step(y), rounding)
+    for begin, end in still_runs(y)[::-1]:
+        if end - begin < MANY:
+            continue
+        moved = float(np.ptp(modelled[begin:end]))
+        if moved > least:
+            lasted = float(seconds[end - 1] - seconds[begin])
+            now = "is" if end == y.size else "was"
+            reason = f"the output {now} constant to the bit for {duration(lasted)} while the model's output moved by"
+            size = f"{moved * unit:.3g}: a stuck or saturated sensor, a cable off, or friction"
+            return [Finding("inconsistent", f"{reason} {size}")]
+    return []
+
+
+def left_out_finding(samples: int) -> list[Finding]:
+    """Return what a solution says of so many outputs that it was made without, because the sensor gave none."""
+    if not samples:
+        return []
+    reason = f"{samples} outputs were left out: the sensor was stuck or at its limit, or they are filled up"
+    return [Finding("trusted", f"{reason}: look at the sensor, or cut them")]
+
+
+def growth_finding(
+    evidence: Evidence, runs: Runs, figures: dict[str, Any], *, referenced: bool = False
+) -> list[Finding]:
+    """Return a finding if the residual grew: over the samples held out, or the last quarter of a whole record.
+
+    In a loop a load that drifts makes the residual large at times.  With a reference it must have grown once it is
+    whitened, too: a change of the plant shows in what the reference explains of it.
+    """
+    if evidence.follows:
+        return []
+    count = evidence.held_out or evidence.samples // 4
+    begin, used = evidence.samples - count, evidence.used
+    before, after = runs.old.error[:begin][used[:begin]], runs.old.error[begin:][used[begin:]]
+    if min(before.size, after.size) < FEWEST:
+        return []
+    figures["growth"], sigmas = growth(before, after)
+    if referenced:
+        white = one_step(runs.old.error)
+        sigmas = min(sigmas, growth(white[:begin][used[:begin]], white[begin:][used[begin:]])[1])
+    more = float(np.var(after) - np.var(before))
+    if sigmas < SURE or not more > MATTERS * runs.power:
+        return []
+    span = f"the last {duration(evidence.seconds(count))}"
+    reason = f"the power of the residual has grown {figure(figures['growth'])}-fold over {span}"
+    return [Finding("inconsistent", f"{reason}: the plant, the sensor or the disturbances have changed")]
+
+
+def growth(before: FloatArray, after: FloatArray) -> tuple[float, float]:
+    """Return the ratio of a residual's power after to that before, and its logarithm in standard deviations.
+
+    >>> noise = np.random.default_rng(0).standard_normal((2, 2000))
+    >>> ratio, sigmas = growth(noise[0], 1.5 * noise[1])
+    >>> round(ratio, 1), sigmas > 4.0, abs(growth(*noise)[1]) < 3.0
+    (2.2, True, True)
+    """
+    first, second = before - before.mean(), after - after.mean()
+    p, q = float(np.mean(first**2)), float(np.mean(second**2))
+    if not (p > 0.0 and q > 0.0):
+        return (1.0, 0.0) if p == q else (math.inf if q > p else 0.0, math.inf if q > p else -math.inf)
+    return q / p, math.log(q / p) / math.hypot(_relative_std(first), _relative_std(second))
+
+
+def _relative_std(error: FloatArray) -> float:
+    r"""Return the relative standard deviation of the mean of e^2.
+
+    It is the larger of two estimates: Bartlett's formula, :math:`\sqrt{2 \sum_\tau r^2(\tau) / N}`, which allows for
+    coloured normal noise, and the scatter of the means over `PARTS` parts, which allows for outliers.
+    """
+    lags = min(error.size // 4, BLOCKS[-1])
+    padded = 1 << (2 * error.size - 1).bit_length()  # so that no lag wraps around
+    whole = np.fft.irfft(np.abs(np.fft.rfft(error, padded)) ** 2, padded)[: lags + 1]
+    memory = float(2.0 * np.sum((whole / whole[0]) ** 2) - 1.0)
+    means = (error[: error.size // PARTS * PARTS] ** 2).reshape(PARTS, -1).mean(axis=1)
+    scatter = float(means.std(ddof=1)) / math.sqrt(PARTS) / float(means.mean())
+    return max(math.sqrt(2.0 * memory / error.size), scatter)
+
+
+def burst_finding(evidence: Evidence, runs: Runs, *, referenced: bool = False) -> list[Finding]:
+    """Return a finding if the residual's power over the newest block exceeds that over every block before.
+
+    With a reference that of the whitened residual must do so as well, see `growth_finding`.
+    """
+    first = evidence.newest.start if evidence.follows else 0
+    error = runs.old.error[first:]
+    white = one_step(error) if referenced else error
+    for count in BLOCKS:
+        if error.size // count <= FEWEST_BLOCKS:
+            return []
+        last, largest, usual = _powers(error, count)
+        newest, before_it, _ = _powers(white, count)
+        if last > BURST * largest and newest > BURST * before_it and last - usual > BURST_MATTERS * runs.power:
+            span = f"the last {duration(evidence.seconds(count))}"
+            before = f"{figure(last / largest)} times its largest power over any earlier stretch as long"
+            reason = f"the residual over {span} has {before}"
+            return [Finding("inconsistent", f"{reason}: the plant, the sensor or the load has changed")]
+    return []
+
+
+def _powers(error: FloatArray, count: int) -> tuple[float, float, float]:
+    """Return the power of an error (K,) over its newest block, the largest over an earlier block, the median."""
+    blocks = error.size // count
+    squares = (error - np.median(error)) ** 2
+    powers = squares[squares.size - blocks * count :].reshape(blocks, count).mean(axis=1)
+    return float(powers[-1]), float(powers[:-1].max()), float(np.median(powers))

@@ -1,0 +1,120 @@
+"""Tests of what a row leaves: of what its inputs explain further, and of inputs that answer to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
+from replant.estimation.simulation.row import Point, Row, Stretch
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.levels import ALPHA, MATTERS
+from replant.numerics.linear_algebra import chi2_quantile
+from replant.numerics.projections import orthogonal, products, widening, without
+from replant.verdict.verdict import Finding, figure, percent
+
+FILTERS = 8  # first-order filters of each input that its transfer function is tested against [count]
+LATER = 10  # later inputs that a residual is tested against [samples]
+
+
+def lacking(row: Row, point: Point, noise: Autoregression, covariance: FloatArray | None = None) -> Iterator[Finding]:
+    """What filters of the inputs could explain of the residual, of a model with a covariance of another record too."""
+    significance, part = _of_filters(row, point, noise, *row.inputs.T, covariance=covariance)
+    if significance > 1.0 and part > MATTERS:
+        yield Finding(
+            "inconsistent",
+            f"the inputs could explain a further {percent(part)} of the output's power ({figure(significance)} times "
+            "the limit of chance): try more poles or zeros, or another dead time",
+        )
+
+
+def _of_filters(
+    row: Row, point: Point, noise: Autoregression, *signals: FloatArray, covariance: FloatArray | None = None
+) -> tuple[float, float]:
+    """Return what filters of signals (K,) explain of the error: in limits of chance, and as part of the output."""
+    span = sum(each.inputs[0].span for each in row.stretches)
+    model = AuxiliaryModel(Structure(1), row.dt)
+    cutoffs = np.geomspace(5.0 / span, 1.0 / row.dt, FILTERS)
+
+    def columns(stretch: Stretch) -> FloatArray:
+        given = [np.ascontiguousarray(each[stretch.rows] - each[stretch.rows][0]) for each in signals]
+        records = [replace(stretch.inputs[0], u=each) for each in given]
+        runs = [model.run(np.array([p, p, 0.0, 0.0]), record).output for record in records for p in cutoffs]
+        return np.column_stack([*runs, *given])
+
+    significance, power = _explained(row, point, noise, columns, covariance)
+    whole = sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
+    return significance, power / max(whole, 1e-300)
+
+
+def left_out(row: Row, point: Point, noise: Autoregression, others: Mapping[str, FloatArray]) -> Iterator[Finding]:
+    """The column (K,) beside the inputs that could explain most of the residual, if one could."""
+    found = [(*_of_filters(row, point, noise, signal), name) for name, signal in others.items() if _moves(signal)]
+    for significance, part, name in sorted(found, reverse=True)[:1]:
+        if significance > 1.0 and part > MATTERS:
+            yield Finding(
+                "inconsistent",
+                f"column {name} could explain a further {percent(part)} of the output's power: make it an input, too",
+            )
+
+
+def _moves(signal: FloatArray) -> bool:
+    return bool(np.isfinite(signal).all() and np.ptp(signal) > 0.0)
+
+
+def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
+    """Inputs that answer to the residual."""
+    for i in range(len(row.structures)):
+
+        def later(stretch: Stretch, i: int = i) -> FloatArray:
+            u = np.append(stretch.inputs[i].u, np.full(LATER, stretch.inputs[i].u[-1]))
+            return np.column_stack([u[lag : lag + stretch.y.size] for lag in range(1, LATER + 1)])
+
+        if _explained(row, point, noise, later)[0] > 1.0:
+            yield Finding(
+                "inconsistent",
+                f"input {row.names[i]} answers to disturbances of the output: a controller makes it, and the transfer "
+                "functions may be off; move the inputs from outside",
+            )
+
+
+def _explained(
+    row: Row,
+    point: Point,
+    noise: Autoregression,
+    columns: Callable[[Stretch], FloatArray],
+    covariance: FloatArray | None = None,
+) -> tuple[float, float]:
+    """Return a score statistic over its limit, and the power of the whitened error that columns explain beyond chance.
+
+    The columns are whitened, and freed of what offset and initial states explain.  A model of this record explains what
+    its slopes do; the error of one of another record is larger, by the model's covariance.
+    """
+    parts = []
+    for stretch, phi in zip(row.stretches, point.phi, strict=True):
+        white = row.whitened(noise, columns(stretch), stretch)
+        _, _, free = row.signals(point.theta, stretch, np.zeros(row.nuisances - 1))
+        parts.append((without(white, row.whitened(noise, free, stretch)), phi))
+    white, phi = (np.concatenate(each) for each in zip(*parts, strict=True))
+    error = np.concatenate(point.error)
+    lengths = np.sqrt(np.einsum("ij,ij->j", white, white))
+    if not lengths.any():
+        return 0.0, 0.0
+    left = white[:, lengths > 0.0] if covariance is not None else without(white[:, lengths > 0.0], phi)
+    left = left / lengths[lengths > 0.0]
+    basis = left @ orthogonal(products(left, left))
+    if not basis.shape[1]:
+        return 0.0, 0.0
+    known = point.theta.size if covariance is None else 0
+    variance = point.cost / max(row.count - known - row.nuisances * len(row.stretches), 1)
+    amounts, spread = products(basis, error[:, None])[:, 0], variance * np.eye(basis.shape[1])
+    if covariance is not None:
+        along = products(basis, phi)
+        spread = spread + along @ covariance @ along.T
+    statistic = float(amounts @ np.linalg.lstsq(spread, amounts, rcond=None)[0])
+    limit = chi2_quantile(1.0 - ALPHA, basis.shape[1]) * widening(basis, error)
+    return statistic / max(limit, 1e-300), float(amounts @ amounts) - float(np.trace(spread))

@@ -1,0 +1,54 @@
+"""A change within a record that one model explains is found, at its level and with its power."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import replant as rp
+from replant.estimation.engine.record import Record
+from replant.estimation.solver.change_search import begin_of_change, find_change
+from replant.estimation.solver.contest import Supposition
+from replant.estimation.solver.solve import Solution, solve
+from support.builders import binary
+from support.cases import every
+
+DT, SAMPLES = 0.1, 2000
+
+
+def solved(seed: int, gain: float, load: float = 0.0) -> Solution:
+    """Return the solution of a record in which the gain of 2 is another one in the second half, and a load comes."""
+    u, after = binary(seed, SAMPLES, 10), np.arange(SAMPLES) >= SAMPLES // 2
+    y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(u, DT) * np.where(after, gain / 2.0, 1.0) + load * after
+    y += 0.25 * y.std() * np.random.default_rng([seed, 1]).standard_normal(SAMPLES)
+    found = solve(rp.Structure(1), Record(u, y, np.array([DT])))
+    assert found is not None
+    return found
+
+
+def begin_in(solution: Solution) -> int:
+    return begin_of_change(rp.Structure(1), solution.record, solution.found.theta)
+
+
+@every("load", [0.0, 2.0], quick=1)
+def test_one_plant_is_not_taken_for_two(load: float) -> None:
+    """Each record has the chance 1e-4: of 40 none in 99.6 % of all cases."""
+    assert not any(begin_in(solved(seed, 2.0, load)) for seed in range(40))
+
+
+@every("seed", range(5))
+def test_a_gain_a_fifth_up_is_found_where_it_changed(seed: int) -> None:
+    """Under noise of a quarter: (.1 / .27)^2 of the noise's power, over 2000 samples, is 137 in chi-squared."""
+    solution = solved(seed, 2.4)
+    begin = begin_in(solution)
+    assert abs(begin - SAMPLES // 2) < SAMPLES // 10
+    claim = find_change(rp.Structure(1), solution.record, solution.found.theta)
+    assert claim is not None
+    assert claim.supposition is Supposition.PART
+    refined = claim.contest.estimate(claim)
+    assert refined is not None
+    assert abs(refined.theta[1] - 2.4) < 4.0 * refined.covariance[1, 1] ** 0.5
+
+
+def test_a_short_record_is_not_searched() -> None:
+    solution = solved(0, 2.4)
+    assert begin_of_change(rp.Structure(1), solution.record.last(100), solution.found.theta) == 0

@@ -1,0 +1,115 @@
+"""Which of two estimates is taken: the plain one, of least output error, or the one that the noise model filters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+import replant as rp
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.model_run import run_model
+from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.specification_test import FALSE_ALARM, answering, is_answered, is_right
+from replant.estimation.solver.srivc import refine
+from support.loops import DT, coloured, controlled, steps
+
+LAG = rp.TransferFunction([1.0], [1.0, 1.0])
+STRUCTURE = rp.Structure(1)
+SAMPLES = 1500
+
+
+def record_of(u: np.ndarray, y: np.ndarray) -> Record:
+    return Record(u, y, np.array([DT]))
+
+
+def in_feedback(seed: int = 1) -> Record:
+    loop = controlled(LAG, steps(seed, SAMPLES), 0.1 * coloured(seed + 1, SAMPLES, 0.9), gain=3.0)
+    return record_of(loop.u, loop.y)
+
+
+def in_open_loop(seed: int = 1, plant: rp.TransferFunction = LAG) -> Record:
+    u = steps(seed, SAMPLES)
+    return record_of(u, plant.simulate(u, DT) + 0.1 * coloured(seed + 1, SAMPLES, 0.9))
+
+
+def estimates(record: Record) -> tuple[Refined, Refined]:
+    """The plain and the filtered estimate of a record."""
+    chosen: list[tuple[Refined, Refined]] = []
+
+    def note(structure: rp.Structure, whole: Record, plain: Refined, filtered: Refined) -> bool:
+        chosen.append((plain, filtered))
+        return True
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("replant.estimation.solver.srivc.is_right", note)
+        refine(STRUCTURE, record)
+    return chosen[0]
+
+
+def test_a_right_filtered_model_is_given_up_as_seldom_as_promised() -> None:
+    """In open loop, under slow noise: at most the binomial quantile of 40 records at the level."""
+    given_up = sum(not is_right(STRUCTURE, record, *estimates(record)) for record in map(in_open_loop, range(40)))
+    assert given_up <= binom.ppf(0.999, 40, FALSE_ALARM)
+
+
+def test_a_filtered_model_of_the_wrong_order_is_given_up() -> None:
+    """The second mode is slow: the noise model takes it up, and the filter weighs what is left at high frequencies."""
+    plant = rp.TransferFunction([1.0, 0.4], [1.0, 1.05, 0.05])
+    records = [in_open_loop(seed, plant) for seed in range(5)]
+    for record in records:
+        plain, filtered = estimates(record)
+        assert plain.variance < filtered.variance
+        assert not is_right(STRUCTURE, record, plain, filtered)
+
+
+def test_in_feedback_the_filtered_model_is_taken_though_the_plain_one_simulates_better() -> None:
+    """The plain one is biased by many standard deviations."""
+    for seed in range(5):
+        record = in_feedback(seed)
+        plain, filtered = estimates(record)
+        assert plain.variance < filtered.variance
+        assert is_right(STRUCTURE, record, plain, filtered)
+
+
+def test_a_filtered_model_that_runs_away_is_taken_in_feedback_alone() -> None:
+    for record, closed in ((in_feedback(), True), (in_open_loop(), False)):
+        plain, filtered = estimates(record)
+        theta = filtered.theta.copy()
+        theta[0] = -0.05
+        assert is_right(STRUCTURE, record, plain, replace(filtered, theta=theta)) == closed
+
+
+def test_an_input_in_feedback_answers_and_a_reference_does_not() -> None:
+    w, r = np.random.default_rng(3).standard_normal((2, SAMPLES))
+    slow = np.convolve(r, 0.95 ** np.arange(200))[:SAMPLES]
+    for free in (r, slow):
+        answer, chance, _ = answering(free - 0.5 * np.roll(w, 2), w)
+        assert chance < 1e-6
+        assert np.corrcoef(answer, -np.roll(w, 2))[0, 1] > 0.9
+        assert answering(free, w)[1] > 1e-3
+
+
+def test_an_input_that_its_past_tells_answers_nothing() -> None:
+    index = np.arange(SAMPLES)
+    answer, chance, _ = answering(np.sin(0.1 * index), np.random.default_rng(4).standard_normal(SAMPLES))
+    assert (chance, float(np.abs(answer).max())) == (1.0, 0.0)
+
+
+def test_what_a_plant_does_at_once_is_not_taken_for_a_controllers_answer() -> None:
+    """A direct path that the structure lacks ties the input to the residual of the same sample, as a loop does."""
+    found = []
+    for seed in range(5):
+        random = np.random.default_rng(seed)
+        u = np.cumsum(random.standard_normal(SAMPLES)) * 0.3
+        u -= np.linspace(u[0], u[-1], SAMPLES)
+        y = rp.TransferFunction([0.3], [1.0, 0.05]).simulate(u, DT) + 3.0 * u + coloured(seed + 1, SAMPLES, 0.98)
+        record = record_of(u, y)
+        plain, filtered = estimates(record)
+        run = run_model(STRUCTURE, filtered.theta[:2], record, DT)
+        assert run is not None
+        assert is_answered(record, filtered.noise_model, run.error), "so it seems"
+        found.append(is_right(STRUCTURE, record, plain, filtered))
+    assert not any(found)

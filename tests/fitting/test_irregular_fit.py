@@ -1,0 +1,165 @@
+"""A fit on an irregular clock: as good as on a regular one, whatever the clock does."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.estimation.engine.record import MOST_GAPS, Record, gaps_of
+from replant.fitting.structure_search import search
+from replant.model.response import Response
+from support.builders import DT, binary, irregular_record, record, true_parameters, two_modes
+from support.cases import every
+
+STRUCTURE, PLANT = rp.Structure(2, 1), rp.TransferFunction([1.0, 4.0], two_modes(2.0, 0.5))
+TRUE = true_parameters(PLANT, 1)
+NOISE = 0.05
+CERTAIN = 24.0  # chi-square of 4 degrees of freedom, 1 - 1e-4
+
+
+def noise(seed: int, samples: int) -> np.ndarray:
+    return NOISE * np.random.default_rng([seed, 9]).standard_normal(samples)
+
+
+def jittering(seed: int) -> tuple[np.ndarray, ...]:
+    u, y, t = irregular_record(PLANT, seed, 4000, DT, jitter=0.4)
+    return u, y + noise(seed, y.size), t
+
+
+def with_gaps(seed: int, lost: int = 50, every: int = 600, samples: int = 6000) -> tuple[np.ndarray, ...]:
+    u, y = record(PLANT, seed, samples, DT, noise=NOISE)
+    kept = np.arange(samples) % every >= lost
+    return u[kept], y[kept], DT * np.arange(samples)[kept]
+
+
+def of_two_rates(seed: int) -> tuple[np.ndarray, ...]:
+    t = np.cumsum(np.concatenate([np.full(2400, DT), np.full(1600, 5 * DT)]))
+    u = binary(seed, t.size, 5)
+    y = Response(PLANT, 5 * DT).take(u, np.diff(t, prepend=0.0)).output  # of this dt no interval has lost samples
+    return u, y + noise(seed, y.size), t
+
+
+def short_gaps(seed: int) -> tuple[np.ndarray, ...]:
+    return with_gaps(seed, lost=4, every=100)
+
+
+CLOCKS = every("make", [jittering, with_gaps, short_gaps, of_two_rates])
+
+
+@CLOCKS
+@every("seed", [1, 2], quick=1)
+def test_the_fit_is_as_good_as_its_standard_deviations_say_and_as_on_a_regular_clock(make, seed: int) -> None:
+    u, y, t = make(seed)
+    fitted = rp.fit(u, y, DT, STRUCTURE, t=t)
+    away = fitted.parameters - TRUE
+    assert fitted.covariance is not None
+    assert away @ np.linalg.solve(fitted.covariance, away) < CERTAIN
+    regular = rp.fit(*record(PLANT, seed, u.size, DT, noise=NOISE), DT, STRUCTURE)
+    assert regular.uncertainty is not None
+    assert fitted.uncertainty is not None
+    assert (fitted.uncertainty.std < 3.0 * regular.uncertainty.std).all()
+    least = 100.0 * (1.0 - NOISE / np.std(y))  # what the noise leaves
+    assert fitted.simulation.fit == pytest.approx(least, abs=1.5)
+    assert fitted.one_step == pytest.approx(least, abs=1.5)
+
+
+@CLOCKS
+def test_taken_for_regular_the_record_would_give_less(make) -> None:
+    u, y, t = make(1)
+    stamped, plain = rp.fit(u, y, DT, STRUCTURE, t=t), rp.fit(u, y, DT, STRUCTURE)
+    errors = [np.abs(each.parameters / TRUE - 1.0).max() for each in (stamped, plain)]
+    assert errors[0] < 0.03
+    assert stamped.simulation.fit > plain.simulation.fit + 0.3
+
+
+def test_without_noise_gaps_cost_nothing() -> None:
+    u, y = record(PLANT, 3, 4000, DT)
+    kept = np.arange(4000) % 500 >= 60
+    fitted = rp.fit(u[kept], y[kept], DT, STRUCTURE, t=DT * np.arange(4000)[kept])
+    np.testing.assert_allclose(fitted.parameters, TRUE, rtol=1e-6)
+    assert fitted.simulation.fit > 99.9999
+
+
+def test_gaps_and_a_dead_time() -> None:
+    plant = rp.TransferFunction(PLANT.num, PLANT.den, 7.5 * DT)
+    u, y = record(plant, 3, 4000, DT)
+    kept = np.arange(4000) % 500 >= 60
+    structure = rp.Structure(2, 1, delay=7.5 * DT)
+    fitted = rp.fit(u[kept], y[kept], DT, structure, t=DT * np.arange(4000)[kept])
+    np.testing.assert_allclose(fitted.parameters, TRUE, rtol=1e-5)
+    assert fitted.simulation.fit > 99.99
+
+
+def test_the_search_uses_the_stamps_also_where_it_scores() -> None:
+    u, y, t = with_gaps(4, samples=4000)
+    found = search(u, y, DT, poles=(1, 2), zeros=(0, 1), t=t)
+    assert (found.best.structure.poles, found.best.structure.zeros) == (2, 1)
+    assert found.chosen.fit == pytest.approx(100.0 * (1.0 - NOISE / np.std(y)), abs=1.5)
+
+
+def test_the_search_finds_a_dead_time_on_an_irregular_clock() -> None:
+    plant = rp.TransferFunction(PLANT.num, PLANT.den, 0.3)
+    u, y, t = irregular_record(plant, 5, 1500, DT, jitter=0.4)
+    found = search(u, y + noise(5, y.size), DT, poles=(2,), zeros=(1,), delays=(0.0, 0.2, 0.4), t=t)
+    assert found.best.structure.delay == pytest.approx(0.3, abs=0.02)
+
+
+@pytest.mark.parametrize(("poles", "first"), [(1, 2), (2, 5)])
+def test_too_few_samples_before_a_gap_are_no_hindrance(poles: int, first: int) -> None:
+    """They answer to inputs before the record, or do not tell the initial state of their own part."""
+    plant = rp.TransferFunction([4.0], [1.0, 4.0] if poles == 1 else [1.0, 0.8, 4.0], delay=4 * DT)
+    u = binary(3, 1000, 10)
+    y = plant.simulate(u, DT) + 0.01 * np.random.default_rng(3).standard_normal(u.size)
+    kept = (np.arange(u.size) < first) | (np.arange(u.size) >= first + 30)
+    fitted = rp.fit(u[kept], y[kept], DT, poles=poles, delay=plant.delay, t=DT * np.arange(u.size)[kept])
+    assert fitted.parameters == pytest.approx(true_parameters(plant, 0), rel=0.02)
+
+
+def test_least_squares_says_what_to_do() -> None:
+    u, y, t = jittering(1)
+    with pytest.raises(
+        rp.InvalidArgumentError, match=r"least_squares needs a regular clock: use the method srivc, .*--dt"
+    ):
+        rp.fit(u, y, DT, STRUCTURE, method="least_squares", t=t)
+
+
+@pytest.mark.parametrize(("row", "stamp"), [(3, 0.1), (3, 0.05), (2, np.nan)])
+def test_a_stamp_that_does_not_increase_is_named(row: int, stamp: float) -> None:
+    t = 0.05 * np.arange(100)
+    t[row] = stamp
+    with pytest.raises(rp.InvalidArgumentError, match=rf"t must be finite and strictly increasing; t\[{row}\]"):
+        rp.fit(np.ones(100), np.ones(100), DT, STRUCTURE, t=t)
+
+
+def test_a_gap_is_longer_than_what_is_usual_beside_it() -> None:
+    steps = np.ones(50)
+    steps[[10, 20]] = 3.0, 4.0
+    steps[30:40] = 9.0  # a slower rate
+    assert gaps_of(steps, 1.0).tolist() == [20]
+    steps[35] = 90.0
+    assert gaps_of(steps, 1.0).tolist() == [20, 35]
+    assert gaps_of(np.ones(1), 1.0).size == 0
+
+
+def test_of_very_many_gaps_the_longest_count() -> None:
+    steps = np.ones(4 * MOST_GAPS)
+    steps[1::2] = 5.0
+    steps[101::200] = 50.0
+    found = gaps_of(steps, 1.0)
+    assert found.size == MOST_GAPS
+    assert set(range(101, steps.size, 200)) <= set(found.tolist())
+
+
+def test_of_what_is_lost_only_a_few_rows_between_two_others_are_restored() -> None:
+    """Not a gap, nor what a slower rate leaves out: either may be of any length."""
+    intervals = np.ones(60)
+    intervals[[10, 20, 30]] = 2.0, 3.2, 1e9
+    intervals[40:50] = 1e6
+    u = np.cumsum(intervals)
+    restored, places = Record(u, np.zeros(60), intervals, usual=1.0).restored
+    assert restored.u.size == 63
+    assert np.flatnonzero(np.diff(places) > 1).tolist() == [9, 19]
+    np.testing.assert_array_equal(restored.u[places], u)
+    np.testing.assert_allclose(restored.u[10:12], [11.0, 12.0])
+    assert restored.count == 60

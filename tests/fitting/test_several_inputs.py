@@ -1,0 +1,192 @@
+"""`fit` of several inputs: each transfer function has poles and a dead time of its own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import chi2_quantile
+from support.cases import every
+
+DT = 0.05
+FAST, SLOW = rp.TransferFunction([20.0], [1.0, 11.0, 10.0]), rp.TransferFunction([0.2], [1.0, 0.1], delay=0.3)
+TRUE = np.array([11.0, 10.0, 20.0, 0.1, 0.2])
+ASKED: dict[str, Any] = {"poles": (2, 1), "delay": (0.0, 0.3)}
+
+
+def toggling(seed: int, inputs: int = 2, samples: int = 4000, correlation: float = 0.0) -> FloatArray:
+    """Steps of 10 samples, the inputs after the first correlated with it."""
+    columns = np.random.default_rng(seed).choice([-1.0, 1.0], (samples // 10, inputs)).repeat(10, axis=0)
+    columns[:, 1:] = correlation * columns[:, :1] + np.sqrt(1.0 - correlation**2) * columns[:, 1:]
+    return columns
+
+
+def row_of(u: FloatArray, *plant: rp.TransferFunction) -> FloatArray:
+    return np.sum([g.simulate(column.copy(), DT) for g, column in zip(plant, u.T, strict=True)], axis=0)
+
+
+def noisy(seed: int, x: FloatArray, pole: float = 0.0) -> FloatArray:
+    """Add noise of 10 dB with a pole, and an offset."""
+    white = np.random.default_rng([seed, 1]).standard_normal(x.size + 500)
+    noise = np.convolve(white, pole ** np.arange(100.0))[500 : 500 + x.size]
+    return np.asarray(x + noise * x.std() / noise.std() * 10**-0.5 + 5.0)
+
+
+@every("correlation", [0.0, 0.9])
+def test_a_row_without_noise_is_found_exactly(correlation: float) -> None:
+    u = toggling(0, correlation=correlation, samples=1000)
+    found = rp.fit(u, row_of(u, FAST, SLOW), DT, **ASKED)
+    assert found.parameters == pytest.approx(TRUE, rel=1e-6)
+    assert found.names == ("a1.u1", "a0.u1", "b0.u1", "a0.u2", "b0.u2")
+    assert found.transfer_functions[1].delay == 0.3
+    assert found.fit > 99.99
+
+
+def test_three_inputs_with_zeros_are_told_apart() -> None:
+    plant = FAST, SLOW, rp.TransferFunction([1.0, 4.0], [1.0, 1.0, 4.0])
+    u = toggling(1, inputs=3, samples=1000)
+    found = rp.fit(u, row_of(u, *plant), DT, poles=(2, 1, 2), zeros=(0, 0, 1), delay=(0.0, 0.3, 0.0))
+    for g, true in zip(found.transfer_functions, plant, strict=True):
+        assert [*g.num, *g.den] == pytest.approx([*true.num, *true.den], rel=1e-5)
+
+
+@every(
+    "pole, correlation, runs",
+    [(0.0, 0.0, 3), (0.0, 0.0, 12), (0.0, 0.9, 12), (0.9, 0.0, 12), (0.9, 0.9, 12), (0.9, 0.9, 3)],
+    quick=2,
+)
+def test_the_joint_covariance_is_that_of_the_errors(pole: float, correlation: float, runs: int) -> None:
+    """The sum of e' C^-1 e over runs is chi-square; the noise model is estimated too, hence a third on top."""
+    total = 0.0
+    for seed in range(runs):
+        u = toggling(seed, correlation=correlation)
+        found = rp.fit(u, noisy(seed, row_of(u, FAST, SLOW), pole), DT, **ASKED)
+        error = found.parameters - TRUE
+        total += float(error @ np.linalg.solve(found.covariance, error))
+        assert found.verdict.status == "trusted", found.verdict
+    size = runs * TRUE.size
+    assert 2.0 * size - chi2_quantile(0.9999, size) < total < 1.33 * chi2_quantile(0.9999, size)
+
+
+def test_lost_outputs_inputs_and_a_gap_cost_what_they_told() -> None:
+    u = toggling(2)
+    y = noisy(2, row_of(u, FAST, SLOW))
+    t = DT * np.arange(y.size)
+    y[np.random.default_rng(3).choice(y.size, 400, replace=False)] = np.nan
+    kept = np.r_[0:1500, 2000:4000]
+    found = rp.fit(u[kept], y[kept], DT, t=t[kept], **ASKED)
+    told = np.isfinite(y)
+    told[[*range(6), *range(2000, 2006)]] = False  # they answer to inputs before, by the dead time
+    assert found.samples == told[kept].sum()
+    error = found.parameters - TRUE
+    assert float(error @ np.linalg.solve(found.covariance, error)) < chi2_quantile(0.9999, TRUE.size)
+    assert np.isfinite(found.output[np.isfinite(y[kept])]).all()
+
+
+def test_the_simulation_is_the_sum_of_the_branches() -> None:
+    u = toggling(4)
+    found = rp.fit(u, noisy(4, row_of(u, FAST, SLOW)), DT, **ASKED)
+    model = found.model
+    rest = model.output_level + sum(
+        g.dc_gain * (first - level)
+        for g, first, level in zip(model.transfer_functions, u[0], model.input_levels, strict=True)
+    )
+    assert model.simulate(u) == pytest.approx(rest + row_of(u - u[0], *found.transfer_functions))
+    with pytest.raises(rp.InvalidArgumentError, match="u must have a column for each of 2 inputs"):
+        model.simulate(toggling(0, inputs=3))
+
+
+def test_the_text_names_each_input_and_the_verdict() -> None:
+    u = toggling(5, samples=1000)
+    text = repr(rp.fit(u, row_of(u, FAST, SLOW), DT, **ASKED))
+    assert "u1: 20 / (s^2 + 11 s + 10)" in text
+    assert "u2: 0.2 / (s + 0.1) exp(-0.3 s)" in text
+
+
+class TestVerdict:
+    """Each reason is given where it is the cause, and not beside it."""
+
+    def status(self, u: FloatArray, y: FloatArray, **asked: Any) -> tuple[str, str]:
+        found = rp.fit(u, y, DT, **(asked or ASKED)).verdict
+        return found.status, " ".join(found.reasons)
+
+    def test_an_input_that_rests(self) -> None:
+        u = toggling(0)
+        u[:, 1] = 3.0
+        status, reasons = self.status(u, noisy(0, row_of(u[:, :1], FAST)))
+        assert status == "not excited"
+        assert "input u2 does not move" in reasons
+        u[:, 1] = toggling(0)[:, 1]
+        u[800:, 1] = u[800, 1]  # four fifths of the record
+        assert "does not move" not in self.status(u, noisy(0, row_of(u, FAST, SLOW)))[1]
+
+    def test_inputs_that_move_together(self) -> None:
+        u = toggling(1, correlation=0.9999)
+        status, reasons = self.status(u, noisy(1, row_of(u, FAST, FAST)), poles=(2, 2))
+        assert status == "inconsistent"
+        assert "inputs u1 and u2 move together" in reasons
+        status, reasons = self.status(u, row_of(u, FAST, FAST), poles=(2, 2))
+        assert status == "trusted"  # without noise they are told apart
+        u = toggling(1, correlation=0.9)
+        assert self.status(u, noisy(1, row_of(u, FAST, FAST)), poles=(2, 2))[0] == "trusted"
+
+    def test_an_input_that_explains_nothing(self) -> None:
+        u = toggling(2)
+        status, reasons = self.status(u, noisy(2, row_of(u[:, :1], FAST)), poles=(2, 1))
+        assert status != "trusted"
+        assert "input u2" in reasons
+        assert "input u1" not in reasons
+
+    def test_a_pole_too_few(self) -> None:
+        plant = rp.TransferFunction([4.0], [1.0, 0.8, 4.0]), SLOW
+        u = toggling(3)
+        y = noisy(3, row_of(u, *plant))
+        status, reasons = self.status(u, y, poles=(1, 1), delay=(0.0, 0.3))
+        assert status == "inconsistent"
+        assert "the inputs could explain a further" in reasons
+        assert self.status(u, y, poles=(2, 1), delay=(0.0, 0.3))[0] == "trusted"
+
+    def test_a_controller_that_makes_an_input(self) -> None:
+        r, noise = toggling(4), np.random.default_rng(4).standard_normal(4000)
+        u, y, state, error = r.copy(), np.zeros(4000), 0.0, 0.0
+        a = np.exp(-DT)
+        for k in range(1, 4000):
+            state = a * state + (1.0 - a) * u[k - 1, 0]
+            error = 0.95 * error + 0.1 * noise[k]
+            y[k] = state + error
+            u[k, 0] = r[k, 0] - 3.0 * y[k]
+        y += rp.TransferFunction([1.0], [1.0, 3.0]).simulate(u[:, 1].copy(), DT)
+        status, reasons = self.status(u, y, poles=(1, 1))
+        assert status == "inconsistent"
+        assert "input u1 answers to disturbances" in reasons
+        assert "input u2 answers" not in reasons
+
+
+U, Y = toggling(0, samples=400), np.arange(400.0)
+
+
+@every(
+    "u, y, asked, words",
+    [
+        (U, Y, {"poles": 1}, r"u has 2 inputs: give the number of poles of each, poles=\(1, 1\)"),
+        (U, Y, {"poles": (1, 1, 1)}, "poles has 3 entries and u 2 inputs"),
+        (U, Y, {"poles": (1, 1), "delay": (0.1,)}, "delay has 1 entry and u 2 inputs"),
+        (U, Y, {"poles": (1, 1), "zeros": (0, 1)}, "zeros must be fewer than poles"),
+        (U, Y, {"poles": (6, 6)}, "at most 10 in all, got 12"),
+        (U, Y, {"poles": (1, 1), "delay": (0.0, 99.0)}, "no shorter than the record"),
+        (U, Y, {"poles": (1, 1), "reference": Y}, "several inputs take no reference yet"),
+        (U, Y, {"poles": (1, 1), "method": "least_squares"}, "several inputs take no method yet"),
+        (U[:5], Y[:5], {"poles": (1, 1)}, "fewer than the"),
+        (U, Y[:9], {"poles": (1, 1)}, "u has 400 rows and y 9 samples"),
+        (U[:, 0], Y, {"poles": (1, 1)}, "a column for each input"),
+        (U * np.nan, Y, {"poles": (1, 1)}, "no row of u and y has all its numbers"),
+    ],
+)
+def test_what_does_not_match_is_named_in_a_line(u: Any, y: Any, asked: dict[str, Any], words: str) -> None:
+    with pytest.raises(rp.ReplantError, match=words) as caught:
+        rp.fit(u, y, DT, **asked)
+    assert "\n" not in str(caught.value)

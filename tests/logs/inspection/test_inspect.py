@@ -1,0 +1,320 @@
+"""What `inspect` finds in records whose truth is known, and in odd files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replant.errors import LogError
+from replant.fitting.inspect import first_model, inspect, options_of
+from replant.logs.columns import Kind
+from replant.logs.roles import role_by_name
+from replant.model.transfer_function import TransferFunction
+from replant.signals import prbs, random_steps
+from support.cases import every
+
+DT = 0.02
+Signals = dict[str, np.ndarray]
+
+
+def save(path: Path, signals: Signals) -> Path:
+    table = np.column_stack(list(signals.values()))
+    np.savetxt(path, table, delimiter=",", header=",".join(signals), comments="", fmt="%.9g")
+    return path
+
+
+def open_loop(samples: int = 3000, *, delay: float = 0.0, noise: float = 0.0, seed: int = 1) -> Signals:
+    """Return a record of 2/(0.3 s + 1) under random steps."""
+    u = random_steps(samples, shortest=5, longest=60, low=-1.0, high=1.0, seed=seed)
+    y = TransferFunction([2.0 / 0.3], [1.0, 1.0 / 0.3], delay=delay).simulate(u, dt=DT)
+    y = y + noise * np.random.default_rng(seed).standard_normal(samples)
+    return {"t": DT * np.arange(samples), "u": u, "y": y}
+
+
+def closed_loop(samples: int = 3000, noise: float = 0.005) -> Signals:
+    """Return a record of the same plant, sampled, under a PI controller whose set-point moves in steps."""
+    rng = np.random.default_rng(3)
+    r = np.repeat(rng.uniform(-1.0, 1.0, samples // 100), 100)
+    a = np.exp(-DT / 0.3)
+    y, measured, u, total = np.zeros(samples), np.zeros(samples), np.zeros(samples), 0.0
+    for k in range(samples):
+        if k:
+            y[k] = a * y[k - 1] + 2.0 * (1.0 - a) * u[k - 1]
+        measured[k] = y[k] + noise * rng.standard_normal()
+        error = r[k] - measured[k]
+        total += DT * error
+        u[k] = 1.5 * error + 4.0 * total
+    return {"a": DT * np.arange(samples), "b": r, "c": measured, "d": u}
+
+
+@every("seed", range(4))
+@every("noise", [0.0, 0.2])
+@every("order", [("t", "u", "y"), ("t", "y", "u"), ("y", "u", "t")])
+def test_without_telling_names_the_direction_is_that_of_the_plant(
+    tmp_path: Path, order: tuple[str, ...], noise: float, seed: int
+) -> None:
+    signals = open_loop(noise=noise, seed=seed)
+    path = save(tmp_path / "log.csv", {f"c{at}": signals[name] for at, name in enumerate(order)})
+    found = inspect(path)
+    assert found.clock is not None
+    assert found.clock.column.number == order.index("t")
+    assert found.clock.guess
+    assert found.roles.input is not None
+    assert found.roles.output is not None
+    assert found.roles.input.column.number == order.index("u")
+    assert found.roles.output.column.number == order.index("y")
+    assert not found.roles.answers
+    assert not found.roles.either
+
+
+def test_a_prbs_is_an_input_whatever_its_name(tmp_path: Path) -> None:
+    u = prbs(2000, hold=10)
+    y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, dt=0.05)
+    found = inspect(save(tmp_path / "log.csv", {"first": y, "second": u}))
+    assert found.clock is None
+    assert options_of(found) == ("-i", "second", "-o", "first", "-p", "2", "--dt", "1")
+
+
+def test_names_decide_where_they_tell(tmp_path: Path) -> None:
+    """Also against what the signals say: here input and output are exchanged on purpose."""
+    signals = open_loop()
+    path = save(tmp_path / "log.csv", {"t": signals["t"], "voltage": signals["y"], "speed": signals["u"]})
+    found = inspect(path)
+    assert options_of(found) == ("-i", "voltage", "-o", "speed", "-p", "2")
+    assert found.roles.input is not None
+    assert "follows" not in found.roles.input.why
+
+
+def test_a_name_does_not_outweigh_what_the_samples_show(tmp_path: Path) -> None:
+    """The speed of a pump is its input: it moves in steps, and the flow follows it."""
+    record = open_loop(noise=0.05)
+    found = inspect(save(tmp_path / "pump.csv", {"t": record["t"], "speed": record["u"], "flow": record["y"]}))
+    assert (found.roles.input.column.name, found.roles.output.column.name) == ("speed", "flow")
+
+
+def test_a_column_that_is_given_is_taken(tmp_path: Path) -> None:
+    path = save(tmp_path / "log.csv", open_loop())
+    found = inspect(path, input="y")
+    assert options_of(found)[:4] == ("-i", "y", "-o", "u")
+    with pytest.raises(LogError, match="no column 'x'"):
+        inspect(path, input="x")
+
+
+def test_a_set_point_is_told_from_the_input_and_a_controller_is_noticed(tmp_path: Path) -> None:
+    found = inspect(save(tmp_path / "log.csv", closed_loop()))
+    roles = found.roles
+    assert roles.input is not None
+    assert roles.output is not None
+    assert roles.reference is not None
+    assert [role.column.name for role in (roles.input, roles.output, roles.reference)] == ["d", "c", "b"]
+    assert ("--reference", "b") in zip(options_of(found)[::2], options_of(found)[1::2], strict=True)
+
+
+def test_without_its_set_point_the_controller_is_noticed(tmp_path: Path) -> None:
+    signals = closed_loop(noise=0.5)
+    found = inspect(save(tmp_path / "log.csv", {"t": signals["a"], "u": signals["d"], "y": signals["c"]}))
+    assert found.response is not None
+    assert found.roles.answers or found.response.peak == 0
+
+
+@every("delay", [0.2, 0.5])
+@every("noise", [0.0, 0.05])
+def test_a_dead_time_is_seen_and_searched_for(tmp_path: Path, delay: float, noise: float) -> None:
+    found = inspect(save(tmp_path / "log.csv", open_loop(delay=delay, noise=noise)))
+    assert found.delay == pytest.approx(delay, abs=2 * DT)
+    words = options_of(found)
+    first, last, step = map(float, words[words.index("--delay") + 1].split(":"))
+    assert first == 0.0
+    assert first < delay < last
+    assert 0.0 < step < delay
+
+
+def test_no_dead_time_is_suggested_where_there_is_none(tmp_path: Path) -> None:
+    u = random_steps(4000, shortest=20, longest=200, low=-1.0, high=1.0, seed=2)
+    for den in ([1.0, 1.0], [1.0, 2.0, 1.0], [1.0, 0.4, 1.0]):
+        y = TransferFunction([1.0], den).simulate(u, dt=0.05)
+        found = inspect(save(tmp_path / "log.csv", {"t": 0.05 * np.arange(u.size), "u": u, "y": y}))
+        assert found.response is not None
+        assert "--delay" not in options_of(found)
+
+
+def test_columns_are_described(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = [f"{k},{0.25 * (k % 7)},5,,{'on' if k % 2 else 'off'},{'' if k == 3 else k % 3}" for k in range(50)]
+    path.write_text("n,u,fixed,empty,state,y\n" + "\n".join(rows) + "\n")
+    columns = {column.name: column for column in inspect(path).contents.columns}
+    kinds = {name: column.kind for name, column in columns.items()}
+    assert kinds == {
+        "n": Kind.WHOLE, "u": Kind.REAL, "fixed": Kind.CONSTANT, "empty": Kind.EMPTY, "state": Kind.TEXT,
+        "y": Kind.WHOLE,
+    }  # fmt: skip
+    u = columns["u"]
+    assert (u.low, u.high, u.levels, u.step, u.quantised) == (0.0, 1.5, 7, 0.25, True)
+    assert columns["y"].missing == 1
+    assert columns["empty"].missing == 50
+    assert "line 2" in columns["state"].problem
+
+
+def test_a_damaged_cell_makes_its_column_text_and_names_the_place(tmp_path: Path) -> None:
+    path = save(tmp_path / "log.csv", open_loop(100))
+    lines = path.read_text().splitlines()
+    lines[50] = lines[50].rpartition(",")[0] + ",oops"
+    path.write_text("\n".join(lines) + "\n")
+    found = inspect(path)
+    assert found.contents.columns[2].problem.startswith("line 51, column 'y': 'oops' is not a number")
+    assert found.roles.output is None
+    assert options_of(found) == ()
+
+
+@every(
+    ("text", "message"),
+    [
+        ("", "empty"),
+        ("t,u,y\n", "only a header"),
+        ("name\nanna\nbert\n", "'anna' is not a number|'name' is a name|not a number"),
+        ("t,u,y\n0,1,2\n1,2\n2,1,2\n", "line 3 has 2 cells"),
+    ],
+)
+def test_a_file_without_numbers_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    with pytest.raises(LogError, match=message):
+        inspect(path)
+
+
+@every(
+    "text",
+    [
+        "u\n1\n2\n1\n",
+        "t,u,y\n0,1,2\n1,2,3\n",
+        "u,y\n1,1\n1,1\n1,1\n",
+        "u,y\n1,1e308\n2,-1e308\n1,5\n",
+        "t,u\n,\n,\n,\n",
+    ],
+    ids=["one column", "two rows", "constant", "huge", "empty cells"],
+)
+def test_odd_files_are_described_without_a_warning(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text)
+    assert inspect(path).contents.columns
+
+
+@every(
+    ("name", "scale", "unit"),
+    [
+        ("t_ms", 1e3, 1e-3),
+        ("time [us]", 1e6, 1e-6),
+        ("timestamp_ns", 1e9, 1e-9),
+        ("t", 1.0, 1.0),
+        ("Time (msec)", 1e3, 1e-3),
+    ],
+)
+def test_a_unit_in_the_name_needs_no_guess(tmp_path: Path, name: str, scale: float, unit: float) -> None:
+    signals = open_loop(500)
+    signals = {name: scale * signals.pop("t"), **signals}
+    clock = inspect(save(tmp_path / "log.csv", signals)).clock
+    assert clock is not None
+    assert (clock.unit, clock.doubt, clock.guess) == (unit, "", "")
+    assert clock.dt == pytest.approx(DT)
+
+
+def test_counts_without_a_unit_are_doubted(tmp_path: Path) -> None:
+    signals = open_loop(500)
+    path = save(tmp_path / "log.csv", signals | {"t": 1e3 * signals["t"]})
+    found = inspect(path)
+    assert found.clock is not None
+    assert "may be milliseconds" in found.clock.doubt
+    assert found.clock.dt == pytest.approx(20.0)
+    assert "--dt" not in options_of(found)
+
+
+def test_milliseconds_since_1970_are_recognised_by_their_size(tmp_path: Path) -> None:
+    signals = open_loop(500)
+    stamps = np.rint(1.7e12 + 1e3 * signals["t"])
+    np.savez(tmp_path / "log.npz", timestamp=stamps, u=signals["u"], y=signals["y"])
+    found = inspect(tmp_path / "log.npz")
+    assert found.clock is not None
+    assert "milliseconds since 1970" in found.clock.doubt
+    assert options_of(found)[-2:] == ("--dt", "0.02")
+
+
+def test_jitter_and_gaps_are_measured(tmp_path: Path) -> None:
+    signals = open_loop(1000)
+    rng = np.random.default_rng(5)
+    stamps = signals["t"] + 0.05 * DT * rng.standard_normal(1000)
+    stamps[500:] += 1.0
+    found = inspect(save(tmp_path / "log.csv", signals | {"t": stamps}))
+    assert found.clock is not None
+    assert found.clock.jitter == pytest.approx(2**0.5 * 0.05 * DT, rel=0.15)
+    assert (found.clock.gaps, found.clock.backward) == (1, 0)
+    assert found.clock.longest == pytest.approx(1.0 + DT, abs=0.3 * DT)
+
+
+def test_a_long_log_is_looked_at_from_its_beginning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("replant.logs.columns.MOST_ROWS", 800)
+    found = inspect(save(tmp_path / "log.csv", open_loop(2000)))
+    assert (found.rows, found.contents.whole) == (800, False)
+
+
+REAL = {
+    "un_dcmotor/DCmotor_prbs_open_exp.csv": ("u", "y", None),
+    "un_dcmotor/DCmotor_step_open_exp.csv": ("u", "y", None),
+    "un_dcmotor/DCmotor_stairs_closed_exp.csv": ("u", "y", "r"),
+    "un_dcmotor/DCmotor_profile_closed_exp.csv": ("u", "y", "r"),
+    "un_thermal/Thermal_prbs_open_exp.csv": ("u", "y", None),
+    "un_thermal/Thermal_step_closed_exp.csv": ("u", "y", "r"),
+    "ayala_ballhoop/randomStepSequence.mat": ("u", "y", None),
+    "ayala_ballhoop/closedLoop.mat": ("u", "y", "yref"),
+    "exchanger/exchanger_dat.mat": ("exchanger_dat[:,1]", "exchanger_dat[:,2]", None),
+    "tclab/tclab_kuntz_rawlings_2022.mat": ("data.udat[:,0]", "data.ydat[:,0]", None),
+}
+
+
+@every("name", REAL, quick=3)
+def test_real_logs(datasets: Path, name: str) -> None:
+    roles = inspect(datasets / name).roles
+    if roles.reference is None:  # all of these are open loops
+        assert not roles.answers
+    chosen = [role and role.column.name for role in (roles.input, roles.output, roles.reference)]
+    assert tuple(chosen) == REAL[name]
+
+
+@every("name", [name for name in REAL if "open" in name or "random" in name])
+def test_real_logs_without_their_names(datasets: Path, tmp_path: Path, name: str) -> None:
+    found = inspect(datasets / name)
+    assert found.clock is not None
+    columns: dict[str, np.ndarray] = {
+        f"c{column.number}": found.contents.values[column.number] for column in found.record
+    }
+    np.savez(tmp_path / "log.npz", **columns)
+    blind = inspect(tmp_path / "log.npz")
+    assert blind.clock is not None
+    assert blind.clock.column.number == found.clock.column.number
+    assert blind.roles.input is not None
+    assert found.roles.input is not None
+    assert blind.roles.input.column.number == found.roles.input.column.number
+
+
+def test_the_intervals_of_a_clock_that_jitters_are_no_gaps(tmp_path: Path) -> None:
+    t = np.cumsum(np.random.default_rng(1).exponential(0.5, 2000) + 0.5)
+    t[1000:] += 60.0
+    signals = {"t": t, "u": np.repeat(np.random.default_rng(2).choice([-1.0, 1.0], 200), 10), "y": np.sin(t)}
+    clock = inspect(save(tmp_path / "log.csv", signals)).clock
+    assert clock is not None
+    assert 1 <= clock.gaps < 40  # an interval in 400 is that long by chance
+    assert clock.longest > 60.0
+
+
+def test_a_name_tells_the_role_by_its_words() -> None:
+    names = ("u1", "motor_speed [rpm]", "data.ydat[:,0]", "set-point", "yref", "extra")
+    assert [role_by_name(name) for name in names] == ["input", "output", "output", "reference", "reference", None]
+
+
+def test_of_a_step_that_no_correlation_shows_a_first_model_is_made() -> None:
+    u = np.where(np.arange(200) < 20, 0.0, 1.0)
+    y = TransferFunction([0.5], [2.0, 1.0], 3.0).simulate(u, 0.5)
+    found = first_model(u, y + 0.01 * np.random.default_rng(1).standard_normal(200), 0.5)
+    assert found is not None
+    assert (round(found.delay), round(found.time_constant)) == (3, 2)

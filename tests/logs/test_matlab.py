@@ -1,0 +1,187 @@
+"""MATLAB files: variables, columns of matrices, fields of structs."""
+
+from __future__ import annotations
+
+import struct
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+
+from replant.errors import LogError
+from replant.logs import read_columns, read_log
+
+pytestmark = pytest.mark.usefixtures("read_here")
+
+HDF5 = b"\x89HDF\r\n\x1a\n"
+K = 50
+T = np.arange(K) * 0.1
+U = np.column_stack([np.sin(T), np.cos(T)])
+
+
+def save(folder: Path, **variables: object) -> Path:
+    path = folder / "log.mat"
+    scipy.io.savemat(path, variables)
+    return path
+
+
+@pytest.mark.parametrize("shape", [(K, 1), (1, K)])
+def test_vectors_lie_or_stand(tmp_path: Path, shape: tuple[int, int]) -> None:
+    path = save(tmp_path, time=T.reshape(shape), u=U[:, 0].reshape(shape), y=U[:, 1].reshape(shape))
+    log = read_log(path, input="u", output="y")
+    assert (log.input_name, log.output_name, log.dt) == ("u", "y", 0.1)
+    np.testing.assert_array_equal(log.input, U[:, 0])
+    np.testing.assert_array_equal(log.time, T)
+
+
+def test_a_matrix_of_signals(tmp_path: Path) -> None:
+    path = save(tmp_path, rig_dat=np.column_stack([T, U]))
+    assert read_columns(path).names == ("rig_dat[:,0]", "rig_dat[:,1]", "rig_dat[:,2]")
+    log = read_log(path, time="rig_dat[:,0]", input="rig_dat[:, 1]", output=2)
+    np.testing.assert_array_equal(log.input, U[:, 0])
+    np.testing.assert_array_equal(log.output, U[:, 1])
+    assert log.input.flags.c_contiguous
+
+
+def test_the_name_of_a_matrix_lists_its_columns(tmp_path: Path) -> None:
+    path = save(tmp_path, other=T, rig=U)
+    with pytest.raises(LogError, match=r"no column 'rig' \(did .*\); there are: rig\[:,0\], rig\[:,1\], other$"):
+        read_log(path, input="rig", output="other", dt=0.1)
+
+
+def test_signals_in_rows(tmp_path: Path) -> None:
+    table = read_columns(save(tmp_path, d=U.T))
+    assert table.names == ("d[0,:]", "d[1,:]")
+    np.testing.assert_array_equal(table.column("d[1,:]"), U[:, 1])
+
+
+def test_a_struct(tmp_path: Path) -> None:
+    path = save(tmp_path, data={"time": T, "udat": U, "inner": {"deep": T}, "note": "rig 7", "Ts": 0.1}, gain=3.0)
+    assert read_columns(path).names == ("data.time", "data.udat[:,0]", "data.udat[:,1]")
+    log = read_log(path, input="data.udat[:,0]", output="data.udat[:,1]")
+    np.testing.assert_array_equal(log.input, U[:, 0])
+    assert log.dt == 0.1  # from data.time
+
+
+def test_of_several_times_the_one_of_the_same_length_counts(tmp_path: Path) -> None:
+    path = save(tmp_path, data={"time": T, "u": U}, step={"time": T[:9], "y": U[:9]})
+    assert read_log(path, input="data.u[:,0]", output="data.u[:,1]").dt == 0.1
+    path = save(tmp_path, data={"time": T, "u": U}, step={"time": T, "y": U})
+    with pytest.raises(LogError, match=r"several columns could be the time: 'data\.time', 'step\.time'; name"):
+        read_log(path, input="data.u[:,0]", output="data.u[:,1]")
+
+
+def test_integers_and_logicals_become_float64(tmp_path: Path) -> None:
+    path = save(tmp_path, u=np.arange(3, dtype=np.int16), y=np.array([True, False, True]), z=np.arange(3, dtype="f4"))
+    for column in read_columns(path).columns(["u", "y", "z"]):
+        assert column.dtype == np.float64
+    assert read_columns(path).column("y").tolist() == [1.0, 0.0, 1.0]
+
+
+def test_lengths_must_agree(tmp_path: Path) -> None:
+    path = save(tmp_path, u=T, y=T[:-1])
+    with pytest.raises(LogError, match=rf"log.mat: column 'u' has {K} samples but 'y' has {K - 1}"):
+        read_log(path, input="u", output="y", dt=0.1)
+
+
+def test_no_signal(tmp_path: Path) -> None:
+    path = save(tmp_path, name="rig", gain=1.0, cube=np.zeros((2, 2, 2)), z=np.zeros(3) + 1j)
+    with pytest.raises(LogError, match=r"log.mat: no numeric array of two samples or more"):
+        read_columns(path)
+
+
+@pytest.mark.parametrize(
+    "head",
+    [b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + HDF5, HDF5 + bytes(99)],
+)
+def test_hdf5_is_to_be_saved_again(write: Callable[..., Path], head: bytes) -> None:
+    with pytest.raises(LogError, match=r"v7\.3 \(HDF5\) file; save it again in MATLAB with save\(\.\.\., '-v7'\)"):
+        read_columns(write(head, "log.mat"))
+
+
+@pytest.mark.parametrize("content", [b"t,u,y\n0,1,2\n" * 20, b"x", bytes(200)])
+def test_not_a_matlab_file(write: Callable[..., Path], content: bytes) -> None:
+    with pytest.raises(LogError, match=r"log\.mat: ") as caught:
+        read_columns(write(content, "log.mat"))
+    assert "\n" not in str(caught.value)
+
+
+def test_every_kind_of_array_comes_back_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(0)
+    kinds = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", "?"]
+    arrays = {f"x{k}": (100 * rng.standard_normal((7, 3))).astype(kind) for k, kind in enumerate(kinds)}
+    path = save(tmp_path, **arrays, empty=np.zeros((0, 3)), scalar=1.5)
+    monkeypatch.setattr(sys, "frozen", False)
+    table = read_columns(path)
+    assert table.names == tuple(f"{name}[:,{column}]" for name in arrays for column in range(3))
+    expected = np.hstack([array.astype(np.float64) for array in arrays.values()]).T
+    np.testing.assert_array_equal(table.columns(list(table.names)), expected)
+    monkeypatch.setattr(sys, "frozen", True)  # where there is no interpreter to start
+    np.testing.assert_array_equal(read_columns(path).columns(list(table.names)), expected)
+
+
+# --- what Simulink logs, sampling times, objects
+
+
+def test_a_number_called_ts_is_the_sampling_time(tmp_path: Path) -> None:
+    path = save(tmp_path, data={"u": T, "y": T, "Ts": 0.25})
+    assert read_log(path, input="data.u", output="data.y").dt == 0.25
+    assert read_log(path, input="data.u", output="data.y", dt=2.0).dt == 2.0
+    assert read_log(save(tmp_path, u=T, y=T, t=T, Ts=0.25), input="u", output="y").dt == 0.1
+
+
+def test_sampling_times_that_differ_or_are_none(tmp_path: Path) -> None:
+    path = save(tmp_path, a={"u": T, "y": T, "Ts": 0.25}, b={"u": T, "y": T, "Ts": 0.5})
+    with pytest.raises(LogError, match="no column is called t, time or timestamp; name the time column"):
+        read_log(path, input="a.u", output="a.y")
+    with pytest.raises(LogError, match=r"Ts is the sampling time, and must be finite and positive; it is -1\.0"):
+        read_columns(save(tmp_path, u=T, y=T, Ts=-1.0))
+
+
+@pytest.mark.parametrize("flat", [True, False])
+def test_a_structure_with_time_of_simulink(tmp_path: Path, flat: bool) -> None:
+    """A scalar signal lies in a vector, or along the third dimension."""
+    shape = (K, 1) if flat else (1, 1, K)
+    signals = [{"values": U[:, k].reshape(shape), "label": f"signal {k}", "dimensions": 1.0} for k in range(2)]
+    both = np.empty((1, 2), [(name, object) for name in signals[0]])
+    for k, signal in enumerate(signals):
+        both[0, k] = tuple(signal.values())
+    path = save(tmp_path, scope={"time": T, "signals": both, "blockName": "rig/Scope"})
+    assert read_columns(path).names == ("scope.time", "scope.signals(1).values", "scope.signals(2).values")
+    log = read_log(path, input=1, output=2)
+    assert log.dt == 0.1
+    np.testing.assert_array_equal(log.output, U[:, 1])
+    path = save(tmp_path, scope={"time": T, "signals": signals[0]})
+    assert read_columns(path).names == ("scope.time", "scope.signals.values")
+
+
+def element(kind: int, content: bytes) -> bytes:
+    """Return an element of a MATLAB file of version 5, with its tag and its padding."""
+    return struct.pack("<II", kind, len(content)) + content + bytes(-len(content) % 8)
+
+
+def matlab_object(name: str, kind: str) -> bytes:
+    """Return a variable that holds an object, as MATLAB writes it: name, class, number among all objects."""
+    int8, int32, uint32, matrix = 1, 5, 6, 14
+    numbers = element(uint32, struct.pack("<II", 13, 0)) + element(int32, struct.pack("<ii", 6, 1)) + element(int8, b"")
+    numbers += element(uint32, struct.pack("<6I", 0xDD000000, 2, 1, 1, 1, 1))
+    strings = b"".join(element(int8, text.encode()) for text in (name, "MCOS", kind))
+    return element(matrix, element(uint32, struct.pack("<II", 17, 0)) + strings + element(matrix, numbers))
+
+
+@pytest.mark.parametrize("frozen", [True, False])
+def test_an_object_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, frozen: bool) -> None:
+    monkeypatch.setattr(sys, "frozen", frozen, raising=False)
+    path = save(tmp_path, u=T)
+    alone = path.read_bytes()[:128] + matlab_object("speed", "timeseries")
+    path.write_bytes(path.read_bytes() + matlab_object("speed", "timeseries"))
+    message = r"speed is a MATLAB timeseries, which MATLAB alone can open; there: t = speed\.Time; y = speed\.Data"
+    assert read_columns(path).names == ("u",)
+    with pytest.raises(LogError, match=message):
+        read_log(path, input="u", output="speed", dt=0.1)
+    path.write_bytes(alone)
+    with pytest.raises(LogError, match=message):
+        read_columns(path)

@@ -1,0 +1,195 @@
+"""Signals on rasters of their own: exact whatever the rasters are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import replant as rp
+from replant.errors import LogError
+from replant.logs.rasters import Channel, Signal, channel_table, merge, merged, on_one_clock
+from replant.logs.read import open_recording
+from replant.logs.table import Table
+from support.cases import every
+
+NAN = np.nan
+
+
+def signal(t: list[float], values: list[float]) -> Signal:
+    return Signal(np.array(t), np.array(values))
+
+
+def test_one_raster_stays_as_it_is() -> None:
+    t = np.arange(100) * 0.01
+    u, y = np.random.default_rng(0).standard_normal((2, 100))
+    found = merge(Signal(t, y), [Signal(t, u)])
+    np.testing.assert_array_equal([found.t, found.output, *found.held], [t, y, u])
+
+
+def test_a_slower_input_is_held() -> None:
+    found = merge(signal([0, 1, 2, 3, 4, 5], [10, 11, 12, 13, 14, 15]), [signal([0, 3], [1, 2])])
+    assert found.t.tolist() == [0, 1, 2, 3, 4, 5]
+    assert found.held[0].tolist() == [1, 1, 1, 2, 2, 2]
+    assert found.output.tolist() == [10, 11, 12, 13, 14, 15]
+
+
+def test_of_a_faster_input_each_stamp_is_a_row() -> None:
+    """The clock is the input's, and regular."""
+    found = merge(signal([0, 2, 4], [10, 12, 14]), [signal([0, 1, 2, 3, 4, 5], [1, 2, 2, 2, 3, 3])])
+    assert found.t.tolist() == [0, 1, 2, 3, 4]
+    assert found.held[0].tolist() == [1, 2, 2, 2, 3]
+    np.testing.assert_array_equal(found.output, [10, NAN, 12, NAN, 14])
+
+
+def test_an_input_that_changes_at_outputs_alone_adds_no_row() -> None:
+    found = merge(signal([0, 2, 4], [10, 12, 14]), [signal([0, 1, 2, 3, 4], [1, 1, 2, 2, 3])])
+    assert found.t.tolist() == [0, 2, 4]
+    assert found.held[0].tolist() == [1, 2, 3]
+
+
+def test_a_change_between_two_outputs_comes_neither_earlier_nor_later() -> None:
+    found = merge(signal([0, 1, 2], [0, 0, 5]), [signal([-1.0, 1.4], [0, 1])])
+    assert found.t.tolist() == [0, 1, 1.4, 2]
+    assert found.held[0].tolist() == [0, 0, 1, 1]
+
+
+def test_rows_begin_when_every_held_signal_is_known() -> None:
+    y = signal([0, 1, 2, 3], [0, 1, 2, 3])
+    assert merge(y, [signal([0.5, 5], [1, 2])]).t.tolist() == [1, 2, 3]
+    assert merge(y, [signal([0, 5], [1, 2]), signal([1.5, 5], [1, 2])]).t.tolist() == [2, 3]
+
+
+def test_a_signal_is_held_for_no_longer_than_its_longest_interval() -> None:
+    y = signal([float(k) for k in range(20)], [0.0] * 20)
+    assert merge(y, [signal([0, 1, 2, 5], [1, 2, 3, 4])]).t.tolist() == list(range(8))
+    assert len(merge(y, [signal([0], [1])]).t) == 20  # logged once
+
+
+def test_nothing_in_common() -> None:
+    assert merge(signal([0, 1], [0, 1]), [signal([5, 6], [0, 1])]).t.size == 0
+
+
+def test_stamps_that_differ_by_rounding_are_the_same() -> None:
+    fast, slow = np.arange(2000) * 0.01, np.arange(200) * 0.1
+    assert not np.isin(slow, fast).all()
+    found = merge(Signal(fast, fast), [Signal(slow, np.arange(200.0))])
+    assert found.t.tolist() == fast.tolist()
+    np.testing.assert_array_equal(found.held[0], np.arange(2000) // 10)
+
+
+def test_of_equal_stamps_the_last_value_counts() -> None:
+    assert merge(signal([0, 1, 2], [0, 0, 0]), [signal([0, 1, 1, 2], [1, 2, 3, 4])]).held[0].tolist() == [1, 3, 4]
+
+
+def test_a_missing_input_is_missing_until_the_next_one() -> None:
+    found = merge(signal([0, 1, 2, 3], [0, 0, 0, 0]), [signal([0, 1, 3], [1, NAN, 2])])
+    np.testing.assert_array_equal(found.held[0], [1, NAN, NAN, 2])
+
+
+@pytest.mark.parametrize("t", [[0, 2, 1], [0, 1, NAN], [0, 1, np.inf]])
+def test_stamps_that_are_no_clock(t: list[float]) -> None:
+    with pytest.raises(ValueError, match="must be finite and never decrease"):
+        merge(signal([0, 1, 2], [0, 0, 0]), [signal(t, [0, 0, 0])])
+
+
+stamps = st.lists(st.integers(0, 60), min_size=1, max_size=25, unique=True).map(sorted)
+
+
+@given(stamps, stamps, stamps, st.randoms(use_true_random=False))
+def test_any_rasters_give_the_held_signals_and_each_output(
+    t_y: list[int], t_u: list[int], t_r: list[int], random: Random
+) -> None:
+    """By the definition: the newest stamp's value at each instant, and each output in its row."""
+    y, u, r = ([float(random.randint(0, 3)) for _ in t] for t in (t_y, t_u, t_r))
+    found = merge(signal(t_y, y), [signal(t_u, u), signal(t_r, r)])  # type: ignore[arg-type]
+    assert np.all(np.diff(found.t) > 0)
+    rows = found.t.tolist()
+    for t, values, held in ((t_u, u, found.held[0]), (t_r, r, found.held[1])):
+        newest = [values[max(k for k, at in enumerate(t) if at <= row)] for row in rows]
+        assert held.tolist() == newest
+        if rows:  # no change of a held signal is lost, or moved
+            changes = {at for at, new, old in zip(t[1:], values[1:], values, strict=False) if new != old}
+            assert {at for at in changes if rows[0] < at < rows[-1]} <= set(rows)
+    measured = dict(zip(rows, found.output.tolist(), strict=True))
+    known = {at: value for at, value in zip(t_y, y, strict=True) if rows and rows[0] <= at <= rows[-1]}
+    assert {at: value for at, value in measured.items() if value == value} == known
+
+
+# --- tables
+
+
+def table(**signals: Signal) -> Table:
+    return channel_table(Path("log.ulg"), [Channel(name, lambda name=name: signals[name]) for name in signals])
+
+
+def test_columns_are_merged_with_the_time_first() -> None:
+    found = table(y=signal([0, 1, 2], [5, 6, 7]), u=signal([0, 2], [1, 2]), r=signal([0, 2], [3, 4]))
+    one = merged(found, {"input": 1, "output": 0, "reference": 2})
+    assert one.names == ("time", "u", "y", "r")
+    assert one.in_seconds == {0}
+    assert [column.tolist() for column in one.columns([0, 1, 2, 3])] == [[0, 1, 2], [1, 1, 2], [5, 6, 7], [3, 3, 4]]
+
+
+def test_with_a_time_given_the_rasters_must_be_equal() -> None:
+    found = table(y=signal([0, 1, 2], [5, 6, 7]), u=signal([0, 1, 2], [1, 2, 3]), v=signal([0, 1, 3], [1, 2, 3]))
+    assert on_one_clock(found, {"input": 1, "output": 0}, is_timed=True)[0] is found
+    with pytest.raises(LogError, match="columns 'v', 'y' have different time stamps; leave the time"):
+        on_one_clock(found, {"input": 2, "output": 0}, is_timed=True)
+
+
+@every("time", [{"time": "clock"}, {"dt": 1.0}], ids=["column", "sampling time"])
+def test_a_log_that_is_opened_with_its_time_is_not_merged(time: dict[str, Any]) -> None:
+    stamps = [0, 1, 2, 3]
+    found = table(clock=signal(stamps, stamps), y=signal(stamps, [5, 6, 7, 8]), v=signal([0, 1, 3, 4], [1, 2, 3, 4]))
+    with pytest.raises(LogError, match=r"columns 'v', 'y'.* have different time stamps; leave the time"):
+        open_recording(found, input="v", output="y", **time)
+
+
+BAD = {
+    "back": (signal([0, 2, 1], [1, 2, 3]), "log.ulg: column 'u', sample 3: the time stamp 1 goes back from the one"),
+    "no stamp": (signal([0, NAN, 1], [1, 2, 3]), "log.ulg: column 'u', sample 2: the time stamp is not finite"),
+    "empty": (signal([], []), "log.ulg: column 'u' has no sample; choose another column"),
+    "apart": (signal([7, 8], [1, 2]), "log.ulg: columns 'u' and 'y' have no time in common; choose others"),
+}
+
+
+@every(("u", "message"), BAD.values(), ids=BAD)
+def test_what_cannot_be_merged(u: Signal, message: str) -> None:
+    with pytest.raises(LogError, match=message):
+        merged(table(y=signal([0, 1, 2], [5, 6, 7]), u=u), {"input": 1, "output": 0})
+
+
+# --- identification
+
+
+def test_a_plant_is_found_to_the_digit_from_an_input_on_a_slower_raster() -> None:
+    dt, plant = 0.01, rp.TransferFunction([6.0], [1.0, 3.0])
+    t = dt * np.arange(1600)
+    u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], t.size // 4), 4)
+    found = merge(Signal(t, plant.simulate(u, dt)), [Signal(t[::4], u[::4])])
+    fitted = rp.fit(found.held[0], found.output, dt, rp.Structure(poles=1))
+    np.testing.assert_allclose(np.diff(found.t), dt)
+    np.testing.assert_allclose(fitted.transfer_function.den, plant.den, rtol=1e-5)
+    np.testing.assert_allclose(fitted.transfer_function.num, plant.num, rtol=1e-5)
+
+
+@pytest.mark.parametrize("every", [2, 4, 10])
+def test_an_output_that_is_too_slow_for_its_input_is_refused(every: int) -> None:
+    """Of such a record both `run` and `fit` would make another plant."""
+    t = np.arange(100.0)
+    found = table(u=Signal(t, t % 7), y=Signal(t[::every], t[::every]))
+    message = r"log.ulg: column 'u' changes between the samples of 'y': merged, \d\d % of \d+ rows have no output, from"
+    with pytest.raises(LogError, match=message):
+        merged(found, {"input": 0, "output": 1})
+
+
+def test_a_few_rows_without_an_output_are_merged() -> None:
+    t = np.arange(100.0)
+    found = table(u=Signal(np.sort(np.append(t, [3.5, 7.5])), np.arange(102.0)), y=Signal(t, t))
+    assert np.isnan(merged(found, {"input": 0, "output": 1}).column("y")).sum() == 2

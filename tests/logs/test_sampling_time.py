@@ -1,0 +1,257 @@
+"""The sampling time: which stamps are regular, and what is said of those that are not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
+from replant.logs import open_recording, read_log
+from replant.logs.sampling_time import Clock, check_dt, clock_of, time_candidates, unit_in_seconds
+from replant.numerics.time_stamps import StampResolution, is_regular
+from support.cases import every
+
+Write = Callable[..., Path]
+
+
+def judged(stamps: NDArray[np.float64]) -> tuple[Clock, str]:
+    """What is found of stamps, and in words."""
+    clock = clock_of(Path("log.csv"), "t", stamps, "row {}".format)
+    assert is_regular(stamps) == (not clock.irregularity)
+    return clock, clock.irregularity
+
+
+def step_of(stamps: NDArray[np.float64]) -> float:
+    """The interval of a clock that is regular."""
+    clock, irregularity = judged(stamps)
+    assert not irregularity
+    return clock.interval
+
+
+def step_of_irregular(stamps: NDArray[np.float64]) -> float:
+    clock, irregularity = judged(stamps)
+    assert irregularity
+    return clock.interval
+
+
+def log_text(stamps: list[str], name: str = "t") -> str:
+    return f"{name},u,y\n" + "".join(f"{stamp},{k},{-k}\n" for k, stamp in enumerate(stamps))
+
+
+@given(
+    dt=st.sampled_from([1e-4, 1e-3, 0.02, 0.1, 1 / 3, 1.0, 60.0, 1 / 44100]),
+    start=st.sampled_from([0.0, -5.0, 1234.5]),
+    count=st.integers(2, 2000),
+)
+def test_a_regular_grid_gives_its_interval(dt: float, start: float, count: int) -> None:
+    spacing = float(np.spacing(abs(start) + dt * count))
+    assert math.isclose(step_of(start + dt * np.arange(count)), dt, rel_tol=1e-11, abs_tol=2 * spacing)
+
+
+@given(
+    dt=st.floats(0.01, 1.0),
+    decimals=st.integers(3, 8),
+    start=st.floats(-100.0, 100.0),
+    count=st.integers(10, 500),
+)
+def test_rounding_of_printed_digits_is_no_irregularity(dt: float, decimals: int, start: float, count: int) -> None:
+    stamps = np.round(start + dt * np.arange(count), decimals)
+    assert abs(step_of(stamps) - dt) <= 1.01 * 10.0**-decimals / (count - 1) + 1e-11 * dt
+
+
+def test_stamps_in_single_precision() -> None:
+    stamps = (1e-3 * np.arange(240_000)).astype(np.float32).astype(np.float64)
+    assert math.isclose(step_of(stamps), 1e-3, rel_tol=1e-6)
+
+
+def test_stamps_since_1970() -> None:
+    assert math.isclose(step_of(1.7e9 + 1e-4 * np.arange(10_000)), 1e-4, rel_tol=1e-6)
+
+
+def test_jitter_below_one_percent_is_regular() -> None:
+    jitter = np.random.default_rng(0).uniform(-0.004, 0.004, 500)
+    assert math.isclose(step_of(np.arange(500) + jitter), 1.0, rel_tol=1e-4)
+
+
+@given(
+    dt=st.sampled_from([1e-3, 0.02, 0.0333333, 1.0]),
+    decimals=st.integers(2, 9),
+    count=st.integers(20, 400),
+    data=st.data(),
+)
+def test_a_missing_sample_is_found_where_it_is(dt: float, decimals: int, count: int, data: st.DataObject) -> None:
+    if dt < 4.0 * 10.0**-decimals:
+        decimals = 9
+    gap = data.draw(st.integers(1, count - 1))
+    stamps = np.delete(np.round(dt * np.arange(count + 1), decimals), gap)
+    clock, irregularity = judged(stamps)
+    assert f"row {gap}, column 't': irregular time stamps" in irregularity
+    assert clock.interval == pytest.approx(dt, abs=1.01 * 10.0**-decimals)
+
+
+@given(dt=st.sampled_from([1e-3, 0.02, 1.0]), count=st.integers(20, 400), data=st.data())
+def test_a_displaced_stamp_is_found(dt: float, count: int, data: st.DataObject) -> None:
+    stamps = dt * np.arange(count)
+    row = data.draw(st.integers(1, count - 2))  # at the ends, one printed digit may be rounding
+    stamps[row] += data.draw(st.sampled_from([-0.5, -0.02, 0.02, 0.5])) * dt
+    assert f"row {row}, column 't': irregular" in judged(stamps)[1]
+
+
+def test_a_stamp_displaced_by_one_digit_is_not_rounding() -> None:
+    stamps = np.round(0.1 * np.arange(50), 1)
+    stamps[30] += 0.01
+    assert "row 30, column 't': irregular" in judged(stamps)[1]
+
+
+def test_slow_drift_of_a_rounded_clock_is_regular() -> None:
+    ideal = np.cumsum(np.linspace(0.0333, 0.0334, 100_000))
+    assert math.isclose(step_of(np.round(ideal, 3)), 0.03335, rel_tol=1e-5)
+
+
+def test_irregular_stamps_come_with_the_log_and_the_line_is_named(write: Write) -> None:
+    path = write("# rig\n\n" + log_text(["0", "0.1", "0.2", "0.35", "0.4", "0.5"]))
+    log = read_log(path, input="u", output="y", time="t")
+    assert log.dt == 0.1
+    assert log.stamps is not None
+    assert log.stamps.tolist() == [0.0, 0.1, 0.2, 0.35, 0.4, 0.5]
+    assert log.duration == pytest.approx(0.6)
+    assert open_recording(path, input="u", output="y").irregularity == (
+        f"{path}: line 7, column 't': irregular time stamps, 0.15 after the one before where 0.1 is usual"
+    )
+    given = read_log(path, input="u", output="y", dt=0.1)
+    assert given.time is None
+    assert given.stamps is None
+
+
+@every(("begin", "dt"), [(0.0, 0.05), (1.7e9, 0.25), (65_000.1, 1e-3), (0.0, 1 / 3)])
+def test_the_interval_of_an_irregular_clock_has_no_digits_of_rounding(begin: float, dt: float) -> None:
+    stamps = begin + dt * np.delete(np.arange(2000), 70)
+    assert step_of_irregular(stamps) == pytest.approx(dt, rel=1e-9 + 1e-7 * (begin > 1e6))
+    if dt != 1 / 3:
+        assert len(repr(step_of_irregular(stamps))) < 8
+
+
+def test_the_stamps_of_a_regular_clock_do_not_count(write: Write) -> None:
+    """Rounded they would cost accuracy: the mean interval is better known than each."""
+    log = read_log(write(log_text(["0", "0.033", "0.067", "0.1"])), input="u", output="y")
+    assert log.stamps is None
+    assert log.time is not None
+    assert log.duration == 4 * log.dt
+
+
+def test_irregular_stamps_in_another_unit(write: Write) -> None:
+    log = read_log(write(log_text(["0", "100", "200", "450"], "t [ms]")), input="u", output="y")
+    assert log.dt == 0.1
+    assert log.stamps is not None
+    np.testing.assert_allclose(log.stamps, [0.0, 0.1, 0.2, 0.45], rtol=1e-12)
+
+
+@every("stamps", [[], [1.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.5], [0.0, math.nan, 2.0]])
+def test_what_is_no_increasing_time_is_no_regular_clock(stamps: list[float]) -> None:
+    assert is_regular(np.array(stamps)) == (len(stamps) < 2)
+
+
+def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Write) -> None:
+    path = write(log_text(["0", "0.1", "0.2"]))
+    with pytest.raises(LogError, match="no other column is called t, time or timestamp; name the time column"):
+        read_log(path, input="t", output="y")
+
+
+@every(
+    ("stamps", "message"),
+    [
+        (["0", "0.1", "0.1", "0.2"], "line 4, column 't': the time stamp 0.1 repeats the one before"),
+        (["0", "0.1", "0.05", "0.2"], "line 4, column 't': the time stamp 0.05 goes back from the one before"),
+        (
+            ["0", "", "0.2", "0.3"],
+            "line 3, column 't': the time stamp is nan; drop that row, or give the sampling",
+        ),
+        (["0", "0.1", "inf", "0.3"], "line 4, column 't': the time stamp is inf"),
+        (["-1e308", "0", "1e308"], r"line 2, column 't': the time stamp is -1e\+308"),
+        (["10.00.00", "10.00.01", "10.00.02"], "line 2, column 't': '10.00.00' is not a number; convert dates"),
+    ],
+)
+def test_stamps_that_are_no_times(write: Write, stamps: list[str], message: str) -> None:
+    with pytest.raises(LogError, match=message):
+        read_log(write(log_text(stamps)), input="u", output="y")
+
+
+@every("name", ["t", "T", "time", "Time", "TIMESTAMP", "time [s]", "t (s)", "Time(s)", "t/s", "time_s", " time "])
+def test_a_column_called_time_is_found(write: Write, name: str) -> None:
+    log = read_log(write(log_text(["0", "0.5", "1"], name)), input="u", output="y")
+    assert log.dt == 0.5
+    assert log.time is not None
+    assert log.time.tolist() == [0.0, 0.5, 1.0]
+
+
+@every(
+    ("name", "dt"),
+    [
+        ("t [ms]", 5e-4),
+        ("time_us", 5e-7),
+        ("Time (min)", 30.0),
+        ("t [µs]", 5e-7),
+        ("t_millis", 5e-4),
+        ("millis", 5e-4),
+        ("time [usec]", 5e-7),
+        ("timestamp_nanoseconds", 5e-10),
+    ],
+)
+def test_a_unit_in_the_name_counts(write: Write, name: str, dt: float) -> None:
+    log = read_log(write(log_text(["0", "0.5", "1"], name)), input="u", output="y")
+    assert math.isclose(log.dt, dt, rel_tol=1e-12)
+    assert log.time is not None
+    np.testing.assert_allclose(log.time, [0.0, dt, 2 * dt], rtol=1e-12)
+
+
+def test_names_that_are_not_time() -> None:
+    assert (
+        time_candidates(
+            ["temperature", "timer", "tt", "t2", "time [V]", "millisecond_counter", "timer_ms", "0", "dt", "u_t"]
+        )
+        == []
+    )
+    assert unit_in_seconds("s") == unit_in_seconds("clock") == unit_in_seconds("t [rev]") == 1.0
+
+
+def test_without_time_and_dt_both_options_are_named(write: Write) -> None:
+    with pytest.raises(LogError, match=r"name the time column \(time, --time\) or give the sampling time \(dt, --dt\)"):
+        read_log(write("x,u,y\n0,1,2\n1,2,3\n"), input="u", output="y")
+
+
+def test_two_columns_called_time(write: Write) -> None:
+    path = write("t,timestamp,u,y\n0,5,1,2\n1,6,2,3\n")
+    with pytest.raises(LogError, match="several columns could be the time: 't', 'timestamp'; name the time column"):
+        read_log(path, input="u", output="y")
+    assert read_log(path, input="u", output="y", time="timestamp").dt == 1.0
+
+
+def test_time_and_dt_together(write: Write) -> None:
+    with pytest.raises(InvalidArgumentError, match="give one of the time column"):
+        read_log(write(log_text(["0", "1"])), input="u", output="y", time="t", dt=1.0)
+
+
+@every("dt", [0.0, -0.1, math.nan, math.inf])
+def test_dt_must_be_positive(write: Write, dt: float) -> None:
+    with pytest.raises(InvalidArgumentError, match=r"\(dt, --dt\) must be finite and positive"):
+        read_log(write(log_text(["0", "1"])), input="u", output="y", dt=dt)
+
+
+@every("dt", ["0.1", True, 1j, [0.1]])
+def test_dt_must_be_a_number(dt: object) -> None:
+    with pytest.raises(ArgumentTypeError, match=r"\(dt, --dt\) must be a number"):
+        check_dt(dt)
+
+
+@pytest.mark.parametrize(("values", "step"), [([0.0, 1.0], 1.0), ([0.25, 7.0], 0.01), ([1 / 3, 2.0], 2.0**-50)])
+def test_resolution(values: list[float], step: float) -> None:
+    resolution = StampResolution()
+    resolution.add(np.array(values))
+    assert resolution.step == step

@@ -1,0 +1,76 @@
+"""Decimal comma, thousands separators and what may be either."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from replant.errors import LogError
+from replant.logs import csv as csv_module
+from replant.logs import read_columns
+from support.cases import every
+
+Write = Callable[..., Path]
+
+READ = {
+    "points in groups": (["3.000,00", "-1.234.567,5", "0,5", "12", "1.234"], [3000.0, -1234567.5, 0.5, 12.0, 1234.0]),
+    "commas in groups": (["3,000.00", "-1,234,567.5", "0.5", "12", "1,234"], [3000.0, -1234567.5, 0.5, 12.0, 1234.0]),
+    "groups alone": (["1.234.567", "1.234.568", "1.234"], [1234567.0, 1234568.0, 1234.0]),
+    "exponents": (["1.000,5e3", "2,5E-3"], [1000500.0, 2.5e-3]),
+    "three decimals": (["1.234", "2.345", "3.456"], [1.234, 2.345, 3.456]),
+    "three decimals after a comma": (["1,234", "2,345", "3,456"], [1.234, 2.345, 3.456]),
+}
+
+
+@every(("cells", "values"), READ.values(), ids=READ)
+@every("size", [10, 1 << 20])
+@every("order", [1, -1])
+def test_thousands_are_read(
+    write: Write, monkeypatch: pytest.MonkeyPatch, cells: list[str], values: list[float], size: int, order: int
+) -> None:
+    """In whatever order, and however the file is cut into blocks."""
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
+    path = write("t;u\n" + "".join(f"{k};{cell}\n" for k, cell in enumerate(cells[::order])))
+    assert read_columns(path).column("u").tolist() == values[::order]
+
+
+def test_quoted_thousands_between_commas(write: Write) -> None:
+    assert read_columns(write('t,u\n0,"1,234.5"\n1,0.5\n')).column("u").tolist() == [1234.5, 0.5]
+
+
+def test_the_mark_may_first_show_far_below(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", 100)
+    path = write("t;u;y\n" + "".join(f"{k};{k};7\n" for k in range(500)) + "500;1.234,5;7\n501;0,25;7\n")
+    assert read_columns(path).column("u").tolist() == [*range(500), 1234.5, 0.25]
+
+
+def test_a_column_may_have_a_mark_of_its_own(write: Write) -> None:
+    """Such as a time that a program wrote, beside values that follow the locale."""
+    path = write("t;u;y\n0.1;1,5;2,5\n0.2;2,5;3,5\n")
+    assert read_columns(path).columns(["t", "u"])[0].tolist() == [0.1, 0.2]
+    assert read_columns(path).column("u").tolist() == [1.5, 2.5]
+
+
+AMBIGUOUS = {
+    "in one column": (
+        "t;u\n0;0,5\n1;1.234\n",
+        "column 'u' has a decimal point in line 3 ('1.234') and the log a comma",
+    ),
+    "in another": ("t;u\n0,5;3.000\n1,5;4.000\n", "column 'u' has a decimal point in line 2 ('3.000') and the log a"),
+    "decimals": ("t;u\n0;0,5\n1;0.25\n", "column 'u' has a decimal point in line 3 ('0.25') and the log a comma in"),
+    "comma": ("t;u\n0;0.5\n1;1,234\n", "column 'u' has a comma in line 3 ('1,234') and the log a decimal point"),
+}
+
+
+@every(("text", "message"), AMBIGUOUS.values(), ids=AMBIGUOUS)
+@every("size", [1, 1 << 20])
+def test_what_may_be_two_numbers_is_refused(
+    write: Write, monkeypatch: pytest.MonkeyPatch, text: str, message: str, size: int
+) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
+    with pytest.raises(LogError, match=re.escape(message)) as caught:
+        read_columns(write(text)).column("u")
+    assert str(caught.value).endswith("write all numbers one way, without thousands separators")

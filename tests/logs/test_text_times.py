@@ -1,0 +1,173 @@
+"""Dates and clock times in text logs: exact seconds, and clocks that jump."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from replant.errors import LogError
+from replant.logs import csv as csv_module
+from replant.logs import read_columns, read_log, stamped_interval
+from replant.logs.text_times import find_format, parse_stamp
+from support.cases import every
+
+Write = Callable[..., Path]
+
+FORMS = {
+    "ISO": "2024-05-01T23:59:{:06.3f}",
+    "ISO, blank": "2024-05-01 23:59:{:06.3f}",
+    "ISO, UTC": "2024-05-01T23:59:{:06.3f}Z",
+    "ISO, offset": "2024-05-01T23:59:{:06.3f}+05:30",
+    "ISO, short offset": "2024-05-01 23:59:{:06.3f}-08",
+    "basic": "20240501T23:59:{:06.3f}",
+    "year, slashes": "2024/05/01 23:59:{:06.3f}",
+    "points": "01.05.2024 23:59:{:06.3f}",
+    "points, no zeros": "1.5.2024 23:59:{:06.3f}",
+    "slashes": "05/01/2024 23:59:{:06.3f}",
+    "slashes, comma": "05/01/2024, 11:59:{:06.3f} PM",
+    "dashes": "13-05-2024 23:59:{:06.3f}",
+    "MATLAB": "01-May-2024 23:59:{:06.3f}",
+    "clock": "23:59:{:06.3f}",
+    "elapsed": "123:59:{:06.3f}",
+}
+
+
+@every("form", FORMS.values(), ids=FORMS)
+@every("mark", [".", ","])
+def test_stamps_become_exact_seconds(write: Write, form: str, mark: str) -> None:
+    cells = [form.format(0.001 * k) for k in range(1, 40)]
+    rows = [f"{cell[:-4] + cell[-4:].replace('.', mark)};1;2" for cell in cells]
+    log = read_log(write("time;u;y\n" + "\n".join(rows) + "\n"), input="u", output="y")
+    assert log.dt == 0.001
+    assert log.time is not None
+    assert log.time.tolist() == [k / 1000 for k in range(39)]  # the closest float64 of each
+
+
+def test_stamps_cross_midnight_months_and_leap_days(write: Write) -> None:
+    begin = datetime(2024, 2, 28, 23, 0)
+    stamps = [begin + timedelta(minutes=10 * k) for k in range(400)]
+    path = write("when,u,y\n" + "".join(f"{stamp:%d.%m.%Y %H:%M},1,2\n" for stamp in stamps))
+    log = read_log(path, input="u", output="y")
+    assert log.dt == 600.0
+    assert log.time is not None
+    assert log.time[-1] == 600.0 * 399
+
+
+@given(
+    st.datetimes(datetime(1900, 1, 1), datetime(2200, 1, 1)),
+    st.integers(-23 * 60, 23 * 60),
+)
+def test_any_instant_is_read_as_python_reads_it(instant: datetime, minutes: int) -> None:
+    aware = instant.replace(tzinfo=timezone(timedelta(minutes=minutes)))
+    epoch = datetime(1970, 1, 1, tzinfo=UTC)
+    assert parse_stamp(aware.isoformat(), False).nanoseconds == (aware - epoch) // timedelta(microseconds=1) * 1000
+
+
+def test_nanoseconds_stay_exact() -> None:
+    cells = ["2024-05-01T10:00:00.000000001Z", "2024-05-01T10:00:00.000000004Z"]
+    found = find_format(cells)
+    assert found is not None
+    assert found.seconds(cells).tolist() == [0.0, 3e-9]
+
+
+def test_stamps_with_different_offsets_are_instants(write: Write) -> None:
+    """The end of daylight saving time, written with the offsets from UTC."""
+    path = write(
+        "time,u,y\n2024-10-27T02:59:59+02:00,1,2\n2024-10-27T02:00:00+01:00,1,2\n2024-10-27T02:00:01+01:00,1,2\n"
+    )
+    assert read_log(path, input="u", output="y").dt == 1.0
+
+
+@pytest.mark.parametrize("names", ["Date;Time;u;y", "Datum;Uhrzeit;u;y"])
+def test_date_and_clock_time_in_two_columns(write: Write, names: str) -> None:
+    rows = "".join(f"01.05.2024;23:59:{s};1;2\n" for s in (58, 59)) + "02.05.2024;00:00:00;1;2\n"
+    assert read_log(write(f"{names}\n{rows}"), input="u", output="y").time.tolist() == [0.0, 1.0, 2.0]  # type: ignore[union-attr]
+
+
+def test_a_file_without_names(write: Write) -> None:
+    path = write("2024-05-01T10:00:00,1,2\n2024-05-01T10:00:02,1,2\n")
+    assert read_log(path, input=1, output=2).dt == 2.0
+    assert stamped_interval(path) == ("0", 2.0)
+
+
+def test_a_missing_stamp_is_nan(write: Write) -> None:
+    table = read_columns(write("time,u\n2024-05-01T10:00:00,1\n,2\n2024-05-01T10:00:02,3\n"))
+    np.testing.assert_array_equal(table.column("time"), [0.0, np.nan, 2.0])
+    assert table.in_seconds == {0}
+
+
+@pytest.mark.parametrize("size", [1, 40, 1009])
+def test_blocks_count_from_the_same_stamp(write: Write, monkeypatch: pytest.MonkeyPatch, size: int) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
+    rows = [f"2024-05-01T10:{k // 60:02}:{k % 60:02},{k}" for k in range(300)]
+    path = write("time,u\n" + "\n".join(rows) + "\n")
+    np.testing.assert_array_equal(read_columns(path).column("time"), np.arange(300.0))
+
+
+def test_a_column_of_dates_is_no_input(write: Write) -> None:
+    path = write("start,u,y\n2024-05-01T10:00:00,1,2\n2024-05-01T10:00:02,1,2\n")
+    with pytest.raises(LogError, match="column 'start' holds dates or times, no samples; choose another column as the"):
+        read_log(path, input="start", output="y", dt=1.0)
+
+
+REFUSED = {
+    "end of daylight saving time": (
+        ["2024-10-27 02:59:{:02}", "2024-10-27 02:00:{:02}"],
+        "line 62, column 'time': the clock goes back by 3599 s, as at the end of daylight saving time; write",
+    ),
+    "beginning of daylight saving time": (
+        ["2024-03-31 01:59:{:02}", "2024-03-31 03:00:{:02}"],
+        "line 62, column 'time': the clock goes on by 3601 s, as at the beginning of daylight saving time",
+    ),
+    "midnight without date": (
+        ["23:59:{:02}", "00:00:{:02}"],
+        "line 62, column 'time': the clock goes back by 86399 s, as at midnight; write the date",
+    ),
+    "clock set back": (
+        ["2024-05-01 10:05:{:02}", "2024-05-01 10:00:{:02}"],
+        "line 62, column 'time': the time stamp -300 goes back from the one before (59)",
+    ),
+    "day or month first": (
+        ["03/04/2024 23:59:{:02}", "04/04/2024 00:00:{:02}"],
+        "line 62, column 'time': '04/04/2024 00:00:00': the day may come first or the month; write dates as",
+    ),
+    "zone lost": (
+        ["2024-05-01 10:05:{:02}Z", "2024-05-01 10:06:{:02}"],
+        "line 62, column 'time': '2024-05-01 10:06:00' has not the form of the first time stamp",
+    ),
+    "no such day": (
+        ["2024-02-29 23:59:{:02}", "2024-02-30 00:00:{:02}"],
+        "line 62, column 'time': '2024-02-30 00:00:00' is no date or clock time; 2024-05-01T10:00:00.5, with Z",
+    ),
+}
+
+
+@every(("forms", "message"), REFUSED.values(), ids=REFUSED)
+@every("size", [100, 1 << 20])
+def test_a_clock_that_jumps_is_said(
+    write: Write, monkeypatch: pytest.MonkeyPatch, forms: list[str], message: str, size: int
+) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
+    # the second form comes after the rows that the layout is told from would end, too
+    rows = [f"{form.format(s)},{s % 7},2\n" for form in forms for s in range(60)]
+    path = write("time,u,y\n" + "".join(rows))
+    monkeypatch.setattr("replant.logs.text_layout._SAMPLE_ROWS", 50)
+    with pytest.raises(LogError, match=re.escape(message)) as caught:
+        read_log(path, input="u", output="y")
+    assert "\n" not in str(caught.value)
+    assert len(read_log(path, input="u", output="y", dt=1.0)) == 120
+
+
+@every(
+    "cell",
+    ["12.5", "1.2.3", "10:5", "10:60:00", "10:00:60", "2024-13-01", "24-05-01", "10:00:00+01:00", "13:00 PM", "", "x"],
+)
+def test_no_stamps(cell: str) -> None:
+    assert find_format([cell]) is None

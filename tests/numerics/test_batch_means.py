@@ -1,0 +1,198 @@
+"""The variance of an estimate from its path: right on the mean for noise of every colour."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import replant as rp
+from replant.kernels.schema import ROOM
+from replant.numerics.linear_algebra import larger
+from replant.numerics.robust import no_less_than_scattered, path_of_record, path_variances, rows_of, stretch
+from replant.paper.actuator import CREEP, NOISE
+from replant.paper.actuator import STRUCTURE as ACTUATOR
+from replant.rigs import deap_rig, deap_voltage
+from replant.signals import prbs
+from support.builders import DT
+from support.cases import every
+from support.inside import path_of, slowness_of, state_of
+
+
+def bridge(scores: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A path of one coordinate, from what each block (B,) says and the information it brings."""
+    known = 1.0 / np.cumsum(information)
+    return (np.cumsum(scores) * known)[:, None], known[:, None]
+
+
+@every("blocks", [16, 32])
+@every("uneven", [False, True])
+def test_it_is_unbiased_where_blocks_are_independent(blocks: int, uneven: bool) -> None:
+    """The variance told is a quadratic form in the scores; its mean, the trace, is p for scores as large as w."""
+    generator = np.random.default_rng(blocks)
+    information = generator.uniform(0.2, 3.0, blocks) if uneven else np.full(blocks, 2.0)
+    mean = 0.0
+    for block in range(blocks):
+        scores = np.zeros(blocks)
+        scores[block] = math.sqrt(information[block])
+        mean += float(path_variances(*bridge(scores, information))[0][0])
+    assert mean == pytest.approx(1.0 / information.sum(), rel=1e-12)
+
+
+def test_the_true_value_does_not_matter() -> None:
+    generator = np.random.default_rng(3)
+    estimates, known = bridge(generator.standard_normal(20), generator.uniform(0.5, 1.5, 20))
+    np.testing.assert_allclose(
+        path_variances(estimates + 7.0, known)[0], path_variances(estimates, known)[0], rtol=1e-9
+    )
+
+
+def test_where_the_path_cannot_tell_the_covariance_stays() -> None:
+    """Too few rows, or nearly all the information in one of them."""
+    covariance = np.array([[1e-9]])
+    generator = np.random.default_rng(4)
+    short = bridge(generator.standard_normal(15), np.ones(15))
+    lopsided = bridge(generator.standard_normal(32), np.append(np.full(31, 1e-3), 1.0))
+    for path in (short, lopsided):
+        np.testing.assert_array_equal(no_less_than_scattered(covariance, *path), covariance)
+    even = bridge(generator.standard_normal(16), np.ones(16))
+    assert no_less_than_scattered(covariance, *even) > covariance
+
+
+def test_a_drift_is_told_by_longer_blocks() -> None:
+    """Scores that keep their sign for a quarter of the record: blocks four times as long add them up."""
+    scores = np.repeat([1.0, -1.0, 1.0, -1.0], 8)
+    path = bridge(scores, np.ones(32))
+    told = no_less_than_scattered(np.array([[1e-3]]), *path)
+    short = path_variances(*path)[0][0]
+    assert short == pytest.approx(1.0 / 31.0, rel=1e-12)  # as if independent
+    assert told[0, 0] > 3.5 * short
+
+
+def test_to_stretch_keeps_the_correlations() -> None:
+    root = np.random.default_rng(5).standard_normal((4, 4))
+    covariance = root @ root.T
+    variances = np.diag(covariance) * np.array([0.5, 1.0, 4.0, 9.0])
+    stretched = stretch(covariance, variances)
+    std = np.sqrt(np.diag(stretched))
+    np.testing.assert_allclose(std**2, np.diag(covariance) * [1.0, 1.0, 4.0, 9.0])
+    old = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(stretched / np.outer(std, std), covariance / np.outer(old, old))
+    np.testing.assert_allclose(stretch(covariance, 4.0 * np.diag(covariance)), 4.0 * covariance)
+    np.testing.assert_allclose(larger(covariance, 4.0 * covariance), 4.0 * covariance)
+
+
+@pytest.mark.parametrize("samples", [40, 1000, 1007])
+def test_the_path_of_a_record_is_least_squares_of_its_beginnings(samples: int) -> None:
+    generator = np.random.default_rng(samples)
+    zeta = generator.standard_normal((samples, 3)) * [1.0, 100.0, 0.01]
+    target = zeta @ [1.0, 2.0, 3.0] + generator.standard_normal(samples)
+    theta = np.linalg.lstsq(zeta, target, rcond=None)[0]
+    path = path_of_record(zeta, target - zeta @ theta, theta, np.zeros((3, 3)), np.zeros(3))
+    step, rows = int(path.step), int(path.kept)
+    assert ROOM // 2 <= rows <= ROOM
+    assert rows == samples // step
+    assert path.due == (rows + 1) * step
+    estimates, known = rows_of(path, theta, np.diag(np.linalg.inv(zeta.T @ zeta)))
+    for row in range(rows):
+        if (row + 1) * step < 6:  # hardly more equations than unknowns
+            continue
+        first = zeta[: (row + 1) * step]
+        beginning = np.linalg.lstsq(first, target[: (row + 1) * step], rcond=None)[0]
+        np.testing.assert_allclose(estimates[row], beginning, rtol=1e-6)
+        np.testing.assert_allclose(known[row], np.diag(np.linalg.inv(first.T @ first)), rtol=1e-6)
+
+
+# --- of a running estimate
+
+PLANT = rp.TransferFunction([2.0], [1.0, 1.0])
+TRUE = np.array([1.0, 2.0])
+
+
+def slow_noise(seed: int, samples: int) -> np.ndarray:
+    """White noise, and slow noise of half its size that remembers 100 samples: an autoregression of order 4 misses it.
+
+    Together they are of variance 1.5.
+    """
+    white, drive = np.random.default_rng(seed).standard_normal((2, samples + 2000))
+    return (white + lfilter([0.1], [1.0, -0.99], drive))[2000:]
+
+
+def test_the_rows_of_an_identifier_are_where_it_was() -> None:
+    """Those since the record was last solved as a whole, evenly spaced."""
+    u = prbs(1600, bits=9, hold=20)
+    y = PLANT.simulate(u, DT) + 0.1 * slow_noise(0, u.size)
+    ident, was = rp.Identifier(rp.Structure(1), DT), {}
+    for k in range(u.size):
+        ident.update(u[k], y[k])
+        was[k + 1] = ident.parameters
+    rows = path_of(ident)
+    solved, step = state_of(ident).solved_at, int(state_of(ident).path.step)
+    counts = step * np.arange(1, len(rows) + 1)
+    assert counts[-1] + step > u.size
+    for row, count in zip(rows, counts, strict=True):
+        if count > solved:
+            np.testing.assert_array_equal((row[0] * state_of(ident).unit)[:2], was[count])
+    assert 1000 <= solved < 1500
+    assert (counts > solved).sum() > 5
+
+
+def test_nothing_is_kept_while_nothing_is_learned() -> None:
+    u = prbs(4000, bits=9, hold=20)
+    y = PLANT.simulate(u, DT) + 0.1 * slow_noise(1, u.size)
+    ident = rp.Identifier(rp.Structure(1), DT)
+    ident.update_many(u[:2500], y[:2500])
+    before = path_of(ident)
+    ident.freeze()
+    ident.update_many(u[2500:3900], y[2500:3900])
+    np.testing.assert_array_equal(path_of(ident), before)
+
+
+@pytest.mark.slow
+def test_intervals_cover_under_slow_noise() -> None:
+    """16 runs, online and offline: the squares of error over standard deviation have a mean near one.
+
+    Were they chi-square of one degree of freedom, that mean would have a standard deviation of sqrt(2 / 16) = 0.35;
+    told by some 20 blocks they are a little larger, by 20 / 18.  Three of these: 1.1 + 3 * 0.39.  By the residual's
+    colour alone it is 3.
+    """
+    u = prbs(6000, bits=9, hold=20)
+    clean = PLANT.simulate(u, DT)
+    squares: dict[str, list[np.ndarray]] = {"online": [], "offline": []}
+    for seed in range(16):
+        y = clean + 0.3 * clean.std() * slow_noise(seed, u.size)
+        ident = rp.Identifier(rp.Structure(1), DT)
+        ident.update_many(u, y)
+        squares["online"].append(((ident.parameters - TRUE) / ident.uncertainty.std) ** 2)
+        found = rp.fit(u, y, DT, rp.Structure(1))
+        squares["offline"].append(((found.parameters - TRUE) / found.uncertainty.std) ** 2)
+    for name, runs in squares.items():
+        bound = 1.1 + 3 * 1.1 * math.sqrt(2 / len(runs))
+        assert (np.mean(runs, axis=0) < bound).all(), name
+        assert (np.mean(np.array(runs) < 1.96**2, axis=0) > 0.95 - 3 * math.sqrt(0.95 * 0.05 / len(runs))).all(), name
+
+
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+def test_creep_does_not_look_like_certainty(seed: int) -> None:
+    """The actuator's displacement creeps off: its coefficients are no better known than they are."""
+    rig = deap_rig(noise=NOISE, creep=CREEP)
+    u = deap_voltage(120_000, seed)
+    ident = rp.Identifier(ACTUATOR, rig.dt, preprocess=rig.preprocess)
+    ident.update_many(u, rig.measure(u, seed))
+    true = np.append(rig.plant.den[1:], rig.plant.num)
+    away = np.abs(ident.parameters[:5] - true) / ident.uncertainty.std[:5]
+    assert (away < 4.0).all()
+    assert (ident.uncertainty.std[:5] < 0.2 * np.abs(true)).all()
+    assert slowness_of(ident) > 10.0
+
+
+def test_white_noise_is_not_slow() -> None:
+    """The path tells a variance to a quarter, so that three times the standard deviation is out of reach."""
+    u = prbs(4000, bits=9, hold=20)
+    y = PLANT.simulate(u, DT) + 0.3 * np.random.default_rng(0).standard_normal(u.size)
+    for arguments in ({}, {"optimizer": rp.RecursiveLeastSquares(time_constant=50.0)}, {"optimizer": "adam"}):
+        ident = rp.Identifier(rp.Structure(1), DT, **arguments)
+        ident.update_many(u, y)
+        assert 1.0 <= slowness_of(ident) < 2.0

@@ -1,0 +1,34 @@
+"""Laguerre functions: orthonormal, and the pole that fits is chosen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.kernels.schema import LAGUERRE
+from replant.numerics.projections import POLES, best_pole, laguerre, widening
+from support.cases import every
+
+
+@every("pole", POLES)
+def test_their_impulse_responses_are_orthonormal(pole: float) -> None:
+    pulse = np.zeros(20_000)
+    pulse[0] = 1.0
+    responses = laguerre(pulse, pole) - laguerre(np.zeros(20_000), pole)
+    # the mean of the pulse is subtracted: 1 / 20,000, over memories of up to some 2400 samples
+    np.testing.assert_allclose(responses.T @ responses, np.eye(LAGUERRE), atol=0.02)
+
+
+def test_the_pole_follows_the_memory_of_the_signals() -> None:
+    r = np.random.default_rng(1).standard_normal(5000)
+    quick, slow = (np.convolve(r, decay ** np.arange(2000))[:5000] for decay in (0.5, 0.99))
+    assert best_pole(r, quick) < 0.8 < best_pole(r, slow)
+
+
+def test_white_residuals_are_not_widened() -> None:
+    """The median of nine chi-squares of 12 degrees over its expectation: within a half of one."""
+    generator = np.random.default_rng(2)
+    found = [
+        widening(np.linalg.qr(generator.standard_normal((1000, 12)))[0], generator.standard_normal(1000))
+        for _ in range(50)
+    ]
+    assert max(found) < 1.6

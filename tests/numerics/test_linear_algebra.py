@@ -1,0 +1,46 @@
+"""Linear algebra without exceptions: what has no answer is NaN or None."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.linear_algebra import eigenvalues, least_norm, pseudo_inverse, roots, solve
+from support.cases import every
+
+NOT_NUMBERS = [np.nan, np.inf, -np.inf]
+
+
+@every("value", NOT_NUMBERS)
+@every("place", range(3))
+def test_numbers_that_are_none_give_no_answer(value: float, place: int) -> None:
+    matrix = np.diag([3.0, 2.0, 1.0])
+    matrix[place, place] = value
+    ones = np.ones(3)
+    assert not np.isfinite(eigenvalues(matrix)).any()
+    assert not np.isfinite(pseudo_inverse(matrix, 1e-14)).any()
+    assert solve(matrix, ones) is None
+    assert solve(np.eye(3), np.where(np.arange(3) == place, value, 1.0)) is None
+    assert least_norm(matrix, ones, 1e-10)[1] == 0
+    assert roots(np.array([1.0, *np.where(np.arange(3) == place, value, 1.0)])).shape == (3,)
+
+
+@every("size", [1, 2, 5, 20])
+def test_singular_matrices_and_all_scales_are_answered(size: int) -> None:
+    generator = np.random.default_rng(size)
+    for scale in (1e-300, 1e-160, 1.0, 1e160, 1e300):
+        column = generator.standard_normal((size, 1))
+        singular = scale * (column @ column.T)
+        assert solve(np.zeros((size, size)), np.ones(size)) is None
+        found = solve(singular, np.ones(size))
+        assert found is None or np.isfinite(found).all()
+        assert eigenvalues(singular).shape == (size,)
+        found, rank, _ = least_norm(singular, np.ones(size), 1e-10)
+        assert np.isfinite(found).all()
+        assert rank <= 1
+
+
+def test_roots_beyond_float64_are_not_a_number() -> None:
+    model = TransferFunction([1e-300, 1e10], [1.0, 1e300, 1.0])
+    assert np.isnan(model.zeros).all()
+    assert model.poles.shape == (2,)

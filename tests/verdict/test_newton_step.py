@@ -1,0 +1,134 @@
+"""How far an estimate lies from where a record would put it: the step, and whether it is chance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+from scipy.stats import chi2
+
+import replant as rp
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.model_run import run_model
+from replant.numerics.autoregression import whiteness
+from replant.verdict.newton_step import Distance, distance, newest_distances
+from replant.verdict.record_tests import growth
+from support.builders import binary
+from support.cases import every
+
+DT, SAMPLES = 0.05, 2000
+PLANT, STRUCTURE, TRUE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2), np.array([4.0, 3.0, 2.0])
+
+
+def coloured(seed: int, colour: float, samples: int = SAMPLES) -> np.ndarray:
+    made = lfilter([1.0], [1.0, -colour], np.random.default_rng(seed).standard_normal(samples + 500))[500:]
+    return np.asarray(made * np.sqrt(1.0 - colour**2))
+
+
+def distance_of(estimate: np.ndarray, seed: int, noise: float, colour: float = 0.0) -> Distance:
+    u = binary(seed, SAMPLES, 8)
+    y = PLANT.simulate(u, DT) + noise * coloured(seed, colour)
+    run = run_model(STRUCTURE, estimate, Record(u, y, np.array([DT])), DT)
+    assert run is not None
+    return distance(run, slice(0, SAMPLES), 0.05)
+
+
+def test_without_noise_the_step_leads_to_the_truth() -> None:
+    """To first order: what is left is the square of what was wrong, within a factor of ten."""
+    for wrong in (1e-3, 1e-4):
+        estimate = TRUE * (1.0 + wrong * np.array([1.0, -1.0, 0.5]))
+        found = distance_of(estimate, seed=1, noise=0.0)
+        assert (np.abs(estimate + found.step - TRUE) < 10 * wrong**2 * TRUE).all()
+        assert found.statistic > 1.0
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8])
+def test_its_covariance_is_honest(colour: float) -> None:
+    """200 records, run with the true model: step' C^-1 step is chi2 with three degrees of freedom.
+
+    Its mean lies within four standard errors of 3, a tenth more for a covariance that is itself estimated, and is
+    allowed to be too large a covariance by a fifth; alarms at 5 % are below 11 % (four standard deviations).
+    """
+    found = [distance_of(TRUE, seed, 0.05, colour) for seed in range(200)]
+    squares = np.array([each.step @ np.linalg.solve(each.covariance, each.step) for each in found])
+    error = np.sqrt(6.0 / 200)
+    assert 3.0 * 0.8 - 4 * error < squares.mean() < 3.0 * 1.1 + 4 * error
+    alarms = np.mean([each.statistic > 1.0 for each in found])
+    assert alarms < 0.05 + 4 * np.sqrt(0.05 * 0.95 / 200)
+    np.testing.assert_allclose([each.statistic for each in found], squares / chi2.ppf(0.95, 3), rtol=1e-6)
+
+
+POLES = (0.0, 0.7, 0.9, 0.97, 0.99, 0.997)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.8, 0.98])
+def test_over_the_newest_samples_alone_coloured_noise_is_no_change(colour: float) -> None:
+    """60 records, run with the true model, the newest 100, 200 and 400 of 2000 samples.
+
+    The test's square is chi2 with three degrees of freedom, mean 3, over a scatter that is at least one: the median of
+    four to eight such squares over its expected value, about 1.2 on average.  So the mean lies between 2 and 3, within
+    four standard errors, and alarms at 1e-4 are not expected: 0.02 of 180.
+    """
+    squares: dict[int, list[float]] = {}
+    limit = chi2.ppf(1.0 - 1e-4, 3)
+    for seed in range(60):
+        u = binary(seed, SAMPLES, 8)
+        y = PLANT.simulate(u, DT) + 0.05 * coloured(seed, colour)
+        run = run_model(STRUCTURE, TRUE, Record(u, y, np.array([DT])), DT)
+        assert run is not None
+        for count, found in newest_distances(run, (100, 200, 400, 5000), 1e-4):
+            squares.setdefault(count, []).append(found.statistic * limit)
+    assert list(squares) == [100, 200, 400]
+    for each in squares.values():
+        error = 4.0 * np.sqrt(6.0 / 60)
+        assert 2.0 - error < np.mean(each) < 3.0 + error
+        assert max(each) < limit
+
+
+def test_over_the_newest_samples_alone_drift_is_no_change() -> None:
+    """Noise of many time constants, 1/f over three decades, which no short autoregression whitens.
+
+    Of 40 records and 3 lengths at 1e-4 one alarm has a chance of 1.2 %, if the scatter is known.  The median of eight
+    may be half of it; 0.5 % of the squares are then beyond: 0.6 alarms are expected, and six have a chance of 4e-5.
+    """
+    alarms = 0
+    for seed in range(40):
+        u = binary(seed, SAMPLES, 8)
+        drift = sum(coloured(10 * seed + k, pole) / coloured(10 * seed + k, pole).std() for k, pole in enumerate(POLES))
+        y = PLANT.simulate(u, DT) + 0.03 * drift
+        run = run_model(STRUCTURE, TRUE, Record(u, y, np.array([DT])), DT)
+        assert run is not None
+        alarms += sum(found.statistic > 1.0 for _, found in newest_distances(run, (50, 100, 200), 1e-4))
+    assert alarms < 6
+
+
+# --- whiteness, and the residual's growth
+
+
+def test_white_noise_is_called_white() -> None:
+    """The limit is that of 1 %: of 300, at most 10 beyond it (but for one in a thousand)."""
+    statistics = np.array([whiteness(np.random.default_rng(seed).standard_normal(1000)) for seed in range(300)])
+    assert np.count_nonzero(statistics > 1.0) <= 10
+    assert whiteness(coloured(1, 0.3)) > 1.0
+    assert whiteness(np.zeros(100)) == 0.0
+
+
+@every("colour", [0.0, 0.9])
+@every("tails", [False, True], ids=["normal", "outliers"])
+def test_noise_that_does_not_grow_is_not_accused(colour: float, tails: bool) -> None:
+    """400 pairs: four of its standard deviations are beyond chance, also for colour and outliers."""
+    worst = 0.0
+    for seed in range(400):
+        noise = coloured(seed, colour)
+        if tails:
+            hit = np.random.default_rng([seed, 1]).random(SAMPLES) < 0.01
+            noise = noise + 5.0 * hit * np.random.default_rng([seed, 2]).standard_normal(SAMPLES)
+        worst = max(worst, abs(growth(noise[:1200], noise[1200:])[1]))
+    assert worst < (5.0 if tails else 4.0)
+
+
+def test_growth_has_no_unit_and_no_fear_of_zero() -> None:
+    noise = coloured(1, 0.5)
+    assert growth(noise[:1000], 3.0 * noise[1000:]) == pytest.approx(growth(1e9 * noise[:1000], 3e9 * noise[1000:]))
+    assert growth(np.zeros(200), np.zeros(200)) == (1.0, 0.0)
+    assert growth(np.zeros(200), noise[:200])[1] == np.inf
