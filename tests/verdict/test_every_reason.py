@@ -368,36 +368,36 @@ PAIRS: dict[str, Pair] = {
 #: Rows whose two records other tests have: the one where it is the cause, and the one that looks alike.
 ELSEWHERE = {
     "alone would put abs G x % elsewhere": (
-        "assessment/test_gain_error.py: test_a_change_near_the_end_of_a_long_record_is_found",
-        "assessment/test_gain_error.py: test_the_truth_is_seldom_contradicted",
+        "verdict/test_gain_error.py: test_a_change_near_the_end_of_a_long_record_is_found",
+        "verdict/test_gain_error.py: test_the_truth_is_seldom_contradicted",
     ),
     "the residual is as usual again, but the samples since tell abs G": (
-        "assessment/test_judge.py: test_after_an_alarm_nothing_is_trusted_before_the_gain_can_show",
+        "verdict/test_judge.py: test_after_an_alarm_nothing_is_trusted_before_the_gain_can_show",
     ),
     "rely on G(s) where the input excites it": (
-        "assessment/test_judge.py: test_a_coefficient_that_is_known_badly_is_said_where_the_model_is_known_well",
+        "verdict/test_judge.py: test_a_coefficient_that_is_known_badly_is_said_where_the_model_is_known_well",
     ),
     "lie exactly at an extreme of the output": (
-        "assessment/test_reasons.py: test_an_output_that_is_cut_off_is",
-        "assessment/test_reasons.py: test_an_encoder_that_turns_round_is_not_at_its_limit",
+        "verdict/test_reasons.py: test_an_output_that_is_cut_off_is",
+        "verdict/test_reasons.py: test_an_encoder_that_turns_round_is_not_at_its_limit",
     ),
     "are constant to the bit: the end of the record is filled up": (
-        "assessment/test_reasons.py: test_an_end_filled_up_with_zeros_is_named",
-        "assessment/test_reasons.py: test_a_sensor_that_stays_where_it_was_fills_up_nothing",
+        "verdict/test_reasons.py: test_an_end_filled_up_with_zeros_is_named",
+        "verdict/test_reasons.py: test_a_sensor_that_stays_where_it_was_fills_up_nothing",
     ),
     "outputs were left out: the sensor was stuck or at its limit": (
-        "assessment/test_reasons.py: test_a_coarse_sensor_that_stands_still_while_the_model_moves_many_steps_is",
-        "assessment/test_reasons.py: test_the_plateaus_of_a_coarse_sensor_are_not_stuck",
+        "verdict/test_reasons.py: test_a_coarse_sensor_that_stands_still_while_the_model_moves_many_steps_is",
+        "verdict/test_reasons.py: test_the_plateaus_of_a_coarse_sensor_are_not_stuck",
     ),
     "with fewer poles the record is likelier": (
-        "offline/test_fewer_poles.py: test_of_a_lag_one_pole_is_asked_for",
-        "offline/test_fewer_poles.py: test_of_the_right_order_no_fewer_poles_are_asked_for",
+        "fitting/test_fewer_poles.py: test_of_a_lag_one_pole_is_asked_for",
+        "fitting/test_fewer_poles.py: test_of_the_right_order_no_fewer_poles_are_asked_for",
     ),
     "the inputs could explain a further x % of the output's power": (
-        "offline/test_several_inputs.py: test_a_pole_too_few",
+        "fitting/test_several_inputs.py: test_a_pole_too_few",
     ),
     "answers to disturbances of the output: a controller makes it": (
-        "offline/test_several_inputs.py: test_a_controller_that_makes_an_input",
+        "fitting/test_several_inputs.py: test_a_controller_that_makes_an_input",
     ),
 }
 #: No record is known where it is said: what noise hides so far moves no input either, and is no reference.
