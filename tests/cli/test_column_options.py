@@ -10,7 +10,7 @@ COMMANDS = ("run", "compare", "look", "fleet")
 @pytest.mark.parametrize(
     ("command", "option", "words"),
     [
-        *((command, "-i", "only replant fit and replant validate take several inputs") for command in COMMANDS),
+        *((command, "-i", "only replant fit, run and validate take several inputs") for command in COMMANDS[1:]),
         *((command, "-o", "several outputs") for command in ("fit", *COMMANDS)),
     ],
 )

@@ -155,7 +155,7 @@ class Wire(Reader):
         """Nothing is read in a thread of its own."""
 
     def batches(self) -> Iterator[Batch]:
-        self._connected(again=False)
+        self._connected()
         for block in self._blocks:
             self._deliver(self._parse(block))
             yield self._inbox.get(0.0)

@@ -151,7 +151,7 @@ def test_a_checkpoint_of_the_version_before_goes_on() -> None:
     rng = np.random.default_rng(0)
     u = np.repeat(rng.choice([-1.0, 1.0], 20), 5)
     y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u, DT) + 0.01 * rng.standard_normal(100)
-    old = rp.load(Path(__file__).parents[1] / "checkpoint" / "version_5.replant")
+    old = rp.load(Path(__file__).parent / "checkpoint" / "version_5.replant")
     new = rp.Identifier(poles=1, dt=DT, startup=30)
     new.update_many(u[:60], y[:60])
     for one in (old, new):

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from offline.test_several_inputs import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
 
 import replant as rp
+from fitting.test_several_inputs import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
 from support.cases import every

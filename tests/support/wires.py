@@ -7,7 +7,8 @@ import threading
 
 import numpy as np
 
-from replant.live.streams import Batch, Source
+from replant.live.streams import Batch, Source, open_source
+from replant.live.streams.payloads import UdpSource
 from support.waiting import PATIENCE, wait_until
 
 
@@ -94,3 +95,27 @@ def csv(*columns: np.ndarray) -> bytes:
     """Return lines of CSV with every digit."""
     rows = zip(*(column.tolist() for column in columns), strict=True)
     return "".join(",".join(map(repr, row)) + "\n" for row in rows).encode()
+
+
+class Device:
+    """A rig that sends to a source."""
+
+    def __init__(self, source: UdpSource) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect(("127.0.0.1", source.port))
+
+    def send(self, payload: bytes) -> None:
+        self.socket.send(payload)
+
+    def __enter__(self) -> Device:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.socket.close()
+
+
+def opened(options: str = "") -> UdpSource:
+    """A source of datagrams at a free port."""
+    source = open_source("udp://127.0.0.1:0" + options)
+    assert isinstance(source, UdpSource)
+    return source

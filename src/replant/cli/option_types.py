@@ -202,7 +202,7 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
     return shlex.join(words)
 
 
-MANY_INPUTS = "only replant fit and replant validate take several inputs: name one of them here"
+MANY_INPUTS = "only replant fit, run and validate take several inputs: name one of them here"
 MANY_OUTPUTS = "several outputs are not supported: identify them one after the other"
 
 

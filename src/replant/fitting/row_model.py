@@ -61,6 +61,7 @@ class RowModel(RowFields):
 
     Examples
     --------
+    >>> from replant import Structure
     >>> model = RowModel((Structure(1), Structure(1, delay=0.2)), [1.0, 2.0, 3.0, 4.0], dt=0.1)
     >>> print(*model.transfer_functions, sep=", ")
     2 / (s + 1), 4 / (s + 3) exp(-0.2 s)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import struct
 from collections.abc import Callable
 
@@ -11,33 +10,9 @@ import pytest
 
 from replant.errors import InvalidArgumentError
 from replant.live.streams import open_source
-from replant.live.streams.payloads import UdpSource
 from replant.live.streams.reader import CAPACITY
 from support.cases import every
-from support.wires import Reading, csv, wait_until
-
-
-class Device:
-    """A rig that sends to a source."""
-
-    def __init__(self, source: UdpSource) -> None:
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.connect(("127.0.0.1", source.port))
-
-    def send(self, payload: bytes) -> None:
-        self.socket.send(payload)
-
-    def __enter__(self) -> Device:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.socket.close()
-
-
-def opened(options: str = "") -> UdpSource:
-    source = open_source("udp://127.0.0.1:0" + options)
-    assert isinstance(source, UdpSource)
-    return source
+from support.wires import Device, Reading, csv, opened, wait_until
 
 
 @every("end", [b"", b"\n", b"\r\n"], quick=1)

@@ -14,13 +14,12 @@ import numpy as np
 import pytest
 
 import replant as rp
-from live.streams.test_udp import Device, opened
 from replant.estimation.engine.state import REASONS
 from replant.live.streams import open_source
 from replant.live.streams.opening import SCHEMES
 from support.broker import MOSQUITTO, Broker
 from support.places import ROOT
-from support.wires import Reading
+from support.wires import Device, Reading, opened
 
 PAGE = (ROOT / "docs" / "live.md").read_text(encoding="utf-8")
 HOW_TO = ROOT / "docs" / "how-to"
@@ -113,7 +112,7 @@ def test_every_kind_of_url_is_on_the_page() -> None:
 
 def test_the_reasons_on_the_page_are_those_that_are_counted() -> None:
     """Each reason that the page quotes stands in the sources' code, or is one of the identifier's."""
-    code = "".join(path.read_text() for path in Path(rp.__file__).parent.joinpath("data", "streams").glob("*.py"))
+    code = "".join(path.read_text() for path in Path(rp.__file__).parent.joinpath("live", "streams").glob("*.py"))
     code += "".join(f'"{reason}"' for reason in REASONS)
     table = PAGE.partition("## Faults of the connection")[2].partition("\n## ")[0]
     quoted = set(re.findall(r'"([^"]+)"', table))
