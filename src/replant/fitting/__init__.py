@@ -1,1 +1,1 @@
-"""The identified model (`Model`): what is kept of an identification, its JSON, its responses, its validation."""
+"""Fitting: fit and search over records, a first look at a log, and the kept `Model`: JSON, responses, validation."""

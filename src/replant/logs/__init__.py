@@ -1,4 +1,4 @@
-"""Recorded logs: files of many formats read into input, output and sampling time."""
+"""Recorded logs: files of many formats read into input, output and sampling time; columns, roles, conditioning."""
 
 from replant.logs.formats import read_columns
 from replant.logs.log import Log

@@ -1,1 +1,1 @@
-"""Statistics that several stages share: factors of a covariance, projections, autoregression, batch means."""
+"""Numerics: checks of arguments, limits, linear algebra, projections, autoregression, and the levels of all tests."""
