@@ -91,7 +91,7 @@ class Uncertainty:
 
     @cached_property
     def untold_pole(self) -> complex | None:
-        """The fastest pole where it may be infinitely fast, of a pair that above the real axis; None where it is not."""
+        """The fastest pole where it may be infinitely fast, of a pair that above the real axis; else None."""
         return untold_pole(self.structure, self.parameters, self.covariance)
 
     def __repr__(self) -> str:
