@@ -9,13 +9,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
-from replant.numerics.arguments import (
-    FloatArray,
-    instance,
-    keep,
-    numbers,
-    positive,
-)
+from replant.numerics.arguments import FloatArray, instance, keep, numbers, positive
 
 
 @dataclass(frozen=True)

@@ -14,12 +14,7 @@ from replant.estimation.optimizers.optimizer import Replay
 from replant.estimation.scaling import Scaling
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.numerics.arguments import (
-    instance,
-    keep,
-    truth,
-    whole,
-)
+from replant.numerics.arguments import instance, keep, truth, whole
 from replant.numerics.limits import duration
 
 AUTO = "auto"
@@ -193,13 +188,7 @@ class Request:
 
 
 def filter_for(input_hold: str) -> Filter | str:
-    """Return the filter to request where the input is "zoh" or "foh": the data choose it, or it must know of the lines.
-
-    Examples
-    --------
-    >>> filter_for("zoh"), filter_for("foh")
-    ('auto', RefinedFilter(input_hold='foh'))
-    """
+    """Return the filter to request where the input is "zoh", which the data choose, or "foh", of which it must know."""
     return AUTO if input_hold == "zoh" else RefinedFilter(input_hold)
 
 

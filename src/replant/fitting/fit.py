@@ -24,12 +24,7 @@ from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import Preprocess, screen
 from replant.model.structure import Structure
-from replant.numerics.arguments import (
-    FloatArray,
-    one_of,
-    record,
-    vector,
-)
+from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet
 from replant.verdict import Simulation, fit_percent, simulate
@@ -186,11 +181,7 @@ def fit(
 
 
 def fit_samples(
-    given: Samples,
-    structure: Structure,
-    method: str,
-    chosen: Filter | str,
-    preprocess: Preprocess | None,
+    given: Samples, structure: Structure, method: str, chosen: Filter | str, preprocess: Preprocess | None
 ) -> FitResult:
     """Return the fit of a structure to samples, see `fit`."""
     preprocess = given.preprocess if preprocess is None else preprocess

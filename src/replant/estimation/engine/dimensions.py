@@ -138,11 +138,7 @@ def ring_of(structure: Structure, dt: float) -> int:
 
 
 def room_for(samples: int, most: int) -> int:
-    """Return the rows for raw samples after so many, of ``most`` at the end: doubled when all are in use.
-
-    >>> [room_for(samples, 30_000) for samples in (0, 1023, 1024, 20_000, 10**6)]
-    [1024, 1024, 2048, 30000, 30000]
-    """
+    """Return the rows for raw samples after so many, of ``most`` at the end: doubled when all are in use."""
     rows = min(FIRST_ROOM, most)
     while rows < most and rows <= samples:
         rows = min(2 * rows, most)

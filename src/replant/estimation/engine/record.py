@@ -44,9 +44,6 @@ def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
 
     An interval is a gap if it is more than `GAP` times as long as the usual one, and as those beside it: samples that
     come more slowly for a while are no gaps.  Of more than `MOST_GAPS` the longest are returned.
-
-    >>> gaps_of(np.array([1.0, 1.0, 9.0, 1.0, 9.0, 9.0, 9.0]), 1.0)
-    array([2])
     """
     if intervals.size < 2:
         return np.zeros(0, np.int64)
@@ -178,13 +175,6 @@ class Record:
 
         The input of a lost row lies on the straight line between its neighbours, its output was not measured.  What
         lies in a gap stays lost, and where samples come more slowly for a while none is missing.
-
-        Examples
-        --------
-        >>> record = Record(np.array([0.0, 1.0, 4.0, 4.0]), np.zeros(4), np.array([1.0, 1.0, 3.0, 1.0]))
-        >>> restored, places = record.restored
-        >>> restored.u.tolist(), restored.measured.tolist(), places.tolist()
-        ([0.0, 1.0, 2.0, 3.0, 4.0, 4.0], [True, True, False, False, True, True], [0, 1, 4, 5])
         """
         if self.intervals.size == 1:
             return self, np.arange(self.u.size)
@@ -230,14 +220,7 @@ class Record:
         return Record(u, y, intervals, self.input_hold, r, None, self.usual, measured, begins)
 
     def unknown(self, delay: float) -> int:
-        """Return how many samples at the beginning answer to inputs before the record, with a dead time in s.
-
-        Examples
-        --------
-        >>> record = Record(np.zeros(9), np.zeros(9), np.array([0.1]))
-        >>> [record.unknown(delay) for delay in (0.0, 0.3, 0.32, 5.0)]
-        [0, 3, 4, 9]
-        """
+        """Return how many samples at the beginning answer to inputs before the record, with a dead time in s."""
         if self.intervals.size == 1:
             return min(unknown_outputs(delay, float(self.intervals[0])), self.u.size)
         since = np.cumsum(self.intervals) - self.intervals[0]

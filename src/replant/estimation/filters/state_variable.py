@@ -16,15 +16,7 @@ from replant.errors import InvalidArgumentError, shown
 from replant.model import state_space
 from replant.model.dead_time import split_delay
 from replant.model.structure import Structure
-from replant.numerics.arguments import (
-    FloatArray,
-    between,
-    keep,
-    numbers,
-    one_of,
-    positive,
-    whole,
-)
+from replant.numerics.arguments import FloatArray, between, keep, numbers, one_of, positive, whole
 from replant.numerics.limits import dead_time, duration
 from replant.numerics.linear_algebra import roots
 

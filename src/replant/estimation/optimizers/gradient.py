@@ -8,13 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from replant.estimation.optimizers.optimizer import Optimizer, rounded
-from replant.numerics.arguments import (
-    FloatArray,
-    between,
-    keep,
-    not_negative,
-    positive,
-)
+from replant.numerics.arguments import FloatArray, between, keep, not_negative, positive
 
 
 @dataclass(frozen=True)

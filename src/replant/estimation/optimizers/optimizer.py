@@ -62,13 +62,7 @@ class Replay:
 
 
 def rounded(value: float) -> float:
-    """Return ``value`` to three digits: a setting that one can type again.
-
-    Examples
-    --------
-    >>> rounded(0.000122159)
-    0.000122
-    """
+    """Return ``value`` to three digits: a setting that one can type again."""
     return float(f"{value:.3g}")
 
 

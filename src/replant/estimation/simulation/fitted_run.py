@@ -139,13 +139,6 @@ class FittedRun:
     """Runs a model over a record that comes batch by batch.
 
     The offset is fitted to the first batch, the state to the rest of the batch in which its stretch begins.
-
-    >>> g = TransferFunction([2.0], [1.0, 1.0])
-    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
-    >>> run = FittedRun(g, dt=0.1)
-    >>> output, known = run.take(u, g.simulate(u, 0.1) + 5.0)
-    >>> round(run.offset, 6), bool(np.abs(output - known).max() < 1e-9)
-    (5.0, True)
     """
 
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
@@ -215,12 +208,7 @@ def bridged(u: FloatArray, before: float = 0.0) -> tuple[FloatArray, float]:
 
 @quiet
 def triangle_of(*columns: FloatArray) -> FloatArray:
-    """Return R (at most C, C) of columns side by side, each (K,) or (K, c), C together; rows with a NaN are left out.
-
-    >>> np.abs(triangle_of(np.ones(4), np.array([1.0, 3.0, np.nan, 5.0]))).round(4)
-    array([[1.7321, 5.1962],
-           [0.    , 2.8284]])
-    """
+    """Return R (at most C, C) of columns side by side, each (K,) or (K, c), C together, without rows with a NaN."""
     triangle = np.zeros((0, sum(each.shape[1] if each.ndim > 1 else 1 for each in columns)))
     for begin in range(0, len(columns[0]), ROWS):
         block = np.column_stack([each[begin : begin + ROWS] for each in columns])
@@ -236,9 +224,6 @@ def weights_of(triangle: FloatArray) -> FloatArray:
 
     Of weights that explain it equally well those are taken whose scaled columns are shortest together; zeros where
     there is no solution.
-
-    >>> weights_of(triangle_of(np.ones(3), np.array([1.0, 3.0, 5.0]))).round(9)
-    array([3.])
     """
     columns = triangle[:, :-1]
     lengths = _lengths(columns)

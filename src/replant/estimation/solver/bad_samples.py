@@ -19,15 +19,7 @@ import numpy as np
 from replant.kernels.schema import Doubt
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.levels import MATTERS
-from replant.numerics.robust import (
-    SECTIONS,
-    never_ties,
-    robust_std,
-    still_runs,
-    tie_share,
-    usual_step,
-    without_spikes,
-)
+from replant.numerics.robust import SECTIONS, never_ties, robust_std, still_runs, tie_share, usual_step, without_spikes
 
 SIGMAS = 6.0
 """Distance of a residual from what its neighbours tell beyond which it is an outlier [robust standard deviations].

@@ -46,11 +46,7 @@ def at_first(record: Record) -> Record:
 
 
 def solve(
-    structure: Structure,
-    record: Record,
-    given: Sequence[FloatArray] = (),
-    *,
-    afresh: bool = False,
+    structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False
 ) -> Solution | None:
     """Solve a record; None where no start leads to a model."""
     answers, doubt = record.answers(structure.delay), _suspicious(record)
