@@ -135,10 +135,7 @@ class Request:
 
     @property
     def wants_instruments(self) -> bool:
-        """Whether instruments are used.
-
-        With "auto" they are used with the refined filter, and with the optimizers that keep a covariance.
-        """
+        """Whether instruments are used: if "auto", by the refined filter and optimizers that keep a covariance."""
         if isinstance(self.instruments, bool):
             return self.instruments
         if isinstance(self.filter, Filter) and self.filter.follows_estimate:

@@ -230,31 +230,15 @@ class FitResult:
 
 @dataclass(frozen=True, eq=False)
 class ReferenceUse:
-    """What a reference was worth to a fit.
+    """What a reference was worth to a fit."""
 
-    Attributes
-    ----------
-    signal : (K,) array
-        The reference as it was given.
-    used : bool
-        Whether instruments were made from it.
-    finding : str
-        In one line what is wrong with it; empty where nothing is.
-    explained : float
-        Share of the input's power that it explains.
-    misfit : float
-        J, the part of the whitened residual that the reference explains, over the residual's variance: chi-square at a
-        right model, whatever the noise is.  NaN where it was not used.
-    degrees : int
-        Degrees of freedom of J.
-    """
-
-    signal: FloatArray
-    used: bool
-    finding: str
-    explained: float
+    signal: FloatArray  # (K,): as it was given
+    used: bool  # whether instruments were made from it
+    finding: str  # in one line what is wrong with it; empty where nothing is
+    explained: float  # share of the input's power that it explains
+    # J, what of the whitened residual it explains, over the residual's variance: chi-square at a right model; else NaN
     misfit: float = math.nan
-    degrees: int = 0
+    degrees: int = 0  # of freedom of J
 
     @property
     def misfit_limit(self) -> float:

@@ -238,10 +238,7 @@ class PoleMap(Shown):
 
 
 def time_of(model: TransferFunction, given: float | None = None) -> FloatArray:
-    """Return times (N,) from 0 to a duration in s, by default until the slowest mode of the model has settled.
-
-    They are close enough to show the oscillation of each mode, not its aliases.
-    """
+    """Return times (N,) in s from 0 until the slowest mode has settled, close enough to show each oscillation."""
     if given is None:
         slowest = np.abs(model.poles.real)
         speeds = np.where(slowest > 1e-6 * np.abs(model.poles), slowest, np.abs(model.poles))

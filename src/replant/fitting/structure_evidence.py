@@ -60,11 +60,7 @@ class Trial:
         return self.likelihood - self.price
 
     def uncertainty(self, span: float) -> float:
-        """Return the largest standard deviation of a coefficient as a part of its size.
-
-        Of a_i the size is that of the coefficient of prod(s + abs(pole)), as it would be if all poles were real; of b_j
-        it is its own.
-        """
+        """Return the largest standard deviation of a coefficient over its size, of a_i as if all poles were real."""
         structure, theta = self.structure, self.found.theta
         std = np.sqrt(np.maximum(np.diag(self.found.covariance)[: structure.coefficients], 0.0))
         denominator = real_coefficients(theta[structure.denominator], 1.0 / span)

@@ -142,10 +142,7 @@ class Autoregression:
 
 
 def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
-    """Return a monic polynomial (p + 1,) without roots outside the unit circle, and a gain.
-
-    Their product has the same magnitude on the circle as ``model`` (p + 1,).
-    """
+    """Return a monic polynomial without roots outside the unit circle, and the gain that keeps its magnitude."""
     places = roots(model)
     outside = np.abs(places) > 1.0
     if not outside.any():
@@ -163,11 +160,7 @@ def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
 
 @quiet
 def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
-    """Return the logarithm of the likelihood ratio of two models of a record by their residuals (K,) on it.
-
-    Each is whitened by a noise model of its own: K / 2 log(power of the other / power of the one).  It does not depend
-    on the unit; a residual that leaves float64 is the less likely one.
-    """
+    """Return K / 2 ln of the power ratio of two whitened residuals (K,); one that leaves float64 is the less likely."""
     held, other_held = bool(np.isfinite(error).all()), bool(np.isfinite(other).all())
     if not (held and other_held):
         return 0.0 if held == other_held else math.inf if held else -math.inf
@@ -179,10 +172,7 @@ def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
 
 @quiet
 def one_step(residual: FloatArray) -> FloatArray:
-    """Return the one-step prediction error (K,) of a free run's residual (K,), modelled as an autoregression.
-
-    A sample without a complete finite past keeps its residual: it cannot be predicted.
-    """
+    """Return the error (K,) of a residual predicted by an autoregression; without a whole past it stays as it is."""
     if residual.size <= LAGS:
         return residual
     known = np.isfinite(residual)
@@ -198,11 +188,7 @@ def one_step(residual: FloatArray) -> FloatArray:
 
 
 def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> FloatArray:
-    """Return what the residual (K,) is expected to be, from those ``horizon`` samples ago and earlier.
-
-    The prediction is the first row of C^horizon times the newest p known residuals, C the companion matrix of the
-    autoregression.  Residuals from before the record count as zero.
-    """
+    """Return what the residual (K,) is expected to be ``horizon`` samples on: by the companion matrix."""
     order = coefficients.size - 1
     if order == 0 or horizon >= residual.size:
         return np.zeros(residual.size)
@@ -226,11 +212,7 @@ def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL)
 
 
 def places_on_grid(intervals: FloatArray, dt: float) -> IntArray:
-    """Return the place (K,) of each sample on a grid of step ``dt``, the first one's the places that it follows.
-
-    Each sample takes the next place, after one empty place for each sample that was lost.  More than LAGS in a row are
-    counted as LAGS: what comes after has no known past either way.
-    """
+    """Return the place (K,) of each sample on a grid of step ``dt``; of those lost in a row up to LAGS count."""
     lost = np.clip(np.rint(np.minimum(intervals / dt, LAGS + 1.0)) - 1.0, 0.0, LAGS).astype(np.int64)
     return np.asarray(np.arange(intervals.size) + np.cumsum(lost))
 

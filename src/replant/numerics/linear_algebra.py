@@ -72,10 +72,7 @@ def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
 
 @quiet
 def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tuple[FloatArray, int, FloatArray]:
-    """Return the least-squares solution of least norm (P,), the rank, and the singular values of the columns.
-
-    Without a solution these are zeros, 0, and an empty array.
-    """
+    """Return the least-squares solution of least norm (P,), rank and singular values; zeros if none."""
     nothing = np.zeros(columns.shape[1]), 0, np.zeros(0)
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
         return nothing
@@ -174,10 +171,7 @@ def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @quiet
 def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
-    """Return the covariance of an estimate under coloured noise, with at least the variances under white noise.
-
-    A coloured variance of zero means that the autoregression explains the residual to rounding: it is then the white.
-    """
+    """Return a coloured covariance with at least the variances under white noise; the white one where one is zero."""
     if not (np.diag(coloured) > np.finfo(float).eps * np.diag(white)).all():
         return white
     stretch = np.sqrt(np.maximum(np.diag(white) / np.diag(coloured), 1.0))
@@ -185,10 +179,7 @@ def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
 
 
 def chi2_quantile(probability: float, degrees: int) -> float:
-    r"""Return the value that a chi-square variable exceeds with 1 - ``probability``.
-
-    With :math:`P` the regularized lower incomplete gamma function, :math:`P(\nu / 2, x / 2) = p`.
-    """
+    r"""Return x with :math:`P(\nu / 2, x / 2) = p`, what a chi-square variable exceeds with 1 - ``probability``."""
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(degrees / 2.0, probability))

@@ -37,10 +37,7 @@ class Correlations:
 
     @property
     def outside(self) -> tuple[float, float]:
-        """Part of the lags beyond the 95 % limits: of ``auto`` without lag 0, and of ``cross`` from lag 0 on.
-
-        About 0.05 for a model that explains the record completely.
-        """
+        """Part of the lags beyond 95 % limits, of ``auto`` without lag 0 and of ``cross``: 0.05 of a right model."""
         lags = self.auto.size - 1
         auto = np.abs(self.auto[1:]) > BAND_95 * self.auto_std
         cross = np.abs(self.cross[lags:]) > BAND_95 * self.cross_std
@@ -217,11 +214,7 @@ SHORTEST = 64  # samples that a stretch needs [samples]
 
 
 def periodogram(residual: FloatArray, dt: float) -> tuple[FloatArray, FloatArray] | None:
-    """Return angular frequencies in rad/s and the two-sided power spectral density of a residual (K,), per Hz.
-
-    By Welch's method with a Hann window.  None where fewer than `SHORTEST` samples are finite; a sample that is not
-    counts as zero.
-    """
+    """Return angular frequencies and the two-sided density of a residual (K,) per Hz, by Welch; None if too short."""
     known = np.isfinite(residual)
     if known.sum() < SHORTEST:
         return None

@@ -47,11 +47,7 @@ def robust_std(values: FloatArray) -> float:
 
 
 def without_spikes(y: FloatArray) -> FloatArray:
-    """Return an output with gross outliers replaced by the median of five neighbours.
-
-    An outlier is gross if it lies further from that median than twice the median's whole range, as no plant's output
-    does.
-    """
+    """Return an output with gross outliers (`GROSS`) replaced by the median of five neighbours."""
     if y.size < SPIKE_NEIGHBOURS or not np.isfinite(y).all():
         return y
     half = SPIKE_NEIGHBOURS // 2
@@ -64,11 +60,7 @@ def without_spikes(y: FloatArray) -> FloatArray:
 
 
 def normal_scores(values: FloatArray) -> FloatArray:
-    """Return the normal quantiles of the ranks of values (K,): their order, without the size of the largest.
-
-    Source: van der Waerden (1952), "Order tests for the two-sample problem and their power", Indagationes
-    Mathematicae 14.
-    """
+    """Return the normal quantiles of the ranks of values (K,), van der Waerden's scores: their order without size."""
     from scipy import special, stats  # slow to import
 
     return np.asarray(special.ndtri(stats.rankdata(values) / (values.size + 1.0)))
@@ -81,11 +73,7 @@ def still_runs(y: FloatArray) -> IntArray:
 
 
 def usual_step(y: FloatArray) -> float:
-    """Return the step of a sensor's scale, the median distance of the values (K,) that it gave; 0 of a single one.
-
-    The steps of a scale that was rounded to a few digits, or read from a table, are not equal.  Of a scale without
-    steps it is next to nothing.
-    """
+    """Return the step of a sensor's scale, the median distance of the values (K,) that it gave; 0 of a single one."""
     values = np.unique(y[np.isfinite(y)])
     return float(np.median(np.diff(values))) if values.size > 1 else 0.0
 
@@ -103,10 +91,7 @@ def never_ties(y: FloatArray) -> bool:
 def path_variances(
     estimates: FloatArray, known: FloatArray, least: float = LEAST_BLOCKS
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the variances (T,) of the last estimate, and the number of blocks (T,) that each one is made from.
-
-    A variance is 0 where the path has too few blocks.
-    """
+    """Return the variances (T,) of the last estimate, 0 where blocks are too few, and how many blocks each has."""
     steps = np.diff((estimates - estimates[-1]) / known, axis=0, prepend=0.0)
     weights = np.diff(known[-1] / known, axis=0, prepend=0.0)
     blocks = 1.0 / (weights**2).sum(axis=0)

@@ -15,11 +15,7 @@ Step = Callable[[float, float, float, float], float]  # takes a sample (u, y, t,
 
 
 def step_kernels(state: State, *, regular: bool) -> tuple[Kernel, Kernel]:
-    """Return the step kernels for this state: for one sample, and for many; ``regular``: without time stamps.
-
-    All kernels work on the same arrays, so another one can go on where one stopped, as when stamps begin to come.  See
-    the table in `replant.kernels.step`.
-    """
+    """Return the step kernels for one sample and for many, which work on the same arrays; see `kernels.step`."""
     from replant.kernels.step import collecting, covariance, fixed_filter, gradient
 
     if state.collects:

@@ -57,36 +57,20 @@ def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A record made ready: mapped input and output, working point taken off, unusable samples dropped.
+    """A record made ready: mapped input and output, working point taken off, unusable samples dropped."""
 
-    Attributes
-    ----------
-    u, y : (K,) arrays
-    intervals : (1,) or (K,) array
-        Time since the sample before, in s: one for all, or one each.
-    input_hold : str
-    r : (K,) array, optional
-        Reference; None where there is none.
-    before : Record, optional
-        The samples before it, whose inputs still act on it because of a dead time.
-    usual : float
-        Usual interval in s of a record whose gaps part it, see `gaps_of`; infinite where none does.
-    measured : (K,) array of bool, optional
-        Which outputs were measured; None where all were.  Of the others ``y`` holds a guess: the input drives the
-        model, the model's own output takes their place, and nothing is learned from them.
-    begins : tuple of int
-        Samples at which another record begins, see `join`: its offset and initial state are its own.
-    """
-
-    u: FloatArray
-    y: FloatArray
-    intervals: FloatArray
+    u: FloatArray  # (K,)
+    y: FloatArray  # (K,)
+    intervals: FloatArray  # (1,) or (K,): time since the sample before, in s: one for all, or one each
     input_hold: str = "zoh"
-    r: FloatArray | None = None
-    before: Record | None = None
+    r: FloatArray | None = None  # (K,): the reference, where there is one
+    before: Record | None = None  # the samples before it, whose inputs still act on it because of a dead time
+    # usual interval in s of a record whose gaps part it, see `gaps_of`; infinite where none does
     usual: float = math.inf
+    # (K,): which outputs were measured, None for all; in place of others, ``y`` a guess, the model's own output drives
+    # the filters, and nothing is learned from them
     measured: BoolArray | None = None
-    begins: tuple[int, ...] = ()
+    begins: tuple[int, ...] = ()  # samples at which another record begins: its offset and initial state are its own
 
     @property
     def count(self) -> int:

@@ -21,10 +21,7 @@ def regressors(
     y: FloatArray,
     t: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the regressors phi (K, P) and the target s^n/Lambda y (K,) of a record, in physical units.
-
-    Rows of samples that are not finite, or too large for float64, are NaN.
-    """
+    """Return the regressors phi (K, P) and the target s^n/Lambda y (K,), in physical units; NaN where a sample is."""
     from replant.kernels.step.stages import regressors as kernel
 
     if t is not None and state_filter.regular_only:

@@ -130,10 +130,7 @@ class State(StateArrays):
         self, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str,
         instruments: bool,
     ) -> None:  # fmt: skip
-        """Fill in structure, sampling time and kind of filter.
-
-        Nothing compiled runs: the numbers of a fixed filter are left to `fix_filter`.
-        """
+        """Fill in structure, sampling time and kind of filter; nothing compiled runs, see `fix_filter`."""
         refined = state_filter is None
         self.parameter_count, self.input_entries = structure.size, structure.zeros + 1
         self.straight_input = input_hold == "foh"

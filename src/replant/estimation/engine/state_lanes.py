@@ -30,10 +30,7 @@ ALIKE = [
 
 
 def fits(state: State) -> bool:
-    """Return whether a state may be stepped in a lane, on a regular clock: a refined filter and no dead time.
-
-    Nor does it follow sums in the place of samples that are not kept.
-    """
+    """Return whether a state may be stepped in a lane: refined filter, samples kept, no dead time or reference."""
     from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 
     known = state.examines_output and state.refined and state.algorithm == RECURSIVE_LEAST_SQUARES
@@ -72,10 +69,7 @@ class Lanes:
         self, states: Sequence[State], numbers: Sequence[int], start: int, u: FloatArray, y: FloatArray,
         errors: FloatArray, parameters: FloatArray,
     ) -> tuple[int, IntArray]:  # fmt: skip
-        """Take samples from row ``start`` on, up to the stretch in which a member needs attention.
-
-        Returns the row behind that stretch, and for each member the row up to which it has taken them.
-        """
+        """Take samples from row ``start`` on; return where one needs attention, and up to which each has taken them."""
         from replant.kernels.lanes import LANES
         from replant.kernels.step import ensemble_covariance
 

@@ -136,10 +136,7 @@ class Part(NamedTuple):
 
 
 class FittedRun:
-    """Runs a model over a record that comes batch by batch.
-
-    The offset is fitted to the first batch, the state to the rest of the batch in which its stretch begins.
-    """
+    """Runs a model over a record batch by batch, the offset fitted to the first, a state to the rest of its batch."""
 
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
         self._model, self._dt, self._hold = model, dt, input_hold
@@ -220,11 +217,7 @@ def triangle_of(*columns: FloatArray) -> FloatArray:
 
 @quiet
 def weights_of(triangle: FloatArray) -> FloatArray:
-    """Return the weights (C - 1,) of a triangle's columns that explain its last one best.
-
-    Of weights that explain it equally well those are taken whose scaled columns are shortest together; zeros where
-    there is no solution.
-    """
+    """Return the weights (C - 1,) of a triangle's columns, the shortest that explain its last; zeros if none do."""
     columns = triangle[:, :-1]
     lengths = _lengths(columns)
     # the columns are scaled: the sizes of a response that dies out and of one that grows differ by many decades
@@ -233,10 +226,7 @@ def weights_of(triangle: FloatArray) -> FloatArray:
 
 @quiet
 def common_offset(triangles: Sequence[FloatArray]) -> float:
-    """Return the offset that, together with a state of each part of its own, explains what a model leaves of the parts.
-
-    It is 0 where the states alone explain it as well, as those of an integrator do.
-    """
+    """Return the offset that, beside a state of each part, explains what is left; 0 where the states alone do."""
     size = power = product = 0.0
     for triangle in triangles:
         own, rest = triangle[:, :-2], triangle[:, -2:]

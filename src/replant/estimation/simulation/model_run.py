@@ -113,10 +113,7 @@ def runs_away(denominator: FloatArray, span: float) -> bool:
 
 @quiet
 def prediction_error(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> FloatArray | None:
-    """Return the error (K,) of the output predicted one step ahead, offset and initial state fitted to the record.
-
-    For a model of any stability; that of a stable one is simulated.  None where it leaves float64.
-    """
+    """Return the one-step error (K,), offset and initial state fitted, of any stability; None beyond float64."""
     model = AuxiliaryModel(structure, dt, record.input_hold, margin=SLOWEST / record.span)
     theta, known = np.zeros(model.entries), structure.coefficients
     theta[:known] = parameters[:known]

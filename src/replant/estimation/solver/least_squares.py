@@ -57,11 +57,7 @@ def choose_filter(
     t: FloatArray | None = None,
     input_hold: str = "zoh",
 ) -> StateVariableFilter:
-    """Return the filter whose least-squares model fits a record best when simulated from the input alone.
-
-    The cutoffs tried lie between 10 / duration and 1 / dt.  The simulated fit is compared, not the equation error: a
-    filter with a low cutoff makes the equation error small whatever the model is.
-    """
+    """Return the filter, its cutoff from 10 / duration to 1 / dt, whose least-squares model simulates a record best."""
     u, y, t = u[:MOST_SAMPLES], y[:MOST_SAMPLES], None if t is None else t[:MOST_SAMPLES]
     accepted, _ = screen(preprocess.map_input(u), y)
     y = np.where(accepted, y, np.nan)

@@ -102,11 +102,7 @@ def refine(
     afresh: bool = False,
     filtered: bool = True,
 ) -> Refined | None:
-    """Return the refined instrumental-variable estimate of a record; None where no start leads to a model.
-
-    Every start is improved by a few steps, the most promising ones by more.  Then the noise model is found, and the
-    best models are improved with it.
-    """
+    """Return the refined instrumental-variable estimate of a record; None where no start leads to a model."""
     if not is_long_enough(structure, record):
         return None
     problem = Problem(structure, record)
