@@ -10,11 +10,10 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
-from replant.estimation.engine.record_regressors import regressors
 from replant.estimation.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.estimation.settings import AUTO, Request
 from replant.estimation.simulation.model_run import prediction_error, runs_away
-from replant.estimation.solver.least_squares import choose_filter, least_squares
+from replant.estimation.solver.least_squares import choose_filter, least_squares, regressors
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.row_fit import RowFit, fit_row, is_row

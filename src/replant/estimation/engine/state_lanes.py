@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from replant.estimation.engine.aligned import aligned
 from replant.estimation.engine.state import State
-from replant.kernels.schema import StateSlots
+from replant.kernels.schema import LINE, StateSlots
 from replant.numerics.arguments import FloatArray, IntArray
 
 STRETCH = 8
@@ -46,6 +45,14 @@ def fits(state: State) -> bool:
 def kind(state: State) -> tuple[int, ...]:
     """Return what the states in the lanes of one vector must have in common."""
     return (*state.ints[ALIKE].tolist(), state.rest_after > 0, bool(state.settings[0] < 1.0), *state.reals.shape)
+
+
+def aligned(shape: tuple[int, ...]) -> FloatArray:
+    """Return an array of zeros that begins on a cache line, so that no vector lies across two lines."""
+    size = int(np.prod(shape))
+    room = np.zeros(size + LINE // 8)
+    skip = -room.ctypes.data % LINE // 8
+    return room[skip : skip + size].reshape(shape)
 
 
 class Lanes:

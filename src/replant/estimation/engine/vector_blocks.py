@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from replant.estimation.engine.aligned import aligned
 from replant.estimation.engine.state import State
-from replant.estimation.engine.state_lanes import Lanes
+from replant.estimation.engine.state_lanes import Lanes, aligned
 from replant.kernels.schema import LAYOUT, StateSlots
 from replant.numerics.arguments import FloatArray, IntArray
 
