@@ -67,8 +67,8 @@ HARM = 0.02  # what a model must move for a stuck sensor to do harm: the root of
 def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
     """Return the `Doubt` in each output (K,) without a model: missing (NaN), gross, or equal too often to be chance.
 
-    Gross outputs at steps of the input (K,), or of one of several (K, q), may be answers to it.  Where equal ones are most of all, none of them is
-    suspicious.
+    Gross outputs at steps of the input (K,), or of one of several (K, q), may be answers to it.  Where equal ones are
+    most of all, none of them is suspicious.
     """
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
     known, gross = np.isfinite(y), _gross(y)
