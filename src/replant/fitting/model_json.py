@@ -69,11 +69,10 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
         layout, structures, plants = VERSION, (model.structure,), (model.transfer_function,)
         known = None if model.uncertainty is None else (model.uncertainty,)
         inputs: list[dict[str, Any]] = [{"name": model.input_name, "map": model.input_map, "level": model.input_level}]
-        rejected: dict[str, Any] = {"rejected": dict(model.rejected)}
     else:
         layout, structures, plants, known = OF_SEVERAL, model.structures, model.transfer_functions, model.uncertainty
         levels = zip(model.input_names, model.input_levels.tolist(), strict=True)
-        inputs, rejected = [{"name": name, "level": level} for name, level in levels], {}
+        inputs = [{"name": name, "level": level} for name, level in levels]
     std = [math.nan] * model.parameters.size
     if known is not None:
         std = [value for each in known for value in each.std.tolist()]
@@ -104,7 +103,7 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
         "noise": None if model.noise is None else noise_object(model.noise),
         "fit": {"one_step": finite(model.one_step_fit), "simulated": finite(model.simulated_fit)},
         "samples": model.provenance.samples,
-        **rejected,
+        "rejected": dict(model.rejected),
         "verdict": verdict_object(model.verdict),
         "provenance": {name: getattr(model.provenance, name) for name in OF_PROVENANCE},
     }
@@ -242,7 +241,9 @@ def _fields(read: dict[str, Any], layout: int) -> dict[str, Any]:
         ),
     }
     if not single:
-        return shared | {"structures": structures, "input_names": input_names, "input_levels": np.array(levels)}
+        left_out = tuple(entry(read, "rejected", dict).items()) if "rejected" in read else ()  # not in files of before
+        of_row = {"structures": structures, "input_names": input_names, "input_levels": np.array(levels)}
+        return shared | of_row | {"rejected": left_out}
     return shared | {
         "structure": structures[0],
         "input_map": entry(inputs[0], "map", str),

@@ -56,6 +56,8 @@ class RowModel(RowFields):
     output_level : float
     simulated_fit, one_step_fit : float
         Fit in percent to the record that the model was made from; NaN where it is not known.
+    rejected : tuple of (str, int)
+        How many samples were left out, by reason.
     verdict : Verdict
     provenance : Provenance
 
