@@ -33,7 +33,7 @@ def test_structures_of_narrow_numbers() -> None:
 
 def test_mutants_in_plain_python() -> None:
     """Each index is looked at there: one outside of its array is an error."""
-    command = [sys.executable, "-m", "fuzz", "--what", "plainly", "--worker", "0", "5"]
+    command = [sys.executable, "-m", "fuzz", "--what", "plainly", "--worker", "0", "10"]
     done = subprocess.run(
         command, cwd=Path(__file__).parents[2], capture_output=True, text=True, timeout=600, check=True
     )
