@@ -31,6 +31,7 @@ from replant.estimation.engine.dimensions import entries_of
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.refined import Refined, without_nuisances
 from replant.estimation.solver.srivc_steps import Problem
+from replant.model.shared_root import cancelled_pole
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
@@ -50,6 +51,8 @@ def with_untold(structure: Structure, record: Record, found: Refined) -> Refined
     problem = Problem(structure, record)
     if structure.poles < 2 or problem.projection is not None or not problem.is_stable(found.theta):
         return found
+    if cancelled_pole(structure, found.theta, found.covariance) is not None:
+        return found  # no coefficient is known anyway
     ways = list(_ways(problem, found))
     if not ways:
         return found
