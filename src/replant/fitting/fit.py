@@ -34,36 +34,18 @@ METHODS = (AUTO, "srivc", "least_squares")
 
 @overload
 def fit(
-    u: Any,
-    y: Any = None,
-    dt: float | None = None,
-    structure: None = None,
-    *,
-    poles: tuple[int, ...],
-    zeros: int | tuple[int, ...] = 0,
-    delay: float | tuple[float, ...] = 0.0,
-    t: Any = None,
-) -> RowFit: ...
+    u: Any, y: Any = None, dt: float | None = None, structure: None = None, *, poles: tuple[int, ...],
+    zeros: int | tuple[int, ...] = 0, delay: float | tuple[float, ...] = 0.0, t: Any = None,
+) -> RowFit: ...  # fmt: skip
 
 
 @overload
 def fit(
-    u: Any,
-    y: Any = None,
-    dt: float | None = None,
-    structure: Structure | None = None,
-    *,
-    poles: int | None = None,
-    zeros: int = 0,
-    delay: float = 0.0,
-    method: str = AUTO,
-    filter: Filter | str = AUTO,
-    preprocess: Preprocess | None = None,
-    t: Any = None,
-    reference: Any = None,
-    input: str | None = None,
+    u: Any, y: Any = None, dt: float | None = None, structure: Structure | None = None, *, poles: int | None = None,
+    zeros: int = 0, delay: float = 0.0, method: str = AUTO, filter: Filter | str = AUTO,
+    preprocess: Preprocess | None = None, t: Any = None, reference: Any = None, input: str | None = None,
     output: str | None = None,
-) -> FitResult: ...
+) -> FitResult: ...  # fmt: skip
 
 
 @in_our_words

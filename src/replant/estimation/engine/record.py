@@ -235,15 +235,9 @@ def _slices(begins: Sequence[int], end: int) -> list[slice]:
 
 @quiet
 def ready_record(
-    structure: Structure,
-    dt: float,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    stamps: FloatArray | None = None,
-    input_hold: str = "zoh",
-    r: FloatArray | None = None,
-) -> Record:
+    structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray,
+    stamps: FloatArray | None = None, input_hold: str = "zoh", r: FloatArray | None = None,
+) -> Record:  # fmt: skip
     """Return a raw record made ready: mapped, samples without an input dropped, working point taken off.
 
     Without a bias in the structure the mean is subtracted too; the constant beside G(s) takes up the remainder.  Where

@@ -72,16 +72,11 @@ class Block:
             aligned((first.entries + memory, LANES)),
         )
         return cls(
-            np.array(rows),
-            len(states),
-            np.stack([state.ints for state in lanes]),
-            side_by_side([state.reals for state in lanes]),
-            side_by_side([state.banks for state in lanes]),
-            np.stack(buffers) if apart else side_by_side(buffers),
-            side_by_side([state.recent for state in lanes]),
-            apart,
-            work,
-        )
+            np.array(rows), len(states), np.stack([state.ints for state in lanes]),
+            side_by_side([state.reals for state in lanes]), side_by_side([state.banks for state in lanes]),
+            np.stack(buffers) if apart else side_by_side(buffers), side_by_side([state.recent for state in lanes]),
+            apart, work,
+        )  # fmt: skip
 
     def state(self, lane: int) -> State:
         """Return one member's arrays: views, which follow it."""

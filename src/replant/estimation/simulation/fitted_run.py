@@ -81,14 +81,9 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
 
 
 def simulate(
-    model: TransferFunction,
-    u: FloatArray,
-    y: FloatArray,
-    dt: float,
-    *,
-    input_hold: str = "zoh",
+    model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh",
     t: FloatArray | None = None,
-) -> Simulation:
+) -> Simulation:  # fmt: skip
     """Run a model from the input alone, with the offset and initial state that fit ``y`` best (least squares).
 
     >>> g = TransferFunction([2.0], [1.0, 1.0])

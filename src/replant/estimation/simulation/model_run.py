@@ -75,14 +75,9 @@ def run_model(
 
 
 def model_output(
-    model: TransferFunction,
-    u: FloatArray,
-    y: FloatArray,
-    dt: float,
-    *,
-    input_hold: str = "zoh",
+    model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh",
     t: FloatArray | None = None,
-) -> Simulation:
+) -> Simulation:  # fmt: skip
     """Return the output of a model beside a record, offset and initial state fitted to the measured output."""
     span = dt * (u.size - 1) if t is None else float(t[-1] - t[0])
     if not runs_away(model.den, span):

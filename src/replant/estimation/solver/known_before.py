@@ -45,16 +45,9 @@ class Known:
     @classmethod
     @quiet
     def before(
-        cls,
-        structure: Structure,
-        record: Record,
-        begin: int,
-        mean: FloatArray,
-        information: FloatArray,
-        usual: float,
-        *,
-        filters: bool = True,
-    ) -> Known | None:
+        cls, structure: Structure, record: Record, begin: int, mean: FloatArray, information: FloatArray, usual: float,
+        *, filters: bool = True,
+    ) -> Known | None:  # fmt: skip
         """Return what a model and the information about it tell before a sample of a record; None where they do not."""
         problem = Problem(structure, record)
         first = record.first(begin)

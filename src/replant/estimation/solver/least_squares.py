@@ -24,14 +24,9 @@ MOST_SAMPLES = 20_000  # samples looked at for the choice [samples]
 
 
 def regressors(
-    structure: Structure,
-    dt: float,
-    state_filter: StateVariableFilter,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    t: FloatArray | None = None,
-) -> tuple[FloatArray, FloatArray]:
+    structure: Structure, dt: float, state_filter: StateVariableFilter, preprocess: Preprocess, u: FloatArray,
+    y: FloatArray, t: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Return the regressors phi (K, P) and the target s^n/Lambda y (K,), in physical units; NaN where a sample is."""
     from replant.kernels.step.stages import regressors as kernel
 
@@ -73,14 +68,9 @@ def least_squares(phi: FloatArray, target: FloatArray) -> LeastSquares:
 
 @quiet
 def choose_filter(
-    structure: Structure,
-    dt: float,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    t: FloatArray | None = None,
+    structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray, t: FloatArray | None = None,
     input_hold: str = "zoh",
-) -> StateVariableFilter:
+) -> StateVariableFilter:  # fmt: skip
     """Return the filter, its cutoff from 10 / duration to 1 / dt, whose least-squares model simulates a record best."""
     u, y, t = u[:MOST_SAMPLES], y[:MOST_SAMPLES], None if t is None else t[:MOST_SAMPLES]
     accepted, _ = screen(preprocess.map_input(u), y)

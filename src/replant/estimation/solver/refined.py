@@ -187,13 +187,9 @@ def without_nuisances(structure: Structure, parameters: FloatArray) -> FloatArra
 
 @quiet
 def conclude(
-    structure: Structure,
-    record: Record,
-    known: IntArray,
-    root: Root,
-    projection: Projection | None = None,
+    structure: Structure, record: Record, known: IntArray, root: Root, projection: Projection | None = None,
     prior: Prior | None = None,
-) -> Refined | None:
+) -> Refined | None:  # fmt: skip
     """Return the estimate that an iteration comes to, with its covariance; None if not finite."""
     model, done, noise = root.model, root.done, root.noise
     samples, size = record.count, model.size

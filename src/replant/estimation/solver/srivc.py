@@ -95,13 +95,9 @@ Level: one right root in a thousand is looked for twice.
 
 @quiet
 def refine(
-    structure: Structure,
-    record: Record,
-    given: Sequence[FloatArray] = (),
-    *,
-    afresh: bool = False,
+    structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False,
     filtered: bool = True,
-) -> Refined | None:
+) -> Refined | None:  # fmt: skip
     """Return the refined instrumental-variable estimate of a record; None where no start leads to a model."""
     if not is_long_enough(structure, record):
         return None
