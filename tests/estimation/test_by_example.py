@@ -9,7 +9,7 @@ from replant.estimation.engine.record import Record, gaps_of
 from replant.estimation.optimizers.optimizer import rounded
 from replant.estimation.settings import filter_for
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.estimation.simulation.fitted_run import FittedRun, triangle_of, weights_of
+from replant.estimation.simulation.fitted_run import FittedRun, Score, simulate, triangle_of, weights_of
 from replant.estimation.simulation.model_run import model_output, runs_away
 from replant.estimation.simulation.stretches import flags_of, joined, stretches_of
 from replant.model.structure import Structure
@@ -105,3 +105,16 @@ def test_flags_of() -> None:
 
 def test_joined() -> None:
     assert joined(np.array([[1, 2], [3, 4], [9, 10]]), 1).tolist() == [[1, 4], [9, 10]]
+
+
+def test_simulate() -> None:
+    g, u = TransferFunction([2.0], [1.0, 1.0]), np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    assert abs(simulate(g, u, g.simulate(u, 0.1) + 5.0, 0.1).offset - 5.0) < 1e-9
+
+
+def test_score() -> None:
+    g, u = TransferFunction([2.0], [1.0, 1.0]), np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    score = Score(g, dt=0.1)
+    output = score.take(u, g.simulate(u, 0.1) + 5.0)
+    assert abs(score.simulated - 100.0) < 1e-6
+    np.testing.assert_allclose(output[:2].round(6) + score.shift, [5.0, 5.0])

@@ -22,6 +22,7 @@ from replant.numerics.arguments import (
     one_of,
     owned,
     positive,
+    record,
     text,
     truth,
     vector,
@@ -35,13 +36,14 @@ from replant.numerics.autoregression import (
     places_on_grid,
     whiteness,
 )
-from replant.numerics.linear_algebra import chi2_quantile
+from replant.numerics.linear_algebra import chi2_quantile, roots, solve
 from replant.numerics.projections import explained_power, laguerre, products, weights_of, widening
 from replant.numerics.residuals import correlation_lags, correlations
 from replant.numerics.robust import (
     never_ties,
     normal_scores,
     path_variances,
+    robust_std,
     still_runs,
     stretch,
     usual_step,
@@ -248,3 +250,24 @@ def test_stretch() -> None:
     np.testing.assert_allclose(
         stretch(np.array([[1.0, 0.5], [0.5, 1.0]]), np.array([4.0, 0.0])), np.array([[4.0, 1.0], [1.0, 1.0]]), atol=1e-8
     )
+
+
+def test_record() -> None:
+    u, y = record([1, 2], [0, 1])
+    assert (u.tolist(), y.tolist()) == ([1.0, 2.0], [0.0, 1.0])
+
+
+def test_solve() -> None:
+    found = solve(np.array([[2.0, 0.0], [0.0, 4.0]]), np.array([1.0, 1.0]))
+    assert found is not None
+    np.testing.assert_allclose(found, [0.5, 0.25])
+    assert solve(np.zeros((1, 1)), np.ones(1)) is None
+
+
+def test_roots() -> None:
+    np.testing.assert_allclose(roots(np.array([1.0, 3.0, 2.0])).real, [-2.0, -1.0])
+    assert np.isnan(roots(np.array([1e-300, 1e300]))).all()
+
+
+def test_robust_std() -> None:
+    assert abs(robust_std(np.array([-1.0, 1.0, 0.5, -0.6745, 1e9, 0.1, -0.2])) - 1.0) < 1e-4

@@ -150,11 +150,7 @@ def vector(name: str, value: Any) -> FloatArray:
 
 
 def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
-    """Return input and output as vectors (K,) of equal length.
-
-    >>> record([1, 2], [0, 1])
-    (array([1., 2.]), array([0., 1.]))
-    """
+    """Return input and output as vectors (K,) of equal length."""
     u_vector, y_vector = vector("u", u), vector("y", y)
     if u_vector.size != y_vector.size:
         raise InvalidArgumentError(

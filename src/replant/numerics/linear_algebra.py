@@ -19,11 +19,7 @@ quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
 
 @quiet
 def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
-    """Return the roots of a polynomial in descending powers; NaN where they leave float64.
-
-    >>> roots(np.array([1.0, 3.0, 2.0])).real, roots(np.array([1e-300, 1e300]))
-    (array([-2., -1.]), array([nan+nanj]))
-    """
+    """Return the roots of a polynomial in descending powers; NaN where they leave float64."""
     try:
         return np.roots(polynomial).astype(np.complex128)
     except np.linalg.LinAlgError:
@@ -50,13 +46,7 @@ def eigenvalues(symmetric: FloatArray) -> FloatArray:
 
 @quiet
 def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
-    """Return the solution (T,) of ``matrix`` x = ``right``, rows and columns equilibrated; None where singular.
-
-    None as well where the matrix (T, T), the right side (T,) or the solution is not finite.
-
-    >>> solve(np.array([[2.0, 0.0], [0.0, 4.0]]), np.array([1.0, 1.0])), solve(np.zeros((1, 1)), np.ones(1))
-    (array([0.5 , 0.25]), None)
-    """
+    """Return the solution (T,), rows and columns equilibrated; None where singular, or anything is not finite."""
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[~(size > 0.0)] = 1.0
     scaled = matrix / np.outer(size, size)

@@ -84,13 +84,7 @@ def simulate(
     model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh",
     t: FloatArray | None = None,
 ) -> Simulation:  # fmt: skip
-    """Run a model from the input alone, with the offset and initial state that fit ``y`` best (least squares).
-
-    >>> g = TransferFunction([2.0], [1.0, 1.0])
-    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
-    >>> simulate(g, u, g.simulate(u, 0.1) + 5.0, 0.1).offset
-    5.0...
-    """
+    """Run a model from the input alone, with the offset and initial state that fit ``y`` best (least squares)."""
     run = FittedRun(model, dt, input_hold)
     output, known = run.take(u, y, t)
     if not (np.isfinite(output).all() and np.isfinite(known).any()):
@@ -243,15 +237,7 @@ def _lengths(columns: FloatArray) -> FloatArray:
 
 
 class Score:
-    """Runs a model from the input alone, and keeps the sums that its fits to the measured output are made from.
-
-    >>> g = TransferFunction([2.0], [1.0, 1.0])
-    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
-    >>> score = Score(g, dt=0.1)
-    >>> output = score.take(u, g.simulate(u, 0.1) + 5.0)
-    >>> round(score.simulated, 6), output[:2].round(6) + score.shift
-    (100.0, array([5., 5.]))
-    """
+    """Runs a model from the input alone, and keeps the sums that its fits to the measured output are made from."""
 
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
         self._run = FittedRun(model, dt, input_hold)
