@@ -110,16 +110,16 @@ def _at(row: Row, theta: FloatArray, noise: Autoregression) -> list[Point]:
 
 def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> RowEstimate:
     """Return the estimate that begins lead to; ``again`` gives those to begin at with a noise model."""
-    free, point, noise = _likeliest(row, begins, again)
+    free, point, noise = likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
     # without a noise model the two are the same; in feedback the estimate without one is that which is off
     if findings or not noise.order or not (_differs(row, free, point) or any(lacking(row, point, noise))):
-        return RowEstimate(point, noise, _covariance(row, point), findings)
+        return RowEstimate(point, noise, covariance_of(row, point), findings)
     white = Autoregression.white(1.0, row.count)
-    return RowEstimate(free, white, _covariance(row, free, noise_of(row, free)), (Finding("inconsistent", GIVEN_UP),))
+    return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), (Finding("inconsistent", GIVEN_UP),))
 
 
-def _likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> _Estimates:
+def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> _Estimates:
     """Return the estimate without a noise model and the likeliest with one.
 
     The start is made again with the noise model: beside slow noise the first one may lack what is fast.  No estimate is
@@ -147,7 +147,7 @@ class _Estimates(NamedTuple):
     noise: Autoregression
 
 
-def _covariance(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
+def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
     """Return the covariance (P, P) of a point: s^2 M^-1, or M^-1 Q M^-1 where its error has a colour.
 
     Q is the sum of the squares of the slopes filtered by 1/D backwards in time, times the variance of D e.

@@ -371,7 +371,10 @@ class RowIdentifier(Shared):
             raise InvalidArgumentError(f"there is no model of the newest samples: {self.assess().reasons[0]}")
         ready, row, estimate, verdict = found
         simulated = ready.simulated(row, estimate.point, estimate.noise)
-        fits = fit_percent(state.kept.values[-RECENT:, -2], simulated), one_step_percent(row, estimate.point)
+        fits = (
+            fit_percent(ready.explained(row, state.kept.values[-RECENT:, -2]), simulated),
+            one_step_percent(row, estimate.point),
+        )
         made = Provenance("recursive srivc", samples=state.samples)
         return row_model(row, ready, estimate, self.dt, "y", fits, verdict, made)
 
