@@ -92,6 +92,15 @@ def test_an_input_in_feedback_answers_and_a_reference_does_not() -> None:
         assert answering(free, w)[1] > 1e-3
 
 
+def test_steps_of_the_set_point_do_not_hide_an_answer() -> None:
+    for seed in range(5):
+        rng = np.random.default_rng(seed)
+        steps, w = np.repeat(rng.standard_normal(SAMPLES // 50), 50), rng.standard_normal(SAMPLES)
+        dither = 0.02 * rng.standard_normal(SAMPLES)  # of the steps a fiftieth: what the input does between them
+        assert answering(steps + dither - 0.01 * w, w)[1] < 1e-6, "a hundredth of the steps"
+        assert answering(steps + dither, w)[1] > 1e-3
+
+
 def test_an_input_that_its_past_tells_answers_nothing() -> None:
     index = np.arange(SAMPLES)
     answer, chance, _ = answering(np.sin(0.1 * index), np.random.default_rng(4).standard_normal(SAMPLES))

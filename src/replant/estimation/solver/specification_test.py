@@ -46,6 +46,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression, likelihood_ratio
 from replant.numerics.linear_algebra import pseudo_inverse, quiet
 from replant.numerics.projections import lengths_of, orthogonal, products, without
+from replant.numerics.robust import normal_scores
 
 FALSE_ALARM = 0.15
 """Chance that a right filtered estimate is given up [probability].
@@ -211,7 +212,8 @@ def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
     The last is the correlation of input and residual of the same sample, past inputs known, in standard deviations.
 
     The input is told by its own past, as far as Akaike's criterion asks, and by the residuals now and before.  The
-    chance is that of a score test which noise of any distribution keeps.
+    chance is that of a score test which noise of any distribution keeps.  What its past does not tell of the input
+    is ranked there: a few steps of the set-point would hide the answer else.
     """
     from scipy.stats import chi2  # slow to import
 
@@ -226,13 +228,13 @@ def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
         return nothing  # the input is known from its past
     lagged = np.column_stack([w[rows - lag] for lag in range(ANSWERS + 1)])
     told = lagged - basis @ (basis.T @ lagged)
-    moments = now[:, None] * told
+    moments = normal_scores(now)[:, None] * told
     total = moments.sum(axis=0)
     chance = float(chi2.sf(total @ pseudo_inverse(moments.T @ moments, 1e-12) @ total, ANSWERS + 1))
     gains = np.linalg.lstsq(told, now, rcond=1e-12)[0]
     own = np.asarray(np.linalg.lstsq(upper, along - basis.T @ (lagged @ gains), rcond=1e-12)[0])
     sizes = float(np.linalg.norm(now) * np.linalg.norm(told[:, 0]))
-    at_once = math.sqrt(rows.size) * float(total[0]) / sizes if sizes > 0.0 else 0.0
+    at_once = math.sqrt(rows.size) * float(now @ told[:, 0]) / sizes if sizes > 0.0 else 0.0
     return _carried(np.convolve(w, gains)[: u.size], own[1:], u), chance, at_once
 
 

@@ -133,12 +133,14 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     root = _best(ends)
     if root is None:
         return problem.conclude(plain)
+    if not root.converged:  # a cost with a bend at the axis takes longer
+        root = _best([root, problem.descend(root.model, WHITENED, RENEWALS)]) or root
     if not (plain.converged and problem.is_stable(plain.model)):  # from where the other has come to
         plain = _plain(problem, [plain.model, root.model], stable=problem.is_stable(plain.model))
     estimate, other = problem.conclude(plain), problem.conclude(root)
     if estimate is None or other is None:
         return estimate or other
-    if not root.converged and plain.converged:
+    if not root.converged and plain.converged and problem.is_stable(plain.model):
         return estimate
     if is_right(problem.structure, problem.whole, estimate, other):
         return other
