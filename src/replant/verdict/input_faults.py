@@ -37,7 +37,6 @@ from replant.verdict.score_test import (
     LARGEST_PART,
     NEGLIGIBLE,
     Explained,
-    Part,
     dynamics,
     power_of,
     residual_of,
@@ -97,7 +96,7 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
 
 
-def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Finding]:
+def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained) -> list[Finding]:
     """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes.
 
     A pole too few looks like a dead time, too, but leaves more for other dynamics to explain.
@@ -112,7 +111,7 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Findi
     if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > -0.5 * evidence.dt):
         return []
     left = unexplained(evidence, runs, known=later)
-    if left.is_sure and (left.is_large or left.size > 0.5 * part.size):
+    if left.is_sure and (left.is_large or left.power > 0.5 * part.power):
         return []
     step = -residual.weights_of(later)[: evidence.coefficients, 0] * found.weights[0]
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
