@@ -111,6 +111,7 @@ EXAMPLES: dict[type, dict[str, Any]] = {
     ModelFields: MODEL,
     RowFields: ROW,
     rp.RowModel: ROW,
+    rp.MatrixModel: {"rows": (rp.RowModel(**ROW),)},
     Provenance: {"method": "given", "samples": 3, "date": "2026-01-01"},
     Request: {"structure": STRUCTURE, "dt": 2.0, "startup": 100, "history": 100},
     Settings: {
@@ -138,7 +139,7 @@ RESULTS = {
     "Assessment", "Verdict", "Simulation", "FitResult", "RowFit", "Trace", "Loaded", "Recording", "Table", "Batch",
     "Actuator", "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication",
     "Stretch", "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse", "Validation",
-    "Inspection", "ModelComparison",
+    "Inspection", "ModelComparison", "MatrixFit",
     "Fleet", "Trial",
 }  # fmt: skip
 

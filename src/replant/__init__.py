@@ -45,6 +45,8 @@ __all__ = [
     "KalmanTracking",
     "Log",
     "LogError",
+    "MatrixFit",
+    "MatrixModel",
     "MissingCheckpointError",
     "MissingDependencyError",
     "Model",

@@ -254,7 +254,9 @@ def test_the_plants_can_be_told_from_their_records(rig: verdicts.Rig) -> None:
 @pytest.mark.slow
 def test_the_command_writes_a_page_its_tables_and_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert command.main(["--scenario", "E", "--runs", "1", "--on", "processes:1", "--out", str(tmp_path)]) == 0
-    assert "default: each run within 0.1 % | 8 of 8 |" in (tmp_path / "accuracy.md").read_text(encoding="utf-8")
+    page = (tmp_path / "accuracy.md").read_text(encoding="utf-8")
+    assert "8 of 8 promises are kept" in page
+    assert "default: each run within 0.1 %: " in page
     tables = results.read(tmp_path / "accuracy")
     assert {row["kept"] for row in tables["promises"]} == {"yes"}
     assert {row["experiment"] for row in tables["figures"]} == {key for key in EXPERIMENTS if key.startswith("E")}
@@ -278,16 +280,32 @@ def test_a_run_of_some_scenarios_renews_their_rows_alone(tmp_path: Path) -> None
         assert list(dict.fromkeys(row["experiment"] for row in renewed[name])) == list(
             dict.fromkeys(row["experiment"] for row in rows)
         )
-    assert "each run within 0.1 % | 8 of 8 | a0 0.05 % |" in (tmp_path / "accuracy.md").read_text(encoding="utf-8")
+    assert "default: each run within 0.1 %: a0 0.05 %\n" in (tmp_path / "accuracy.md").read_text(encoding="utf-8")
 
 
 def test_the_page_is_made_of_the_tables_and_tells_what_is_not_kept() -> None:
     tables = results.read(ROOT / "docs" / "accuracy")
     page = (ROOT / "docs" / "accuracy.md").read_text(encoding="utf-8")
     assert page == report.page(tables)
-    broken = [row for row in tables["promises"] if row["kept"] == "no"]
     said = dict(re.findall(r"^\* (.+?): (.*)$", page, re.MULTILINE))
-    assert all(f"{row['method']}: {report.shortened(row['promise'])}" in said[row["experiment"]] for row in broken)
+    broken = [row for row in tables["promises"] if row["kept"] == "no"]
+    assert broken
+    for row in broken:
+        words = said[row["experiment"]]
+        assert row["method"].split(",")[0] in words
+        assert f": {report.figure_of(row)} " in words
+        assert report.measured([(row["promise"], row["measured"])]) in words
+
+
+def test_a_line_of_the_page_says_how_many_of_its_promises_are_kept() -> None:
+    tables = results.read(ROOT / "docs" / "accuracy")
+    rows = [row for row in tables["promises"] if row["experiment"].startswith("E")]
+    assert "default: each run within 0.1 %: a1 6.3e-06 %\n" in report.page({"promises": rows})
+    rows[0] |= {"kept": "no", "measured": "a0 0.2, b0 0.3"}
+    page = report.page({"promises": rows})
+    assert f"{len(rows) - 1} of {len(rows)} promises are kept" in page
+    assert f"default: each run within 0.1 %: b0 0.3 % ({len(rows) - 1} of {len(rows)})\n" in page
+    assert f"* {rows[0]['experiment']}: default: each run b0 0.3 %\n" in page
 
 
 @pytest.mark.parametrize("name", ["bounds", "experiment", "report", "results"])

@@ -1,4 +1,4 @@
-"""The options that name columns: one input and one output, never one that is dropped."""
+"""The options that name columns: never is one of them dropped."""
 
 import pytest
 
@@ -11,7 +11,7 @@ COMMANDS = ("run", "compare", "look", "fleet")
     ("command", "option", "words"),
     [
         *((command, "-i", "only replant fit, run and validate take several inputs") for command in COMMANDS[1:]),
-        *((command, "-o", "several outputs") for command in ("fit", *COMMANDS)),
+        *((command, "-o", "only replant fit, run and validate take several outputs") for command in COMMANDS[1:]),
     ],
 )
 def test_a_second_column_is_an_error_of_one_line(capsys, log, command, option, words) -> None:  # noqa: F811

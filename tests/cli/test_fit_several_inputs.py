@@ -22,8 +22,9 @@ def written(path: Path, seed: int) -> Path:
     rng = np.random.default_rng(seed)
     u = rng.choice([-1.0, 1.0], (150, 2)).repeat(10, axis=0)
     y = FIRST.simulate(u[:, 0].copy(), DT) + SECOND.simulate(u[:, 1].copy(), DT) + 0.1 * rng.standard_normal(1500)
-    rows = np.column_stack([DT * np.arange(1500), u, y + 20.0])
-    np.savetxt(path, rows, "%.6g", ",", header="t,Q1 [%],Q2 [%],T1 [degC]", comments="")
+    second = SECOND.simulate(u[:, 0].copy(), DT) + 0.1 * rng.standard_normal(1500)
+    rows = np.column_stack([DT * np.arange(1500), u, y + 20.0, second])
+    np.savetxt(path, rows, "%.6g", ",", header="t,Q1 [%],Q2 [%],T1 [degC],T2 [degC]", comments="")
     return path
 
 
@@ -93,7 +94,6 @@ def test_one_pass_over_a_log_ends_at_its_fit(capsys: Any, log: Path, tmp_path: P
     [
         ("several inputs take no --optimizer yet", ["--optimizer", "adam"]),
         ("several inputs take no --full-trace yet", ["--full-trace", "trace.parquet"]),
-        ("several inputs take no --out yet", ["--out", "plots"]),
         ("startup must be at least 1", ["--startup", "0"]),
     ],
 )
@@ -127,7 +127,6 @@ def test_two_logs_give_one_model_and_decimated_inputs_run_straight(capsys: Any, 
         ("no column 'Q3'", ["-i", "Q1", "-i", "Q3", "-o", "T1", "-p", "1,1"]),
         ("missing --poles, a number for each input", list(NAMED)),
         ("several inputs take no --bias yet", [*NAMED, "-p", "1,1", "--bias"]),
-        ("several inputs take no --out yet", [*NAMED, "-p", "1,1", "--out", "plots"]),
         ("several inputs take no --reference yet", [*NAMED, "-p", "1,1", "--reference", "t"]),
     ],
 )
@@ -135,6 +134,28 @@ def test_a_mistake_is_one_line(capsys: Any, log: Path, words: str, asked: list[A
     code, out, err = call(capsys, "fit", log, *asked)
     assert (code, out, err.count("\n")) == (2, "", 1), err
     assert words in err
+
+
+def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path) -> None:
+    saved, other = tmp_path / "matrix.json", written(tmp_path / "second.csv", 1)
+    asked = ("-i", "Q1", "-o", "T2", "-o", "T1", "-p", 1, "--save", saved, "--validate", other)
+    code, out, _ = call(capsys, "fit", log, *asked, "--out", tmp_path / "out")
+    assert code == 0
+    for words in ("From Q1 [%] to T2 [degC]", "From Q1 [%] to T1 [degC]", "On second.csv, T2 [degC]", "report.html"):
+        assert words in out, words
+    assert "<h2>T2 [degC]: " in (tmp_path / "out" / "report.html").read_text()
+    code, out, _ = call(capsys, "show", saved)
+    assert code == 0
+    assert out.count("From Q1 [%]") == 2
+    code, out, _ = call(capsys, "validate", saved, other, "--json")
+    assert [each["source"] for each in json.loads(out)] == ["second.csv, T2 [degC]", "second.csv, T1 [degC]"]
+    code, out, _ = call(capsys, "run", log, *NAMED, "-o", "T2", "-p", "1,1", "--delay", "0,0.3", "--json")
+    whole = json.loads(out)
+    assert whole["schema_version"] == 3
+    assert [row["output"]["name"] for row in whole["rows"]] == ["T1 [degC]", "T2 [degC]"]
+    assert whole["rows"][0]["dc_gain"] == pytest.approx([2.0, 2.5], rel=0.1)
+    _, _, err = call(capsys, "compare", saved, log)
+    assert "it has several outputs, and compare takes models of one" in err
 
 
 def test_compare_names_the_command_for_a_model_of_several_inputs(capsys: Any, log: Path, tmp_path: Path) -> None:

@@ -64,7 +64,7 @@ def test_each_kind_of_model_names_the_reader_of_the_other(model: rp.RowModel) ->
         ({"input": [{"name": "a", "level": 0.0}] * 2}, "'parameters' must be"),
         ({"parameters": {}}, "'parameters' must be a1.u1"),
         ({"covariance": [[1.0]]}, "'covariance' must be 5 lists"),
-        ({"schema_version": 3}, "install a newer replant"),
+        ({"schema_version": 4}, "install a newer replant"),
         ({"input_hold": "sinc"}, "input_hold"),
     ],
 )

@@ -87,6 +87,27 @@ def test_lost_outputs_inputs_and_a_gap_cost_what_they_told() -> None:
     assert np.isfinite(found.output[np.isfinite(y[kept])]).all()
 
 
+def test_outliers_and_a_stuck_sensor_are_left_out_as_of_one_input() -> None:
+    u = toggling(6, samples=2000)
+    y = noisy(6, row_of(u, FAST, SLOW))
+    clean = rp.fit(u, y, DT, **ASKED)
+    spikes = np.random.default_rng(7).choice(1400, 20, replace=False) + 10
+    y[spikes] += 40.0
+    y[1500:1580] = y[1499]
+    y[[700, 701]] = np.nan
+    found = rp.fit(u, y, DT, **ASKED)
+    assert set(spikes) - {700, 701} <= set(found.outliers.tolist())
+    assert set(range(1501, 1580)) <= set(found.stuck.tolist())
+    assert found.missing.tolist() == [700, 701]
+    assert found.rejected == {"not finite": 2, "outlier": found.outliers.size, "stuck": found.stuck.size}
+    assert found.outliers.size < 30
+    error = found.parameters - TRUE
+    assert float(error @ np.linalg.solve(found.covariance, error)) < chi2_quantile(0.9999, TRUE.size)
+    assert found.samples == clean.samples - found.outliers.size - found.stuck.size - 2
+    assert any("outputs were left out: the sensor was stuck" in reason for reason in found.verdict.reasons)
+    assert clean.rejected == {"not finite": 0, "outlier": 0, "stuck": 0}
+
+
 def test_the_simulation_is_the_sum_of_the_branches() -> None:
     u = toggling(4)
     found = rp.fit(u, noisy(4, row_of(u, FAST, SLOW)), DT, **ASKED)

@@ -66,6 +66,11 @@ def row() -> rp.RowFit:
 
 
 @functools.cache
+def matrix() -> rp.MatrixModel:
+    return rp.MatrixModel((row().model,))
+
+
+@functools.cache
 def online() -> Any:
     return rp.run(U, Y, DT, poles=1)
 
@@ -114,6 +119,7 @@ CLASSES: dict[Callable[..., Any], dict[str, Any]] = {
     rp.Replay: {"capacity": 100, "batch_size": 7, "warmup": 3, "seed": 5},
     rp.NoiseModel: {"coefficients": [1.0, -0.5], "variance": 1.0, "residual_variance": 2.0, "dt": DT},
     rp.RowModel: ROW,
+    rp.MatrixModel: {"rows": (rp.RowModel(**ROW),)},
     rp.Scaling: {"output": 2.0, "regressor": (1.0, 2.0, 3.0)},
     rp.Preprocess: {"input_map": "square", "input_offset": 2.0, "output_offset": 3.0},
     rp.StateVariableFilter: {"cutoff": 2.0, "method": "exact", "input_hold": "zoh", "alpha": 0.5},
@@ -279,6 +285,17 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "RowModel.to_json": lambda: (row().model.to_json, {}),
     "RowModel.from_json": lambda: (rp.RowModel.from_json, {"written": row().model.to_json()}),
     "RowModel.save": lambda: (row().model.save, {"path": folder() / "row.json"}),
+    "RowModel.contributions": lambda: (row().model.contributions, {"u": TWO, "t": T}),
+    "RowModel.plot": lambda: (row().model.plot, {"axes": None}),
+    "fit of two outputs": lambda: (rp.fit, {"u": U, "y": TWO, "dt": DT, "poles": 1, "delay": 0.1}),
+    "MatrixModel.of_output": lambda: (matrix().of_output, {"which": 0}),
+    "MatrixModel.simulate": lambda: (matrix().simulate, {"u": TWO, "t": T}),
+    "MatrixModel.validate": lambda: (matrix().validate, {"u": TWO, "y": Y[:, None], "t": T}),
+    "MatrixModel.plot": lambda: (matrix().plot, {"axes": None}),
+    "MatrixModel.to_control": lambda: (matrix().to_control, {"pade": 2}),
+    "MatrixModel.to_json": lambda: (matrix().to_json, {}),
+    "MatrixModel.from_json": lambda: (rp.MatrixModel.from_json, {"written": matrix().to_json()}),
+    "MatrixModel.save": lambda: (matrix().save, {"path": folder() / "matrix.json"}),
     "FitResult.bridged": lambda: (fitted().bridged, {"y": Y}),
     "sklearn fit": lambda: (TransferFunctionRegressor(poles=1, dt=DT).fit, {"X": U[:, None], "y": Y}),
     "sklearn partial_fit": lambda: (TransferFunctionRegressor(poles=1, dt=DT).partial_fit, {"X": U[:, None], "y": Y}),
@@ -336,7 +353,7 @@ def missing() -> Iterator[str]:
 
 
 #: Made by the package and never by a caller: their numbers are our own.
-RESULTS = {"FitResult", "RowFit", "ModelComparison", "Trace", "Validation"}
+RESULTS = {"FitResult", "RowFit", "MatrixFit", "ModelComparison", "Trace", "Validation"}
 #: Of these functions every argument is an object of ours, a file or axes.
 TAKE_RESULTS = {
     "write_page", "draw_excitation", "draw_outputs", "draw_overlay", "draw_poles_and_zeros", "draw_responses",

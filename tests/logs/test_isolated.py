@@ -93,3 +93,13 @@ def test_what_the_caller_cannot_import_the_process_does_not_either(path: Path, m
     monkeypatch.setitem(sys.modules, "scipy.io", None)
     with pytest.raises(LogError, match=r"scipy\.io"):
         read_log(path, input="u", output="y", dt=1.0)
+
+
+def test_the_process_that_reads_parquet_imports_no_pandas(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would be most of the memory that a short file takes, and most of the time."""
+    pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
+    pq.write_table(pa.table({"u": U, "y": [*U[1:], None]}), tmp_path / "log.parquet")
+    (tmp_path / "pandas.py").write_text(f"import pathlib; pathlib.Path({str(tmp_path / 'imported')!r}).touch()")
+    monkeypatch.setattr(isolated, "BEGIN", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {isolated.BEGIN}")
+    np.testing.assert_array_equal(read_columns(tmp_path / "log.parquet").column("y"), [*U[1:], np.nan])
+    assert not (tmp_path / "imported").exists()

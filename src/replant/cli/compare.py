@@ -16,9 +16,10 @@ from replant.cli.output import kept, make_folder, model_clock, whole_log, write_
 from replant.cli.terminal import Choice
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.estimation.settings import Request
+from replant.fitting.matrix import load_model
 from replant.fitting.model import Model
 from replant.fitting.model_file import holds_model
-from replant.fitting.row_model import RowModel, load_model
+from replant.fitting.row_model import RowModel
 from replant.logs import Log
 from replant.online.runs.result import Result
 from replant.online.runs.run_log import METHODS, USUAL, Contender, compare
@@ -65,8 +66,9 @@ def compare_models(paths: Sequence[Path], options: dict[str, Any]) -> None:
 
 def _of_one_input(path: Path) -> Model:
     model = load_model(path)
-    if isinstance(model, RowModel):
-        raise ModelFileError(f"{path}: it has several inputs, and compare takes models of one: use replant validate")
+    if not isinstance(model, Model):
+        several = "inputs" if isinstance(model, RowModel) else "outputs"
+        raise ModelFileError(f"{path}: it has several {several}, and compare takes models of one: use replant validate")
     return model
 
 

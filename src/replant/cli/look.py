@@ -9,11 +9,13 @@ from typing import Any
 
 import click
 
-from replant.cli.option_types import JSON, flag, input_option, inputs_option, output_option, path_option
+from replant.cli.option_types import JSON, flag, input_option, inputs_option, output_option, outputs_option, path_option
 from replant.cli.output import REQUIRE, check_required, make_folder, model_clock, validated, write_errors_reported
 from replant.examples import NAMES, path_of
 from replant.fitting.inspect import inspect
-from replant.fitting.row_model import RowModel, load_model
+from replant.fitting.matrix import MatrixModel, load_model
+from replant.fitting.model import Model
+from replant.fitting.row_model import RowModel
 from replant.fitting.validation import Validation
 from replant.report.terminal import print_kept_model, print_row
 from replant.report.terminal_look import as_json as look_as_json
@@ -86,17 +88,18 @@ def show_command(model: Path, as_json: bool) -> None:
     if as_json:
         click.echo(loaded.to_json(), nl=False)
         return
-    if isinstance(loaded, RowModel):
-        print_row(Console(), loaded)
-    else:
+    if isinstance(loaded, Model):
         print_kept_model(Console(), loaded)
+        return
+    for row in _rows(loaded):
+        print_row(Console(), row)
 
 
 @click.command(name="validate")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("logs", type=click.Path(path_type=Path), nargs=-1)
 @inputs_option("Column of the input, or of each of several.  [default: the model's]")
-@output_option("Column of the output.  [default: the model's]")
+@outputs_option("Column of the output, or of each of several.  [default: the model's]")
 @click.option("--reference", "reference_column", metavar="COL", help="Column of the reference, if there is one.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time.")
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
@@ -117,7 +120,11 @@ def validate_command(
     columns["output_column"] = columns["output_column"] or loaded.output_name
     found = []
     for path in logs:
-        found += validated(loaded, [path], columns | model_clock(path, columns, loaded.dt))
+        clock = model_clock(path, columns, loaded.dt)
+        if isinstance(loaded, MatrixModel):
+            found += _of_rows(loaded, path, columns | clock)
+        else:
+            found += validated(loaded, [path], columns | clock)
     if len({name for name, _ in found}) < len(found):
         found = [(str(path), each) for path, (_, each) in zip(logs, found, strict=True)]
     written = [] if out is None else _plots(found, out)
@@ -129,6 +136,20 @@ def validate_command(
         for file in written:
             click.echo(f"wrote {file}")
     check_required(required, [each.verdict for _, each in found])
+
+
+def _rows(model: RowModel | MatrixModel) -> tuple[RowModel, ...]:
+    return model.rows if isinstance(model, MatrixModel) else (model,)
+
+
+def _of_rows(model: MatrixModel, path: Path, columns: dict[str, Any]) -> list[tuple[str, Validation]]:
+    """Return the validation of each row on a log, by the names of log and output."""
+    named = columns["output_column"]
+    if not isinstance(named, tuple) or len(named) != len(model.rows):
+        raise click.UsageError(f"the model has {len(model.rows)} outputs: name a column for each, or none")
+    pairs = zip(model.rows, named, strict=True)
+    each = [(row, validated(row, [path], columns | {"output_column": name})) for row, name in pairs]
+    return [(f"{name}, {row.output_name}", one) for row, found in each for name, one in found]
 
 
 def _plots(found: list[tuple[str, Validation]], out: Path) -> list[Path]:

@@ -203,7 +203,7 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
 
 
 MANY_INPUTS = "only replant fit, run and validate take several inputs: name one of them here"
-MANY_OUTPUTS = "several outputs are not supported: identify them one after the other"
+MANY_OUTPUTS = "only replant fit, run and validate take several outputs: name one of them here"
 
 
 JSON = flag("--json", "Print one JSON object.", "as_json")
@@ -219,12 +219,19 @@ def inputs_option(text: str) -> Option:
     return click.option("-i", "--input", "input_column", multiple=True, metavar="COL", callback=_one_or_all, help=text)
 
 
+def outputs_option(text: str) -> Option:
+    """Return the same of one output or several."""
+    return click.option(
+        "-o", "--output", "output_column", multiple=True, metavar="COL", callback=_one_or_all, help=text
+    )
+
+
 def _one_or_all(
     context: click.Context, option: click.Parameter, given: tuple[str, ...]
 ) -> str | tuple[str, ...] | None:
     twice = next((each for each in given if given.count(each) > 1), None)
     if twice is not None and len(set(given)) > 1:
-        raise click.UsageError(f"{option.opts[0]} {twice} is given twice: name each input once", context)
+        raise click.UsageError(f"{option.opts[0]} {twice} is given twice: name each column once", context)
     return (given[0] if len(set(given)) == 1 else given) if given else None
 
 
@@ -280,8 +287,7 @@ def _look(given: dict[str, Any]) -> str:
     from replant.report.terminal_look import print_findings
 
     columns = {name: given[f"{name}_column"] for name in ("input", "output", "time")}
-    if isinstance(columns["input"], tuple):
-        columns["input"] = columns["input"][0]
+    columns = {role: each[0] if isinstance(each, tuple) else each for role, each in columns.items()}
     try:
         found = inspect(Path(given["log"]), **columns)
     except LogError as problem:

@@ -23,6 +23,7 @@ from replant.cli.option_types import (
     input_option,
     inputs_option,
     output_option,
+    outputs_option,
     path_option,
     structure_options,
 )
@@ -138,14 +139,13 @@ _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take t
 _LOGS = click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="LOG...")
 _INPUT = input_option("Column of the input: name, or number from 0.")
 _INPUTS = inputs_option("Column of the input: name, or number from 0; of several inputs once for each.")
-_OTHER_COLUMNS = group(
-    output_option("Column of the output."),
-    click.option(
-        "--reference",
-        "reference_column",
-        metavar="COL",
-        help="Column of the reference, where a controller makes the input: the set-point, or a dither.",
-    ),
+_OUTPUT = output_option("Column of the output.")
+_OUTPUTS = outputs_option("Column of the output; of several outputs once for each.")
+_REFERENCE = click.option(
+    "--reference",
+    "reference_column",
+    metavar="COL",
+    help="Column of the reference, where a controller makes the input: the set-point, or a dither.",
 )
 _STRUCTURE = structure_options("Number of poles.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]")
 _EACH = structure_options(
@@ -192,22 +192,22 @@ def log_options(
 ) -> Option:
     """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log."""
     stretches = (_STRETCHES,) if is_kept else ()
-    columns, structure = (_INPUTS, _EACH) if inputs else (_INPUT, _STRUCTURE)
-    options = group(_LOGS, columns, _OTHER_COLUMNS, structure, _CONDITION, *stretches, _REST, _OUT)
+    columns, structure = ((_INPUTS, _OUTPUTS), _EACH) if inputs else ((_INPUT, _OUTPUT), _STRUCTURE)
+    options = group(_LOGS, *columns, _REFERENCE, structure, _CONDITION, *stretches, _REST, _OUT)
     return lambda command: options(_checked(command, several, otherwise))
 
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options, where poles, zeros and dead time may be ranges, of any logs."""
     decorated: Callable[..., Any] = group(
-        _LOGS, _INPUTS, _OTHER_COLUMNS, _STRUCTURES, _CONDITION, _STRETCHES, _REST, _OUT
+        _LOGS, _INPUTS, _OUTPUTS, _REFERENCE, _STRUCTURES, _CONDITION, _STRETCHES, _REST, _OUT
     )(_checked(command))
     return decorated
 
 
 def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options for a fleet, whose logs are many, and its results a folder."""
-    options = group(click.argument("logs"), _INPUT, _OTHER_COLUMNS, _STRUCTURE, _REST, OPTIMIZER)
+    options = group(click.argument("logs"), _INPUT, _OUTPUT, _REFERENCE, _STRUCTURE, _REST, OPTIMIZER)
     decorated: Callable[..., Any] = options(_checked(command))
     return decorated
 

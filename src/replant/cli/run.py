@@ -5,14 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from replant.cli.option_types import Each, path_option
+from replant.cli.option_types import path_option
 from replant.cli.options import (
     OPTIMIZER,
     check_one_input,
@@ -25,29 +24,22 @@ from replant.cli.options import (
     search_options,
     structure_of,
 )
-from replant.cli.output import Keeping, check_required, deliver, echo_json, keeping_options, make_folder
-from replant.cli.terminal import Choice, is_quiet
-from replant.errors import InvalidArgumentError
-from replant.estimation.engine.dimensions import RECENT
+from replant.cli.output import Keeping, deliver, keeping_options, make_folder
+from replant.cli.rows import are_several, as_one, identify_rows, passed_over
+from replant.cli.rows import fitted as fitted_rows
+from replant.cli.terminal import Choice
 from replant.estimation.settings import Request
 from replant.estimation.simulation.fitted_run import FITTED
-from replant.fitting import model_json
 from replant.fitting.fit import METHODS, fit
 from replant.fitting.fit_result import FitResult
-from replant.fitting.row_model import RowModel
-from replant.fitting.samples import Samples
 from replant.fitting.structure_search import SearchResult, search
 from replant.logs import Log, Recording
-from replant.logs.recording import digest
-from replant.online.row_identifier import RowIdentifier
 from replant.online.runs.full_trace import FullTrace
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
 from replant.online.runs.run_log import judged_by_log
 from replant.report import terminal_tables as comparison
 from replant.report.programs import fit_as_python
-from replant.report.terminal import print_row, record_line
-from replant.report.terminal_tables import print_validation
 
 
 @click.command(name="run")
@@ -62,11 +54,11 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
     Settings that no option gives are chosen from the data, and printed as Python code.  LOG may be larger than memory.
 
     Several inputs, each with -i, give a transfer function from each, as `replant fit` does: -p 2,1 --delay 0,0.3.
+    Several outputs, each with -o, give a row of these each.
     """
     keeping = Keeping.of(options)
-    if isinstance(options["input_column"], tuple):
-        more = {"out": out, "full_trace": full_trace}
-        _identify_several(_passed_over(startup), as_json, keeping, options | more)
+    if are_several(options):
+        identify_rows(passed_over(startup), as_json, keeping, out, options | {"full_trace": full_trace})
         return
     with progress_bar(rate=True) as bar:
         task = bar.add_task("checking", total=None)
@@ -125,13 +117,13 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
     early.  The dead time is found between the points of the grid.
 
     Several inputs, each with -i, give a transfer function from each, with poles, zeros and a dead time of its own:
-    -p 2,1 --delay 0,0.3.
+    -p 2,1 --delay 0,0.3.  Several outputs, each with -o, are identified each by itself.
     """
     from rich.console import Console
 
     keeping, begun, found = Keeping.of(options), time.perf_counter(), None
-    if isinstance(options["input_column"], tuple):
-        _identify_several(_fitted, as_json, keeping, options | {"method": method, "out": out})
+    if are_several(options):
+        identify_rows(fitted_rows, as_json, keeping, out, options | {"method": method})
         return
     check_one_input(options)
     if any(len(options[name] or ()) > 1 for name in ("poles", "zeros", "delay")):
@@ -182,7 +174,7 @@ def _deliver(
     as_json: bool,
     out: Path | None,
 ) -> None:
-    log = _as_one(logs)
+    log = as_one(logs)
     report: dict[str, Any] = {
         "filter": fitted.fixed_filter, "preprocess": fitted.preprocess, "python": fit_as_python(fitted, logs)
     }  # fmt: skip
@@ -192,100 +184,3 @@ def _deliver(
         more["candidates"] = comparison.candidates_as_json(found)
     result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
     deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)
-
-
-def _as_one(logs: list[Log]) -> Log:
-    """Return several logs as one, for plots of them; a single one as it is."""
-    if len(logs) == 1:
-        return logs[0]
-    all_of = Samples.of_several(logs)
-    return Log(
-        all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
-        reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
-    )  # fmt: skip
-
-
-#: Options that one input takes, and several do not, with what they are without them.
-NOT_YET = {
-    "bias": False, "feedthrough": False, "input_map": "identity", "reference_column": None, "out": None,
-    "method": "auto", "optimizer": "auto", "full_trace": None,
-}  # fmt: skip
-CHUNK = 8192  # samples taken between two marks of progress [samples]
-
-Solver = Callable[[list[Log], dict[str, Any]], RowModel]
-
-
-def _fitted(logs: list[Log], asked: dict[str, Any]) -> RowModel:
-    """Return the model that `fit` makes of logs."""
-    model: RowModel = fit(logs if len(logs) > 1 else logs[0], **asked).model
-    return model
-
-
-def _passed_over(startup: int | None) -> Solver:
-    """Return what makes a model by one pass over a log, as `Identifier` does, and solves it as a whole at the end."""
-
-    def model_of(logs: list[Log], asked: dict[str, Any]) -> RowModel:
-        (log,) = logs
-        count = len(log)
-        first = min(max(count // 10, 1), RECENT) if startup is None else startup
-        hold, names = log.input_hold, log.input_names
-        ident = RowIdentifier(dt=log.dt, startup=first, input_hold=hold, input_names=names, **asked)
-        u, y, t = log.inputs, log.output, log.stamps
-        with progress_bar(rate=True) as bar:
-            task = bar.add_task("identifying", total=count)
-            for begin in range(0, count, CHUNK):
-                rows = slice(begin, begin + CHUNK)
-                ident.update_many(u[rows], y[rows], None if t is None else t[rows])
-                bar.update(task, completed=min(begin + CHUNK, count))
-        if startup is None or not ident.has_model:
-            ident.finish()
-        return ident.model.of_log(log.input_names, log.output_name, log.path.name)
-
-    return model_of
-
-
-def _identify_several(solve: Solver, as_json: bool, keeping: Keeping, options: dict[str, Any]) -> None:
-    """Identify a row of transfer functions, print it, save and validate its model."""
-    from rich.console import Console
-
-    named, begun = options["input_column"], time.perf_counter()
-    for name, usual in NOT_YET.items():
-        if options.get(name, usual) != usual:
-            raise InvalidArgumentError(f"several inputs take no --{name.removesuffix('_column').replace('_', '-')} yet")
-    asked = {name: _of_each(options[name], name, named) for name in ("poles", "zeros", "delay")}
-    logs = read_several(options)
-    log = logs[0]
-    model = solve(logs, asked)
-    sha256 = digest(log.path) if len(logs) == 1 else ""
-    model = replace(model, provenance=replace(model.provenance, sha256=sha256))
-    validations = keeping.validated(model)
-    if keeping.saved is not None:
-        model.save(keeping.saved)
-    if as_json:
-        elapsed = round(time.perf_counter() - begun, 3)
-        echo_json(model_json.as_object(model) | {"elapsed_seconds": elapsed}, validations)
-    else:
-        console = Console()
-        samples, seconds = sum(map(len, logs)), sum(each.duration for each in logs)
-        print_row(console, model, record=record_line(samples, log.dt, seconds))
-        for name, each in validations:
-            print_validation(console, each, name)
-        if keeping.saved is not None:
-            click.echo(f"wrote {keeping.saved}")
-        elif not validations and not is_quiet() and model.verdict.status == "trusted":
-            click.echo("\nNext: keep the model and check it on another log: --save model.json --validate LOG2")
-    check_required(keeping.required, [model.verdict, *(each.verdict for _, each in validations)])
-
-
-def _of_each(given: tuple[Any, ...] | None, name: str, inputs: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return a number for each input: those given, or 0 for all."""
-    example = ",".join("1" for _ in inputs)
-    if given is None or (name != "poles" and given == (0.0,)):
-        return (0,) * len(inputs)
-    if not isinstance(given, Each) or len(given) != len(inputs):
-        got = f"{len(given)} numbers" if isinstance(given, Each) else "one number or a range"
-        raise InvalidArgumentError(
-            f"--{name} must have a number for each of {len(inputs)} inputs ({', '.join(inputs)}), as in {example}: "
-            f"got {got}"
-        )
-    return tuple(given)

@@ -231,6 +231,7 @@ class RowFields(_Fields):
     output_level: float = 0.0
     simulated_fit: float = math.nan
     one_step_fit: float = math.nan
+    rejected: tuple[tuple[str, int], ...] = ()
     verdict: Verdict = NOT_JUDGED
     provenance: Provenance = field(default_factory=lambda: Provenance("given"))
 

@@ -17,6 +17,7 @@ from replant.estimation.simulation.model_run import prediction_error, runs_away
 from replant.estimation.solver.least_squares import choose_filter, least_squares
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
+from replant.fitting.matrix import MatrixFit, fit_matrix, is_matrix
 from replant.fitting.row_fit import RowFit, fit_row, is_row
 from replant.fitting.samples import RawRecord, Samples
 from replant.kernels.schema import Doubt
@@ -89,7 +90,7 @@ def fit(
     reference: Any = None,
     input: str | None = None,  # noqa: A002 - the field's word
     output: str | None = None,
-) -> FitResult | RowFit:
+) -> FitResult | RowFit | MatrixFit:
     r"""Fit G(s) to a whole record.
 
     "srivc" is refined instrumental variables, see `replant.estimation.solver.srivc`: consistent under noise of any
@@ -100,7 +101,8 @@ def fit(
     noise biases it, because the regressor contains the noisy output.
 
     Of several inputs each has poles and a dead time of its own: the columns of ``u`` and an entry of ``poles`` for
-    each.  The row of transfer functions is found by maximum likelihood, with one noise model and one covariance.
+    each.  The row of transfer functions is found by maximum likelihood, with one noise model and one covariance.  Of
+    several outputs, the columns of ``y``, there is such a row each, estimated by itself.
 
     Parameters
     ----------
@@ -108,13 +110,14 @@ def fit(
         Raw input, or (K, q) of q inputs; or a log with input, output and sampling time; or several logs of one rig,
         which give one model.
     y : (K,) array
-        Output; samples that are not finite are left out.
+        Output; samples that are not finite are left out.  Or (K, p) of p outputs.
     dt : float
         Sampling time in s.
     structure : Structure
         Or ``poles``, ``zeros`` and ``delay`` in its place.
     poles, zeros : int or tuple of int
-        Number of poles and of zeros; of several inputs an entry for each.
+        Number of poles and of zeros; of several inputs an entry for each.  Of several outputs these are those of all,
+        or a tuple for each output.
     delay : float or tuple of float
         Dead time in s.
     method : {"auto", "srivc", "least_squares"}
@@ -138,8 +141,8 @@ def fit(
 
     Returns
     -------
-    FitResult or RowFit
-        The model with its fits, verdict and settings; a RowFit of several inputs.
+    FitResult, RowFit or MatrixFit
+        The model with its fits, verdict and settings; a RowFit of several inputs, a MatrixFit of several outputs.
 
     Raises
     ------
@@ -170,7 +173,7 @@ def fit(
     >>> print(*row.transfer_functions, row.verdict.status, sep=", ")
     2 / (s + 0.5), 1 / (s + 3) exp(-0.3 s), trusted
     """
-    if is_row(u, poles, zeros, delay):
+    if is_matrix(y) or is_row(u, poles, zeros, delay):
         given = {
             "structure": structure is not None, "method": method != AUTO, "filter": filter != AUTO,
             "preprocess": preprocess is not None, "reference": reference is not None, "input": input is not None,
@@ -178,7 +181,10 @@ def fit(
         }  # fmt: skip
         for name, is_given in given.items():
             if is_given:
-                raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
+                several = "outputs" if is_matrix(y) else "inputs"
+                raise InvalidArgumentError(f"several {several} take no {name} yet: leave it out")
+        if is_matrix(y):
+            return fit_matrix(u, y, dt, t, poles, zeros, delay)
         return fit_row(Samples.of(u, y, dt, t, None), poles, zeros, delay)
     wanted: tuple[Any, Any, Any] = poles, zeros, delay
     structure = Structure.wanted(structure, *wanted)

@@ -1,8 +1,9 @@
-"""The JSON of a model, of one input or of several: one object, versioned, from which it is rebuilt to the bit.
+"""The JSON of a model, of one input, several, or several outputs: one object, versioned, that rebuilds it to the bit.
 
 What follows from other entries, as ``num``, ``den``, ``poles`` and each ``std``, is written for readers of other
 programs; ``num``, ``den`` and ``delay`` are compared when the model is read.  Of several inputs they are lists, in the
-order of the inputs.  `schema/model-1.json` and `schema/model-2.json` describe every entry.
+order of the inputs.  Of several outputs the object has a list of rows, each the model of one output.
+`schema/model-1.json`, `schema/model-2.json` and `schema/model-3.json` describe every entry.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from typing import Any
@@ -36,6 +37,7 @@ LARGEST = 1 << 20  # longest text that is read as a model: a hundred times one o
 LONGEST_REASON = 250  # length of the reason for which a text is no model [characters]
 VERSION = 1  # version of the layout; raised where an entry changes its meaning or goes away [count]
 OF_SEVERAL = 2  # that of a model of several inputs, whose entries are lists [count]
+OF_OUTPUTS = 3  # that of a model of several outputs, which has rows [count]
 
 
 #: The fields of a structure and of where a model comes from, and the kinds of their entries.
@@ -54,6 +56,16 @@ def dumps(model: ModelFields | RowFields) -> str:
     return json.dumps(as_object(model), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
 
 
+def dumps_rows(rows: Sequence[RowFields]) -> str:
+    """Return the rows of a model of several outputs as JSON, indented."""
+    return json.dumps(rows_object(rows), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+
+def rows_object(rows: Sequence[RowFields]) -> dict[str, Any]:
+    """Return the rows of a model of several outputs as an object of JSON."""
+    return {"schema_version": OF_OUTPUTS, "rows": [as_object(row) for row in rows]}
+
+
 @quiet
 def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
     """Return a model as an object of JSON; what is not known is null."""
@@ -69,11 +81,10 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
         layout, structures, plants = VERSION, (model.structure,), (model.transfer_function,)
         known = None if model.uncertainty is None else (model.uncertainty,)
         inputs: list[dict[str, Any]] = [{"name": model.input_name, "map": model.input_map, "level": model.input_level}]
-        rejected: dict[str, Any] = {"rejected": dict(model.rejected)}
     else:
         layout, structures, plants, known = OF_SEVERAL, model.structures, model.transfer_functions, model.uncertainty
         levels = zip(model.input_names, model.input_levels.tolist(), strict=True)
-        inputs, rejected = [{"name": name, "level": level} for name, level in levels], {}
+        inputs = [{"name": name, "level": level} for name, level in levels]
     std = [math.nan] * model.parameters.size
     if known is not None:
         std = [value for each in known for value in each.std.tolist()]
@@ -104,34 +115,47 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
         "noise": None if model.noise is None else noise_object(model.noise),
         "fit": {"one_step": finite(model.one_step_fit), "simulated": finite(model.simulated_fit)},
         "samples": model.provenance.samples,
-        **rejected,
+        "rejected": dict(model.rejected),
         "verdict": verdict_object(model.verdict),
         "provenance": {name: getattr(model.provenance, name) for name in OF_PROVENANCE},
     }
 
 
-#: What a model of the other kind is read by.
-OTHERWISE = {
-    VERSION: "it holds a model of several inputs: read it by load_model, or RowModel.from_json",
-    OF_SEVERAL: "it holds a model of one input: read it by load_model, or Model.from_json",
+#: What a file holds, and what reads it.
+KINDS = {
+    VERSION: "a model of one input: read it by load_model, or Model.from_json",
+    OF_SEVERAL: "a model of several inputs: read it by load_model, or RowModel.from_json",
+    OF_OUTPUTS: "a model of several outputs: read it by load_model, or MatrixModel.from_json",
 }
 
 
 def loads(written: str | bytes, layout: int = VERSION) -> dict[str, Any]:
     """Return the fields of the model in a JSON text; entries that a model does not have are passed over."""
     with in_one_line():
-        read = parsed(written)
-        if layout_of(read) != layout:
-            raise ModelFileError(OTHERWISE[layout])
-        found = _fields(read, layout)
-        _check_consistent(read, layout, found)
-        return found
+        return _checked(parsed(written), layout)
 
 
-def is_row(written: str | bytes) -> bool:
-    """Return whether a JSON text holds a model of several inputs."""
+def loads_rows(written: str | bytes) -> list[dict[str, Any]]:
+    """Return the fields of each row of the model of several outputs in a JSON text."""
     with in_one_line():
-        return layout_of(parsed(written)) == OF_SEVERAL
+        read = parsed(written)
+        if layout_of(read) != OF_OUTPUTS:
+            raise ModelFileError(f"it holds {KINDS[layout_of(read)]}")
+        return [_checked(row, OF_SEVERAL) for row in entry(read, "rows", list)]
+
+
+def _checked(read: Any, layout: int) -> dict[str, Any]:
+    if layout_of(read) != layout:
+        raise ModelFileError(f"it holds {KINDS[layout_of(read)]}")
+    found = _fields(read, layout)
+    _check_consistent(read, layout, found)
+    return found
+
+
+def kind_of(written: str | bytes) -> int:
+    """Return the layout of the model in a JSON text, which says whether inputs or outputs are several."""
+    with in_one_line():
+        return layout_of(parsed(written))
 
 
 def _check_consistent(read: dict[str, Any], layout: int, found: dict[str, Any]) -> None:
@@ -178,16 +202,16 @@ def _in_one_line(text: str) -> str:
 
 def layout_of(read: Any) -> int:
     """Return the version of an object of JSON, which this replant reads."""
-    if not isinstance(read, dict) or "den" not in read:
+    if not isinstance(read, dict) or not ("den" in read or "rows" in read):
         raise ModelFileError("it holds no model: an object with 'num', 'den' and 'parameters' is expected")
     if "schema_version" not in read:
         raise ModelFileError(
             "it has no 'schema_version', and so no working point and no sampling time: identify again with --save"
         )
     layout = entry(read, "schema_version", int)
-    if layout > OF_SEVERAL:
+    if layout > OF_OUTPUTS:
         raise ModelFileError(
-            f"its layout has version {layout}, this replant reads up to version {OF_SEVERAL}: "
+            f"its layout has version {layout}, this replant reads up to version {OF_OUTPUTS}: "
             f"install a newer replant (this is {version('replant')})"
         )
     if layout < 1:
@@ -242,7 +266,9 @@ def _fields(read: dict[str, Any], layout: int) -> dict[str, Any]:
         ),
     }
     if not single:
-        return shared | {"structures": structures, "input_names": input_names, "input_levels": np.array(levels)}
+        left_out = tuple(entry(read, "rejected", dict).items()) if "rejected" in read else ()  # not in files of before
+        of_row = {"structures": structures, "input_names": input_names, "input_levels": np.array(levels)}
+        return shared | of_row | {"rejected": left_out}
     return shared | {
         "structure": structures[0],
         "input_map": entry(inputs[0], "map", str),

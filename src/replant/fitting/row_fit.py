@@ -2,29 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.row import Row, RowRecord
-from replant.estimation.solver.row_start import start
 from replant.fitting.fields import Provenance
 from replant.fitting.row_model import RowModel, one_step_percent
-from replant.fitting.row_solve import RowEstimate, solve_row
+from replant.fitting.row_solve import RowEstimate, solve_record
 from replant.fitting.row_verdict import judged
 from replant.fitting.samples import Samples
+from replant.kernels.schema import Doubt
 from replant.logs.log import Log
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
-from replant.numerics.arguments import FloatArray, array_of_reals, iterable, vector
+from replant.numerics.arguments import FloatArray, IntArray, array_of_reals, iterable, vector
 from replant.numerics.limits import duration, increasing
 from replant.numerics.linear_algebra import quiet
 from replant.verdict import fit_percent
+from replant.verdict.record_tests import left_out_finding
 from replant.verdict.row_tests import left_out
 from replant.verdict.verdict import Verdict
 
@@ -41,10 +41,15 @@ class RowFit:
         What is worth keeping: each G(s), working point, names, joint uncertainty, noise model, fit and verdict.
     output : (K,) array
         Simulated from the inputs alone, offset and initial states estimated; NaN where an input cannot be used.
+    outliers, stuck, missing : (N,) arrays of int
+        Outputs that were left out: outliers, those of a sensor that is stuck or at its limit, those that are NaN.
     """
 
     model: RowModel
     output: FloatArray
+    outliers: IntArray
+    stuck: IntArray
+    missing: IntArray
 
     @property
     def transfer_functions(self) -> tuple[TransferFunction, ...]:
@@ -90,6 +95,11 @@ class RowFit:
         return self.model.provenance.samples
 
     @property
+    def rejected(self) -> dict[str, int]:
+        """How many samples were left out, by reason."""
+        return dict(self.model.rejected)
+
+    @property
     def verdict(self) -> Verdict:
         """Whether to trust the row, and why in plain words."""
         return self.model.verdict
@@ -119,7 +129,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     structures = structures_of(columns.shape[1], poles, zeros, delay)
     stamps = None if given.t is None else increasing(given.t, output.size)
     ready = RowRecord.of(columns, output, dt, stamps, given.input_hold, given.begins)
-    record, inputs = ready.record, ready.inputs
+    record = ready.record
     size = sum(each.size + each.poles for each in structures) + 1
     if record.count <= size:
         raise InvalidArgumentError(
@@ -131,18 +141,25 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
         raise InvalidArgumentError(
             f"the dead time of {longest:g} s is no shorter than the record, which lasts {record.span:.6g} s"
         )
-    begins = start(structures, record, inputs)
-    if not begins:
+    solution = solve_record(structures, ready, given.input_names)
+    if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
-    row = Row(structures, record, inputs, given.input_names)
-    found = solve_row(row, begins, partial(start, structures, record, inputs))
+    row, found, _ = solution
     rest = {name: signal[ready.used] for name, signal in given.others.items() if name not in given.more_inputs}
-    others = [*found.findings, *left_out(row, found.point, found.noise, rest)]
-    verdict = judged(row, record, found.point, found.noise, found.covariance, others)
+    doubt = np.full(output.size, Doubt.MISSING)
+    doubt[ready.used] = solution.doubt
+    outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
+    others = [*found.findings, *left_out(row, found.point, found.noise, rest), *left_out_finding(stuck.size)]
+    verdict = judged(row, row.record, found.point, found.noise, found.covariance, others)
     simulated = ready.simulated(row, found.point, found.noise)
-    fits = fit_percent(output, simulated), one_step_percent(row, found.point)
+    used = np.where(doubt == Doubt.NONE, output, np.nan)
+    fits = fit_percent(used, simulated), one_step_percent(row, found.point)
     made = Provenance("srivc", given.source, given.sha256, row.count)
-    return RowFit(row_model(row, ready, found, dt, given.output_name, fits, verdict, made), simulated)
+    model = row_model(row, ready, found, dt, given.output_name, fits, verdict, made)
+    bad = int(np.sum(~(np.isfinite(columns).all(axis=1) & np.isfinite(output))))
+    rejected = {"not finite": bad, "outlier": outliers.size, "stuck": stuck.size}
+    missing = np.flatnonzero((doubt == Doubt.MISSING) & ready.used)
+    return RowFit(replace(model, rejected=tuple(rejected.items())), simulated, outliers, stuck, missing)
 
 
 def row_model(

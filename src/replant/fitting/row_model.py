@@ -1,4 +1,4 @@
-"""RowModel: an identified plant of several inputs; and the model in a file, of one input or of several."""
+"""RowModel: an identified plant of several inputs and one output."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.errors import InvalidArgumentError, ModelFileError, shown
+from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.fitted_run import bridged, fit_percent
 from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate, noise_of
 from replant.fitting import model_file, model_json
@@ -23,6 +23,8 @@ from replant.numerics.arguments import FloatArray, array_of_reals, vector
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet
+from replant.plotting.diagrams import ABOVE_LEGEND
+from replant.plotting.style import axes_for, title
 from replant.verdict.row_tests import lacking
 from replant.verdict.verdict import Verdict, conclude
 
@@ -56,6 +58,8 @@ class RowModel(RowFields):
     output_level : float
     simulated_fit, one_step_fit : float
         Fit in percent to the record that the model was made from; NaN where it is not known.
+    rejected : tuple of (str, int)
+        How many samples were left out, by reason.
     verdict : Verdict
     provenance : Provenance
 
@@ -116,19 +120,55 @@ class RowModel(RowFields):
         InvalidArgumentError
             If the columns are not as many as the inputs, or the stamps do not increase.
         """
+        parts = self.contributions(u, t)
+        return np.asarray(sum(parts.T, np.full(len(parts), self.output_level)))
+
+    @quiet
+    def contributions(self, u: Any, t: Any = None) -> FloatArray:
+        """Return what each input does to the output (K, q), in deviations from the working point; see `simulate`.
+
+        Parameters
+        ----------
+        u : (K, q) array
+            A column per input.
+        t : (K,) array, optional
+            Time stamps in s.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the columns are not as many as the inputs, or the stamps do not increase.
+        """
         columns = self._columns(u)
         stamps = None if t is None else increasing(t, len(columns))
         intervals = None if stamps is None else np.diff(stamps, prepend=stamps[:1] - self.dt)
         dt = self.dt if intervals is None else float(intervals.max(initial=self.dt))
         span = self.dt * self.provenance.samples or math.inf
         rests = all(has_rest(g, span) for g in self.transfer_functions)
-        output = np.full(len(columns), self.output_level)
-        for g, column, level in zip(self.transfer_functions, columns.T, self.input_levels.tolist(), strict=True):
+        parts = np.empty(columns.shape)
+        for number, (g, level) in enumerate(zip(self.transfer_functions, self.input_levels.tolist(), strict=True)):
+            column = columns[:, number]
             v = bridged(np.where(np.isfinite(column), column - level, np.nan))[0]
             at_rest = float(v[0]) if v.size and rests else 0.0
             forced = Response(g, dt, self.input_hold).take(v - at_rest, intervals).output
-            output += forced + (g.dc_gain * at_rest if at_rest else 0.0)
-        return output
+            parts[:, number] = forced + (g.dc_gain * at_rest if at_rest else 0.0)
+        return parts
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw step response, magnitude and phase from each input; return axes (3, q) of matplotlib.
+
+        Parameters
+        ----------
+        axes : 3 q matplotlib axes, optional
+            Drawn into; without them a figure is made.
+        """
+        count = len(self.structures)
+        drawn = axes_for("axes", axes, 3 * count, (1.0 + 3.4 * count, 6.8), nrows=3, ncols=count)
+        for number, name in enumerate(self.input_names):
+            model, (step, *bode) = self.of_input(number), drawn[number::count]
+            title(model.step().plot(step), f"{name} → {self.output_name}", ABOVE_LEGEND)
+            model.bode().plot(bode)
+        return np.array(drawn, dtype=object).reshape(3, count)
 
     def _columns(self, u: Any) -> FloatArray:
         columns = np.asarray(array_of_reals("u", u), np.float64)
@@ -225,7 +265,7 @@ class RowModel(RowFields):
         pade : int, optional
             Order of the approximation of dead times.
         """
-        return interop.control_row([g.to_control(pade) for g in self.transfer_functions])
+        return interop.control_matrix([[g.to_control(pade) for g in self.transfer_functions]])
 
     def to_json(self) -> str:
         """Return the model as one JSON object, whose entries the page JSON describes."""
@@ -274,29 +314,3 @@ def one_step_percent(row: Row, point: Point) -> float:
     left = np.concatenate([each.y[each.measured] for each in row.stretches])
     spread = float(np.linalg.norm(left - left.mean()))
     return 100.0 * (1.0 - math.sqrt(point.cost) / spread) if spread > 0.0 else math.nan
-
-
-def load_model(path: AnyPath) -> Model | RowModel:
-    """Return the model in a file that ``save`` of a model or ``--save`` has written: a RowModel if of several inputs.
-
-    Parameters
-    ----------
-    path : path
-        Of the JSON file.
-
-    Raises
-    ------
-    ModelFileError
-        If the file cannot be read, holds no model, or is of a newer version.
-
-    Examples
-    --------
-    >>> load_model("no-such-file.json")
-    Traceback (most recent call last):
-    replant.errors.ModelFileError: no-such-file.json: no such file
-    """
-    written = model_file.read(path)
-    try:
-        return RowModel.from_json(written) if model_json.is_row(written) else Model.from_json(written)
-    except ModelFileError as error:
-        raise ModelFileError(f"{path}: {error}") from error

@@ -8,14 +8,19 @@ one without is served.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 
-from replant.estimation.simulation.row import Point, Row, noise_of
+from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate, noise_of
+from replant.estimation.solver import solve
+from replant.estimation.solver.row_start import start
 from replant.estimation.solver.row_steps import refine
-from replant.numerics.arguments import FloatArray
+from replant.kernels.schema import Doubt
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information
 from replant.numerics.projections import products
@@ -59,6 +64,48 @@ class RowEstimate:
     noise: Autoregression
     covariance: FloatArray
     findings: tuple[Finding, ...] = ()
+
+
+class RowSolution(NamedTuple):
+    """An estimate, the row and record that it was made from, and the `Doubt` in each output (J,) of that."""
+
+    row: Row
+    found: RowEstimate
+    doubt: IntArray
+
+
+def solve_record(structures: tuple[Structure, ...], ready: RowRecord, names: tuple[str, ...]) -> RowSolution | None:
+    """Return the estimate of a record without its bad outputs, found in turn with it; None where no start leads to one.
+
+    What is bad is what `replant.estimation.solver.solve` leaves out of a record of one input.
+    """
+    record, solution, white = ready.record, None, Autoregression.white(1.0, ready.record.count)
+    doubt = solve.suspected(record, ready.inputs)
+    as_it_came = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
+    for _ in range(solve.ROUNDS):
+        row = Row(structures, solve.leaving_out(record, doubt), ready.inputs, names)
+        again: Callable[[Autoregression], list[Point]] = partial(start, structures, row.record, ready.inputs)
+        if solution is not None:
+            again = partial(_at, row, solution.found.point.theta)
+        begins = again(white)
+        if not begins and (doubt != as_it_came).any() and solution is None:
+            doubt = as_it_came
+            continue
+        if not begins:
+            break
+        found = solve_row(row, begins, again)
+        solution = RowSolution(row, found, doubt)
+        modelled = replace(ready, record=row.record).simulated(row, found.point, found.noise)[ready.used] - ready.level
+        answers = record.answers(max(each.delay for each in structures))
+        modelled = np.where(answers, modelled, np.nan)
+        doubt = solve.doubted(record, modelled, found.noise.coefficients, ready.inputs)
+        if (doubt == solution.doubt).all():
+            break
+    return solution
+
+
+def _at(row: Row, theta: FloatArray, noise: Autoregression) -> list[Point]:
+    return [evaluate(row, theta, noise)]
 
 
 def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> RowEstimate:

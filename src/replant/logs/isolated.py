@@ -63,6 +63,7 @@ class Parser:
     library: str
     imports: tuple[str, ...]  # before memory is limited
     remedy: str = _AGAIN
+    without: tuple[str, ...] = ()  # what these would import beside, and do not need
 
 
 # For each reader that is not run here; those of text and .npz files parse with Python and NumPy alone
@@ -71,8 +72,11 @@ PARSERS = {
         "a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"
     ),
     "hdf5.read_hdf5": Parser("an HDF5 file", "h5py", ("h5py",)),
-    "arrow.read_parquet": Parser("a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute")),
-    "arrow.read_ipc": Parser("an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute")),
+    # pandas, which pyarrow imports to convert a column, takes 50 MB and ten times what reading a short file takes
+    "arrow.read_parquet": Parser(
+        "a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute"), without=("pandas",)
+    ),
+    "arrow.read_ipc": Parser("an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute"), without=("pandas",)),
     "xlsx.read": Parser("an Excel workbook", "openpyxl", ("openpyxl",)),
     "channels.read_tdms": Parser("a TDMS file", "npTDMS", ("nptdms",)),
     "channels.read_mdf": Parser("a measurement data file", "asammdf", ("asammdf",)),
@@ -138,7 +142,7 @@ class _Process:
         self._path, self._parser = path, PARSERS[reader]
         size = path.stat().st_size if path.is_file() else 0
         self._seconds = STILL + STILL_PER_BYTE * size
-        absent = [name for name, found in sys.modules.items() if found is None]
+        absent = {name for name, found in sys.modules.items() if found is None}.union(self._parser.without)
         folders = [entry for entry in sys.path if isinstance(entry, str)]
         command = [
             sys.executable, "-P", "-W", "ignore", "-c", BEGIN, reader, str(path), ",".join(self._parser.imports),

@@ -218,11 +218,12 @@ def of_control(system: Any) -> Polynomials:
     return _proper(system.num[0][0], system.den[0][0])
 
 
-def control_row(systems: Sequence[Any]) -> Any:
-    """Return `control.TransferFunction` systems of one input each as one of several inputs and one output."""
+def control_matrix(rows: Sequence[Sequence[Any]]) -> Any:
+    """Return rows of `control.TransferFunction` systems, one for each output, as one system of several inputs."""
     import control
 
-    return control.TransferFunction([[g.num[0][0] for g in systems]], [[g.den[0][0] for g in systems]])
+    parts = [[[getattr(g, part)[0][0] for g in row] for row in rows] for part in ("num", "den")]
+    return control.TransferFunction(*parts)
 
 
 def of_scipy(system: Any) -> Polynomials:

@@ -288,19 +288,34 @@ def _region(axis: Any, root: complex, covariance: FloatArray, colour: str) -> An
 def draw_correlations(found: Correlations | None, dt: float, axes: Any = None) -> Any:
     """Draw the residual's correlation with itself and with the input over the lag, with 95 and 99 % limits."""
     left, right = axes_for("axes", axes, 2, (9.6, 3.4), nrows=1, ncols=2)
-    title(left, "residual with itself")
-    title(right, "input with later residual")
-    for axis in (left, right):
-        tidy(axis)
-        axis.set(xlabel="lag [s]", ylabel="correlation")
-        if found is None:
-            say(axis, "too few samples, or a constant signal")
-    if found is not None:
-        _correlation(left, found.auto, 0, found.auto_std, dt)
-        if (reach := reach_of(found.auto, found.auto_std)) is not None:
-            left.set_ylim(-reach, reach)
-        _correlation(right, found.cross, 1 - found.auto.size, found.cross_std, dt)
+    draw_auto(found, dt, left)
+    draw_cross(found, dt, right)
     return np.array([left, right], dtype=object)
+
+
+def draw_auto(found: Correlations | None, dt: float, axis: Any) -> None:
+    """Draw the residual's correlation with itself over the lag."""
+    if _has_correlations(found, axis, "residual with itself"):
+        assert found is not None
+        _correlation(axis, found.auto, 0, found.auto_std, dt)
+        if (reach := reach_of(found.auto, found.auto_std)) is not None:
+            axis.set_ylim(-reach, reach)
+
+
+def draw_cross(found: Correlations | None, dt: float, axis: Any, name: str = "input") -> None:
+    """Draw an input's correlation with the residual over the lag."""
+    if _has_correlations(found, axis, f"{name} with later residual"):
+        assert found is not None
+        _correlation(axis, found.cross, 1 - found.auto.size, found.cross_std, dt)
+
+
+def _has_correlations(found: Correlations | None, axis: Any, what: str) -> bool:
+    title(axis, what)
+    tidy(axis)
+    axis.set(xlabel="lag [s]", ylabel="correlation")
+    if found is None:
+        say(axis, "too few samples, or a constant signal")
+    return found is not None
 
 
 def reach_of(auto: FloatArray, std: float) -> float | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from replant.estimation.engine.record_regressors import regressors
 from replant.estimation.filters import StateVariableFilter
+from replant.fitting.row_fit import RowFit
 from replant.model.preprocess import Preprocess, screen
 from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Result
@@ -152,28 +153,28 @@ def without_reasons(status: str, *, excited: bool) -> str:
     return f"{status}, not excited" if status == "trusted" and not excited else status
 
 
-def findings(result: Result, total: int) -> list[Finding]:
-    """Return the findings about ``result`` from a record of ``total`` samples, the gravest first."""
+def findings(result: Result | RowFit, total: int) -> list[Finding]:
+    """Return the findings about a result, of one input or several, from ``total`` samples, the gravest first."""
     found = [*_of_verdict(result), *_of_samples(result, total), *_of_model(result)]
     return sorted(found, key=lambda finding: (BAD, WARN, GOOD).index(finding.gravity))
 
 
-def _of_verdict(result: Result) -> list[Finding]:
+def _of_verdict(result: Result | RowFit) -> list[Finding]:
     status, reasons = result.verdict.status, result.verdict.reasons
     words = words_of(status)
     if result.samples == 0:
         why = "Every sample was rejected" if any(result.rejected.values()) else "The record is empty"
         return [Finding(BAD, "No sample used", f"{why}: there is nothing to identify a model from.", usable=False)]
-    if status != "diverged" and result.samples < FEW_SAMPLES * result.structure.size:
+    if status != "diverged" and result.samples < FEW_SAMPLES * result.parameters.size:
         return []  # of so few samples the verdict is meaningless: `_of_samples` says that they are few
     said = [*map(_sentence, reasons)]
     text = " ".join([words.meaning, *said[:1]]).strip()
     return [Finding(words.gravity, words.headline, text, words.usable, tuple(said[1:]))]
 
 
-def _of_samples(result: Result, total: int) -> list[Finding]:
+def _of_samples(result: Result | RowFit, total: int) -> list[Finding]:
     found = []
-    size, rejected = result.structure.size, sum(result.rejected.values())
+    size, rejected = result.parameters.size, sum(result.rejected.values())
     if 0 < result.samples < FEW_SAMPLES * size:
         count = f"{result.samples} sample{'s' if result.samples > 1 else ''}"
         text = f"{count} cannot determine {size} parameters: record at least {FEW_SAMPLES * size}."
@@ -185,8 +186,9 @@ def _of_samples(result: Result, total: int) -> list[Finding]:
     return found
 
 
-def _of_model(result: Result) -> list[Finding]:
-    unstable = [pole for pole in result.transfer_function.poles.tolist() if pole.real > 0 and pole.imag >= 0]
+def _of_model(result: Result | RowFit) -> list[Finding]:
+    plants = result.transfer_functions if isinstance(result, RowFit) else (result.transfer_function,)
+    unstable = [pole for g in plants for pole in g.poles.tolist() if pole.real > 0 and pole.imag >= 0]
     if not unstable or result.samples == 0:
         return []
     poles = ", ".join(complex_number(pole) for pole in unstable)

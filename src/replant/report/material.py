@@ -100,14 +100,8 @@ class Material:
         return correlations(self.on_grid(self.residual), self.on_grid(self.preprocess.map_input(self.log.input)), lags)
 
     def on_grid(self, signal: FloatArray) -> FloatArray:
-        """Return a signal (K,) as one of a regular clock: NaN stands for each sample that was lost, for up to a few."""
-        stamps, dt = self.log.stamps, self.log.dt
-        if stamps is None or not signal.size:
-            return signal
-        places = places_on_grid(np.diff(stamps, prepend=stamps[0] - dt), dt)
-        spread = np.full(places[-1] + 1, np.nan)
-        spread[places] = signal
-        return spread
+        """Return a signal (K,) as one of a regular clock, see `on_grid`."""
+        return on_grid(signal, self.log)
 
     @cached_property
     def excitation(self) -> Excitation | None:
@@ -121,6 +115,17 @@ class Material:
             return None
         found = excitation(phi)
         return found and replace(found, samples=found.samples + log.earlier)
+
+
+def on_grid(signal: FloatArray, log: Log) -> FloatArray:
+    """Return a signal (K,) as one of a regular clock: NaN stands for each sample that was lost, for up to a few."""
+    stamps, dt = log.stamps, log.dt
+    if stamps is None or not signal.size:
+        return signal
+    places = places_on_grid(np.diff(stamps, prepend=stamps[0] - dt), dt)
+    spread = np.full(places[-1] + 1, np.nan)
+    spread[places] = signal
+    return spread
 
 
 UNCERTAIN = "Estimate ± standard deviation."
@@ -191,12 +196,12 @@ def origin(material: Material) -> str:
     )
 
 
-def of_record(log: Log) -> list[tuple[str, str]]:
-    """Return what is to be said of a record, as names and words."""
+def of_record(log: Log, *others: Log) -> list[tuple[str, str]]:
+    """Return what is to be said of a record, as names and words; the others have its further outputs."""
     return [
         ("file", log.path.name or "none: the record is simulated"),
         ("SHA-256", fingerprint(log.path)),
-        ("input, output", f"{log.input_name}, {log.output_name}"),
+        ("input, output", ", ".join([*log.input_names, *(each.output_name for each in (log, *others))])),
         *([("reference", log.reference_name)] if log.reference_name else []),
         ("record", f"{len(log):,} samples, {lasts(log)}"),
     ]

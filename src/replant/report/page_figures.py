@@ -7,7 +7,7 @@ import html
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -77,11 +77,14 @@ def time_picture(section: str, drawn: Sequence[Panel], words: str) -> str:
     if section == "parameters":
         parts = [drawn[first : first + MOST_TRANSIENTS] for first in range(0, len(drawn), MOST_TRANSIENTS)]
         return "".join(_transients(part, f"parameters{k}", words) for k, part in enumerate(parts))
-    height, ratios = (4.7, (1, 2.2, 1)) if section == "fit" else (2.7, (1, 1))
+    ratios = [2.2 if panel.name.startswith("output") else 1.0 for panel in drawn]
+    height = 0.5 + sum(ratios) if section == "fit" else 2.7
     axes = blank_figure(WHOLE, height).subplots(len(drawn), 1, sharex=True, height_ratios=ratios)
     draw_panels(axes, drawn)
     if section == "fit":
-        style.legend(axes[1])
+        for axis, panel in zip(axes, drawn, strict=True):
+            if len(panel.curves) > 1:
+                style.legend(axis)
     else:
         for axis in axes:
             axis.set_ylabel(axis.get_ylabel().replace(" ", "\n"))
@@ -277,14 +280,20 @@ def of_spectrum(material: Material) -> str:
 
 def charts(material: Material) -> dict[str, list[dict[str, Any]]]:
     """Return what is drawn over time as data for the browser; none of a section that words stand in for."""
+    found = charts_of(material.panels)
+    for chart in found["parameters"][1:]:
+        chart["quiet"] = True  # one legend serves all
+    return found
+
+
+def charts_of(panels: Mapping[str, Sequence[Panel]]) -> dict[str, list[dict[str, Any]]]:
+    """Return the panels of each section as data for the browser."""
     found = {}
-    for section, drawn in material.panels.items():
+    for section, drawn in panels.items():
         few = any(panel.words or len(panel.curves[0].t) < (2 if panel.is_log else 0) for panel in drawn)
         size = sum(1 + (curve.std is not None) for panel in drawn for curve in panel.curves if curve.kind != "constant")
         points = max(200, PARAMETER_POINTS // max(size, 1)) if section == "parameters" else POINTS
         found[section] = [] if few else [_chart(panel, points) for panel in drawn]
-    for chart in found["parameters"][1:]:
-        chart["quiet"] = True  # one legend serves all
     return found
 
 
@@ -295,7 +304,7 @@ def _chart(panel: Panel, points: int) -> dict[str, Any]:
     chart: dict[str, Any] = {
         "name": panel.name,
         "label": panel.label,
-        "height": HEIGHTS.get(panel.name, HEIGHT),
+        "height": HEIGHTS.get(panel.name.rstrip("0123456789"), HEIGHT),
         **_times(drawn.among(panel.curves[0].t)),
         "empty": not any(np.isfinite(curve.values).any() for curve in panel.curves),
         "curves": curves,

@@ -40,28 +40,57 @@ def fit_panels(
     signals = [thin(each, POINTS) for each in (u, y, result.simulation.output, result.residual(y))]
     if shown is not None:
         signals = [shown.input, shown.output, shown.model, shown.residual]
-    (t, u), (_, y), (_, model), (_, residual) = ((clock.at(each.places), each.values) for each in signals)
+    t = clock.at(signals[0].places)
+    u, y, model, residual = (each.values for each in signals)
     samples = result.simulation.output.size if shown is None else shown.samples
-    whole: Any = {
-        "ends": (0.0, float(clock.at(max(1, samples - 1)))),
-        "left_out": result.left_out_over_time(dt),
-        "gaps": clock.gaps.mean(axis=1),
-    }
-    kind = "line" if result.model.input_hold == "foh" else "step"
+    whole = whole_record(clock, samples, result.left_out_over_time(dt))
+    given = input_panel(input_label, t, u, result.model.input_hold, "input", whole)
+    return [given, *model_panels(output_label, t, y, model, residual, "", whole)]
+
+
+def whole_record(clock: Clock, samples: int, left_out: FloatArray) -> dict[str, Any]:
+    """Return what the panels of a record share: its ends, what is left out and its gaps, in s."""
+    ends = (0.0, float(clock.at(max(1, samples - 1))))
+    return {"ends": ends, "left_out": left_out, "gaps": clock.gaps.mean(axis=1)}
+
+
+def input_panel(label: str, t: FloatArray, u: FloatArray, hold: str, name: str, whole: dict[str, Any]) -> Panel:
+    """Return an input over time."""
+    kind = "line" if hold == "foh" else "step"
+    given = [Curve(t, u, "input", style.INPUT, kind=kind, width=0.9)]
+    return Panel(label, given, limits=style.output_limits(u), name=name, **whole)
+
+
+def model_panels(
+    label: str,
+    t: FloatArray,
+    y: FloatArray,
+    model: FloatArray,
+    residual: FloatArray,
+    number: str,
+    whole: dict[str, Any],
+) -> list[Panel]:
+    """Return measured and simulated output, and the residual; ``number`` tells several outputs of a page apart."""
     outputs = [
         Curve(t, y, "measured", style.MEASURED, width=2.2),
         Curve(t, model, "model, from the input alone", width=1.0),
     ]
     left = [Curve(t, residual, "measured − model", style.RESIDUAL, width=0.8)]
-    given = [Curve(t, u, "input", style.INPUT, kind=kind, width=0.9)]
-    limits = style.residual_limits(residual, y)
+    limits, named = style.residual_limits(residual, y), with_unit("residual", unit_of(label))
     return [
-        Panel(input_label, given, limits=style.output_limits(u), name="input", **whole),
-        Panel(output_label, outputs, limits=style.output_limits(y, model), name="output", **whole),
-        Panel(
-            with_unit("residual", unit_of(output_label)), left, limits=limits, name="residual", has_zero=True, **whole
-        ),
+        Panel(label, outputs, limits=style.output_limits(y, model), name=f"output{number}", **whole),
+        Panel(named, left, limits=limits, name=f"residual{number}", has_zero=True, **whole),
     ]
+
+
+def part_panel(label: str, t: FloatArray, parts: Mapping[str, FloatArray], number: str, whole: dict[str, Any]) -> Panel:
+    """Return what each input does to an output, by the names of the inputs."""
+    curves = [
+        Curve(t, part, name, colour, width=1.1, dashes=dashes)
+        for (name, part), (colour, dashes) in zip(parts.items(), style.LINES, strict=False)
+    ]
+    limits, named = style.output_limits(*parts.values()), with_unit("part of each input", unit_of(label))
+    return Panel(named, curves, limits=limits, name=f"part{number}", has_zero=True, **whole)
 
 
 def first_estimate(history: History) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 from replant.estimation.scaling import Scaling
 from replant.estimation.settings import Settings
 from replant.fitting.fit_result import FitResult
+from replant.fitting.row_model import RowModel
 from replant.logs.log import Log
 from replant.online.runs.result import Result
 
@@ -62,6 +63,23 @@ def fit_as_python(fitted: FitResult, logs: Sequence[Log]) -> str:
     return "\n".join([_open_several(logs) if several else _open(log), *lines])
 
 
+def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = None) -> str:
+    """Return the Python program that fits a row to logs; with ``startup`` that of one pass over a log."""
+    each = model.structures
+    orders = ", ".join(f"{name}={tuple(getattr(one, name) for one in each)!r}" for name in ("poles", "zeros", "delay"))
+    log, several = logs[0], len(logs) > 1
+    if startup is not None:
+        lines = [
+            f"ident = rp.Identifier({orders}, dt={log.dt!r}, startup={startup}, input_hold={log.input_hold!r})",
+            "trace = ident.update_many(log.inputs, log.output, log.stamps)",
+            "ident.finish()",
+            "print(ident.model)",
+        ]
+    else:
+        lines = [f"fitted = rp.fit({'logs' if several else 'log'}, {orders})", "print(fitted)"]
+    return "\n".join([_open_several(logs) if several else _open(log), *lines])
+
+
 def _signals(log: Log) -> str:
     return "log.input, log.output" if log.path.name else "u, y"
 
@@ -86,7 +104,8 @@ def _open(log: Log) -> str:
         signals = f"{', '.join(arrays)}: the record, {('two', 'three', 'four')[len(arrays) - 2]} arrays"
         return f"import replant as rp\n\n# {signals}"
     sampling = "" if log.time is not None else f", dt={log.dt!r}"
-    names = f"input={log.input_name!r}, output={log.output_name!r}"
+    given = list(log.input_names) if log.more_inputs else log.input_name
+    names = f"input={given!r}, output={log.output_name!r}"
     if log.reference_name:
         names += f", reference={log.reference_name!r}"
     ends = (("begin", log.begin), ("end", log.end))

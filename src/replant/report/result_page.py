@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from replant.report import material as tables
 from replant.report import page_figures
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
 from replant.report.material import Material
-from replant.report.page import code, filled, folded, icon, script, table, uplot, words, write_page
+from replant.report.page import asset, code, filled, folded, icon, script, table, uplot, words, write_page
 from replant.report.programs import run_as_python
 from replant.verdict.verdict import percent as share
 
@@ -46,7 +47,7 @@ def _row(name: str, found: Validation) -> tuple[str, ...]:
         percent(found.fit),
         percent(found.one_step),
         number(found.offset, 4),
-        f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input",
+        "–" if math.isnan(auto) else f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input",
         "–" if worst is None else f"up to {share(worst)}" if worst else "none beyond chance",
         found.verdict.status,
     )
@@ -58,7 +59,7 @@ def _figure(element: str, name: str, found: Validation) -> str:
         f"{name}: measured output and the model's, {found.how}, with offset and initial state estimated. "
         + " ".join(f"{reason[0].upper()}{reason[1:]}." for reason in found.verdict.reasons)
     )
-    return _drawn(said, page_figures.svg(axes[0].figure, element, said))
+    return drawn(said, page_figures.svg(axes[0].figure, element, said))
 
 
 NO_MODEL = "<p>G(s) could not be estimated.</p>"
@@ -93,7 +94,7 @@ def write_report(
     with np.errstate(all="ignore"):  # figures that are not finite are reported in words
         plots = page_figures.charts(material)
         fields = _fields(material, plots, command, python)
-        fields["verdict"] = _verdict(findings(result, len(log)), advice)
+        fields["verdict"] = verdict_of(findings(result, len(log)), advice)
     fields["candidates"] = ""
     if candidates is not None:
         headings, rows, rest = candidates
@@ -117,6 +118,7 @@ def write_report(
 
 def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command: str, python: str) -> dict[str, str]:
     return {
+        "zoom": asset("zoom.html"),
         "model_note": _note(findings(material.result, len(material.log))),
         "long": " long" if material.result.structure.poles > BESIDE else "",
         "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
@@ -124,7 +126,7 @@ def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command:
         **_sections(material, plots),
         "coefficients": folded("Coefficients", tables.coefficients(material)),
         "pole_table": tables.poles(material),
-        "reproduce": folded("How to reproduce this", _reproduce(command, python)),
+        "reproduce": folded("How to reproduce this", reproduction(command, python)),
         "origin": folded("Record and versions", tables.origin(material)),
     }
 
@@ -138,7 +140,7 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
     }
     with page_figures.look():
         over_time = {
-            name: _drawn(said[name], page_figures.time_picture(name, panels, said[name]), plots[name]) if panels else ""
+            name: drawn(said[name], page_figures.time_picture(name, panels, said[name]), plots[name]) if panels else ""
             for name, panels in material.panels.items()
         }
         one, other = page_figures.of_auto(material), page_figures.of_cross(material)
@@ -147,8 +149,8 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
             "fit": over_time["fit"],
             "transients": f"<h3>Parameter estimates</h3>{over_time['parameters']}" if over_time["parameters"] else "",
             "excitation": folded("Excitation", over_time["excitation"]),
-            "auto": _drawn(one, auto),
-            "cross": _drawn(other, cross),
+            "auto": drawn(one, auto),
+            "cross": drawn(other, cross),
             "poles": _still(material, page_figures.of_poles, page_figures.poles),
             "bode": _still(material, page_figures.of_bode, page_figures.bode),
             "step": _still(material, page_figures.of_step, page_figures.step),
@@ -160,10 +162,10 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
 
 def _still(material: Material, caption: Callable[[Material], str], picture: Callable[[Material, str], str]) -> str:
     said = caption(material)
-    return _drawn(said, picture(material, said))
+    return drawn(said, picture(material, said))
 
 
-def _drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
+def drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
     """Return a figure: static pictures and, if there are plots, elements that the script draws zoomable ones into."""
     columns = " halves" if len(plots) > 1 and not any(plot["name"] == "output" for plot in plots) else ""
     live = f'<div class="live{columns}">{"".join(map(_room, plots))}</div>' if plots else ""
@@ -205,8 +207,8 @@ def _method(settings: Settings) -> str:
     return type(settings.optimizer).__name__ + (" with instruments" if settings.instruments else "")
 
 
-def _verdict(found: Sequence[Finding], advice: tuple[str, str] | None) -> str:
-    """Return whether the model may be used, what to do next, and the reasons: the first, and the others folded."""
+def verdict_of(found: Sequence[Finding], advice: tuple[str, str] | None, of: str = "") -> str:
+    """Return whether a model, or a row ``of`` an output, may be used, what to do next, and the reasons."""
     first = found[0]
     # of a trusted model the warnings are read behind that, but colour it
     lead = next((each for each in found if each.gravity == GOOD), first) if first.gravity == WARN else first
@@ -218,7 +220,7 @@ def _verdict(found: Sequence[Finding], advice: tuple[str, str] | None) -> str:
     )
     reasons = "".join(f"<p>{words(each)}</p>" for each in lead.more)
     count = "one more reason" if len(lead.more) == 1 else f"{len(lead.more)} more reasons"
-    headline = lead.headline
+    headline = f"{of}: {lead.headline}" if of else lead.headline
     if advice is not None:
         headline += f": {advice[0]}"
         reasons += code("shell", advice[1])
@@ -243,15 +245,16 @@ def _figures(material: Material) -> str:
         (gain, with_unit("DC gain", unit)),
         (f"{result.samples:,}", "samples used"),
     ]
-    return "".join(f"<div><dd>{_in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)
+    return "".join(f"<div><dd>{in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)
 
 
-def _in_small(text: str) -> str:
+def in_small(text: str) -> str:
     """Return a number with its standard deviation in small print."""
     value, sign, std = html.escape(text).partition(" ± ")
     return f"{value} <small>± {std}</small>" if sign and "(" not in value else html.escape(text)
 
 
-def _reproduce(command: str, python: str) -> str:
+def reproduction(command: str, python: str) -> str:
+    """Return the command and the program that make a result again."""
     parts = [("In a shell", "shell", command), ("In Python", "python", python)]
     return "".join(f"<h3>{name}</h3>{code(kind, text)}" for name, kind, text in parts if text)

@@ -80,7 +80,7 @@ def print_row(console: Any, model: RowModel, *, record: str = "", lead: str = ""
     _say(console, "Fit", _fits(model.simulated_fit, "simulated from the inputs alone", model.one_step_fit))
     if record:
         _say(console, "Record", record)
-    _say(console, "Samples", f"{model.provenance.samples:,}")
+    _say(console, "Samples", _samples(model.provenance.samples, dict(model.rejected)))
     levels = ", ".join(f"{level:.5g}" for level in model.input_levels.tolist())
     _say(console, "Rest", f"output {model.output_level:.5g} at inputs {levels}")
     if not record:

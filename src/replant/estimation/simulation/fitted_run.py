@@ -29,7 +29,7 @@ from replant.numerics.residuals import ErrorSums, OutputSums
 
 FEWEST = 4  # outputs for each unknown of its state that a part behind a gap needs, else the state takes it up [count]
 RANK_TOLERANCE = 1e-12  # singular value of scaled nuisances that counts as zero: rounding [part of the largest]
-ROWS = 1 << 12  # samples taken into a triangle together: few enough for a cache and for one thread [samples]
+ROWS = 1 << 10  # samples taken into a triangle together: few enough for a cache and for one thread [samples]
 FITTED = 1 << 18  # samples over which the initial state is fitted [samples]
 
 

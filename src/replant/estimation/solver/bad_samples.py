@@ -67,8 +67,8 @@ HARM = 0.02  # what a model must move for a stuck sensor to do harm: the root of
 def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
     """Return the `Doubt` in each output (K,) without a model: missing (NaN), gross, or equal too often to be chance.
 
-    Gross outputs at steps of the input may be answers to it.  Where equal ones are most of all, none of them is
-    suspicious.
+    Gross outputs at steps of the input (K,), or of one of several (K, q), may be answers to it.  Where equal ones are
+    most of all, none of them is suspicious.
     """
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
     known, gross = np.isfinite(y), _gross(y)
@@ -81,7 +81,7 @@ def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
 
 
 def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: FloatArray) -> IntArray:
-    """Return the `Doubt` in each output (K,), by a model's."""
+    """Return the `Doubt` in each output (K,), by a model's; inputs are (K,) or (K, q)."""
     error = y - modelled
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
     stuck = _stuck(y, modelled, robust_std(error[np.isfinite(error)]) if np.isfinite(error).any() else 0.0)
@@ -180,10 +180,11 @@ def _gross(y: FloatArray) -> BoolArray:
 
 
 def _follow(u: FloatArray, found: BoolArray) -> bool:
-    """Return whether samples (K,) are at steps of the input (K,) more often than the share of steps makes by chance."""
+    """Return whether samples (K,) are at steps of an input more often than the share of steps makes by chance."""
     from scipy import special  # slow to import
 
-    steps = np.abs(np.diff(u, prepend=u[:1])) > JUMP * float(np.ptp(u))
+    steps = np.abs(np.diff(u, axis=0, prepend=u[:1])) > JUMP * np.ptp(u, axis=0)
+    steps = steps.reshape(found.size, -1).any(axis=1)
     steps |= np.roll(steps, 1)
     at_steps, every, share = int((found & steps).sum()), int(found.sum()), float(steps.mean())
     return 2 * at_steps > every and float(special.bdtrc(at_steps - 1, every, share)) < BY_CHANCE

@@ -41,7 +41,7 @@ class Solution:
 
 def at_first(record: Record) -> Record:
     """Return a record without the outputs that may be bad by themselves."""
-    return leaving_out(record, _suspicious(record))
+    return leaving_out(record, suspected(record))
 
 
 def solve(
@@ -52,7 +52,7 @@ def solve(
     afresh: bool = False,
 ) -> Solution | None:
     """Solve a record; None where no start leads to a model."""
-    answers, doubt = record.answers(structure.delay), _suspicious(record)
+    answers, doubt = record.answers(structure.delay), suspected(record)
     found = _first(structure, leaving_out(record, doubt), given, afresh=afresh)
     if found is None and (doubt > Doubt.MISSING).any():  # as they came
         doubt = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
@@ -65,7 +65,7 @@ def solve(
         modelled = Problem(structure, used).run_whole(found.theta).output
         bridged = np.where(used.is_measured, used.y, modelled)
         solution = Solution(found, replace(used, y=bridged), doubt, bridged)
-        before, doubt = doubt, _doubts(record, np.where(answers, modelled, np.nan), found)
+        before, doubt = doubt, doubted(record, np.where(answers, modelled, np.nan), found.noise_model.coefficients)
         if (doubt == before).all():
             break
         found = refine(structure, leaving_out(record, doubt), [found.theta])
@@ -85,16 +85,16 @@ def _moves(record: Record) -> bool:
     return record.u.size > 0 and all(float(np.ptp(signal)) > 0.0 for signal in signals)
 
 
-def _suspicious(record: Record) -> IntArray:
-    """Return the `Doubt` in each output (K,) without a model."""
-    y = np.where(record.is_measured, record.y, np.nan)
-    return np.concatenate([suspicious(record.u[rows], y[rows]) for rows in record.records])
+def suspected(record: Record, inputs: FloatArray | None = None) -> IntArray:
+    """Return the `Doubt` in each output (K,) without a model; ``inputs`` (K, q) where there are several."""
+    u, y = record.u if inputs is None else inputs, np.where(record.is_measured, record.y, np.nan)
+    return np.concatenate([suspicious(u[rows], y[rows]) for rows in record.records])
 
 
-def _doubts(record: Record, modelled: FloatArray, found: Refined) -> IntArray:
-    """Return the `Doubt` in each output (K,) by a model's (K,), NaN where that is not known."""
-    y, noise = np.where(record.is_measured, record.y, np.nan), found.noise_model.coefficients
-    return np.concatenate([doubts(record.u[rows], y[rows], modelled[rows], noise) for rows in record.records])
+def doubted(record: Record, modelled: FloatArray, noise: FloatArray, inputs: FloatArray | None = None) -> IntArray:
+    """Return the `Doubt` in each output (K,) by a model's (K,), NaN where that is not known, and its noise model."""
+    u, y = record.u if inputs is None else inputs, np.where(record.is_measured, record.y, np.nan)
+    return np.concatenate([doubts(u[rows], y[rows], modelled[rows], noise) for rows in record.records])
 
 
 def leaving_out(record: Record, doubt: IntArray) -> Record:

@@ -38,6 +38,7 @@ from functools import lru_cache
 import numpy as np
 
 from replant.estimation.engine.record import Record
+from replant.estimation.simulation.fitted_run import triangle_of
 from replant.estimation.simulation.model_run import ModelRun, run_model, runs_away
 from replant.estimation.solver.refined import Refined
 from replant.model.structure import Structure
@@ -241,11 +242,11 @@ def _own_past(signal: bytes, most: int, newest: int) -> tuple[FloatArray, FloatA
     u = np.frombuffer(signal)
     rows = np.arange(u.size - newest, u.size)
     past = np.column_stack([np.ones(rows.size), *(u[rows - lag] for lag in range(1, most + 1))])
-    basis, upper = np.linalg.qr(past)
-    along, power = basis.T @ u[rows], float(u[rows] @ u[rows])
+    along, power = triangle_of(past, u[rows])[: most + 1, -1], float(u[rows] @ u[rows])
     left = np.maximum(power - np.cumsum(along**2), 1e-14 * power)
     columns = int(np.argmin(rows.size * np.log(left) + 2.0 * np.arange(left.size))) + 1
-    return basis[:, :columns], upper[:columns, :columns], along[:columns]
+    basis, upper = np.linalg.qr(past[:, :columns])
+    return basis, upper, basis.T @ u[rows]
 
 
 def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:

@@ -1,0 +1,194 @@
+"""What `run` and `fit` do with several inputs or outputs: a row of transfer functions for each output."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from replant.cli.conditioning_options import is_conditioned
+from replant.cli.option_types import Each, command_line
+from replant.cli.options import progress_bar, read_several
+from replant.cli.output import CONDITIONED, Keeping, check_required, echo_json, make_folder, write_errors_reported
+from replant.cli.terminal import is_quiet
+from replant.errors import InvalidArgumentError
+from replant.estimation.engine.dimensions import RECENT
+from replant.fitting import model_json
+from replant.fitting.fit import fit
+from replant.fitting.matrix import MatrixFit
+from replant.fitting.row_fit import RowFit
+from replant.fitting.samples import Samples
+from replant.fitting.validation import Validation
+from replant.logs import Log
+from replant.logs.recording import digest
+from replant.online.row_identifier import RowIdentifier
+from replant.report.programs import row_as_python
+from replant.report.terminal import print_row, record_line
+from replant.report.terminal_tables import print_validation
+
+#: Options that one input takes, and several do not, with what they are without them.
+NOT_YET = {
+    "bias": False, "feedthrough": False, "input_map": "identity", "reference_column": None, "method": "auto",
+    "optimizer": "auto", "full_trace": None,
+}  # fmt: skip
+CHUNK = 8192  # samples taken between two marks of progress [samples]
+
+#: Makes the row of an output from its logs and the orders asked for, and the Python program that does so.
+Solver = Callable[[list[Log], dict[str, Any]], tuple[RowFit, str]]
+
+
+def are_several(options: dict[str, Any]) -> bool:
+    """Return whether the options name several inputs or outputs."""
+    return any(isinstance(options[name], tuple) for name in ("input_column", "output_column"))
+
+
+def fitted(logs: list[Log], asked: dict[str, Any]) -> tuple[RowFit, str]:
+    """Return the row that `fit` makes of logs."""
+    row: RowFit = fit(logs if len(logs) > 1 else logs[0], **asked)
+    return row, row_as_python(row.model, logs)
+
+
+def passed_over(startup: int | None) -> Solver:
+    """Return what makes a row by one pass over a log, as `Identifier` does, and solves it as a whole at the end."""
+
+    def row_of(logs: list[Log], asked: dict[str, Any]) -> tuple[RowFit, str]:
+        (log,) = logs
+        count = len(log)
+        first = min(max(count // 10, 1), RECENT) if startup is None else startup
+        hold, names = log.input_hold, log.input_names
+        ident = RowIdentifier(dt=log.dt, startup=first, input_hold=hold, input_names=names, **asked)
+        u, y, t = log.inputs, log.output, log.stamps
+        with progress_bar(rate=True) as bar:
+            task = bar.add_task("identifying", total=count)
+            for begin in range(0, count, CHUNK):
+                rows = slice(begin, begin + CHUNK)
+                ident.update_many(u[rows], y[rows], None if t is None else t[rows])
+                bar.update(task, completed=min(begin + CHUNK, count))
+        if startup is None or not ident.has_model:
+            ident.finish()
+        model = ident.model.of_log(log.input_names, log.output_name, log.path.name)
+        none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
+        return RowFit(model, model.validate(log).output, none, none, missing), row_as_python(model, logs, first)
+
+    return row_of
+
+
+def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | None, options: dict[str, Any]) -> None:
+    """Identify a row for each output, print them, save and validate their model, and write a report."""
+    begun = time.perf_counter()
+    inputs, outputs = (_all(options[name]) for name in ("input_column", "output_column"))
+    several = "outputs" if len(outputs) > 1 else "inputs"
+    for name, usual in NOT_YET.items():
+        if options.get(name, usual) != usual:
+            raise InvalidArgumentError(
+                f"several {several} take no --{name.removesuffix('_column').replace('_', '-')} yet"
+            )
+    asked = {name: _of_each(options[name], name, inputs) for name in ("poles", "zeros", "delay")}
+    columns = [{"input_column": inputs, "output_column": each} for each in outputs]
+    records = _of_one_output([read_several(options | each) for each in columns])
+    make_folder(out)
+    rows, programs, validations = [], [], list[tuple[str, Validation]]()
+    for logs, each in zip(records, columns, strict=True):
+        row, program = solve(logs, asked)
+        sha256 = digest(logs[0].path) if len(logs) == 1 else ""
+        row = replace(row, model=replace(row.model, provenance=replace(row.model.provenance, sha256=sha256)))
+        found = replace(keeping, columns=keeping.columns | each).validated(row.model)
+        rows.append(row)
+        programs.append(program)
+        validations += [(f"{name}, {row.model.output_name}" if len(outputs) > 1 else name, one) for name, one in found]
+    model = MatrixFit(tuple(rows)).model if len(rows) > 1 else rows[0].model
+    paths = []
+    if keeping.saved is not None:
+        model.save(keeping.saved)
+        paths.append(keeping.saved)
+    if out is not None:
+        python = CONDITIONED if is_conditioned(click.get_current_context().params) else "\n\n".join(programs)
+        paths += _reported(out, rows, [as_one(logs) for logs in records], python, validations)
+    if as_json:
+        whole = model_json.as_object(rows[0].model)
+        if len(rows) > 1:
+            whole = model_json.rows_object([row.model for row in rows])
+        echo_json(whole | {"elapsed_seconds": round(time.perf_counter() - begun, 3)}, validations)
+    else:
+        _print(rows, records, validations, paths, may_save=keeping.saved is None)
+    check_required(keeping.required, [*(row.verdict for row in rows), *(each.verdict for _, each in validations)])
+
+
+def _print(
+    rows: Sequence[RowFit],
+    records: Sequence[list[Log]],
+    validations: Sequence[tuple[str, Validation]],
+    paths: Sequence[Path],
+    *,
+    may_save: bool,
+) -> None:
+    from rich.console import Console
+
+    console = Console()
+    for row, logs in zip(rows, records, strict=True):
+        samples, seconds = sum(map(len, logs)), sum(each.duration for each in logs)
+        print_row(console, row.model, record=record_line(samples, logs[0].dt, seconds))
+    for name, each in validations:
+        print_validation(console, each, name)
+    for path in paths:
+        click.echo(f"wrote {path}")
+    if may_save and not validations and not is_quiet() and all(row.verdict.status == "trusted" for row in rows):
+        click.echo("\nNext: keep the model and check it on another log: --save model.json --validate LOG2")
+
+
+def _reported(
+    out: Path, rows: Sequence[RowFit], logs: Sequence[Log], python: str, validations: Sequence[tuple[str, Validation]]
+) -> list[Path]:
+    """Write the pictures and the report; return their paths."""
+    from replant.report.rows_page import Output, save_figures, write_rows
+
+    shown = [Output(*each) for each in zip(rows, logs, strict=True)]
+    with write_errors_reported(out):
+        paths = save_figures(out, shown)
+        report = write_rows(out / "report.html", shown, command=command_line(), python=python, validations=validations)
+    return [*paths, report]
+
+
+def _all(named: str | tuple[str, ...]) -> tuple[str, ...]:
+    return named if isinstance(named, tuple) else (named,)
+
+
+def _of_one_output(records: list[list[Log]]) -> list[list[Log]]:
+    """Return the logs of each output, beside which no other output stands: that is no column to explain it."""
+    names = {logs[0].output_name for logs in records}
+
+    def alone(log: Log) -> Log:
+        return replace(log, others={name: each for name, each in log.others.items() if name not in names})
+
+    return [[alone(log) for log in logs] for logs in records] if len(names) > 1 else records
+
+
+def as_one(logs: list[Log]) -> Log:
+    """Return several logs as one, for plots of them; a single one as it is."""
+    if len(logs) == 1:
+        return logs[0]
+    all_of = Samples.of_several(logs)
+    return Log(
+        all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
+        reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
+        others=all_of.others, more_inputs=all_of.more_inputs,
+    )  # fmt: skip
+
+
+def _of_each(given: tuple[Any, ...] | None, name: str, inputs: tuple[str, ...]) -> tuple[Any, ...]:
+    """Return a number for each input: those given, or 0 for all."""
+    example = ",".join("1" for _ in inputs)
+    if given is None or (name != "poles" and given == (0.0,)):
+        return (0,) * len(inputs)
+    if len(given) != len(inputs) or not (isinstance(given, Each) or len(inputs) == 1):
+        got = f"{len(given)} numbers" if isinstance(given, Each) else "one number or a range"
+        raise InvalidArgumentError(
+            f"--{name} must have a number for each of {len(inputs)} inputs ({', '.join(inputs)}), as in {example}: "
+            f"got {got}"
+        )
+    return tuple(given)

@@ -1,0 +1,338 @@
+"""Several outputs over the same inputs: a matrix of transfer functions, a row each; the model in a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, ModelFileError, shown
+from replant.fitting import model_file, model_json
+from replant.fitting.model import Model
+from replant.fitting.model_file import AnyPath
+from replant.fitting.row_fit import RowFit, fit_row
+from replant.fitting.row_model import RowModel
+from replant.fitting.samples import Samples
+from replant.fitting.validation import Validation
+from replant.model import interop
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import FloatArray, array_of_reals, iterable
+from replant.plotting.diagrams import ABOVE_LEGEND
+from replant.plotting.style import axes_for, title
+from replant.verdict.verdict import Verdict
+
+
+@dataclass(frozen=True, repr=False)
+class MatrixModel:
+    r"""An identified plant of several outputs: a `RowModel` of each, over the same inputs.
+
+    .. math:: y_k = \mathrm{output\_level}_k + \sum_i G_{ki}(s)\,(u_i - \mathrm{input\_levels}_i)
+
+    Parameters
+    ----------
+    rows : tuple of RowModel
+        Of the same inputs and sampling time, with outputs of different names.
+
+    Raises
+    ------
+    InvalidArgumentError, ArgumentTypeError
+        If the rows do not belong together.
+
+    Examples
+    --------
+    >>> from replant import Structure
+    >>> rows = [RowModel((Structure(1),) * 2, [1.0, 2.0, 3.0, k], dt=0.1, output_name=f"y{k}") for k in (1, 2)]
+    >>> model = MatrixModel(rows)
+    >>> print(model.transfer_functions[1][1])
+    2 / (s + 3)
+    >>> model.simulate([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]]).round(4)
+    array([[0.    , 0.    ],
+           [0.    , 0.    ],
+           [0.1903, 0.1903]])
+    """
+
+    rows: tuple[RowModel, ...]
+
+    def __post_init__(self) -> None:
+        rows = tuple(self.rows) if iterable(self.rows) else ()
+        if not rows or not all(isinstance(row, RowModel) for row in rows):
+            raise ArgumentTypeError(f"rows must be a RowModel for each output, got {shown(self.rows)}")
+        for name in ("input_names", "dt", "input_hold"):
+            given = [getattr(row, name) for row in rows]
+            if any(each != given[0] for each in given):
+                raise InvalidArgumentError(f"rows must have the same {name}, got {shown(given)}")
+        names = [row.output_name for row in rows]
+        if len(set(names)) != len(names):
+            raise InvalidArgumentError(f"rows must have outputs of different names, got {shown(names)}")
+        object.__setattr__(self, "rows", rows)
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        return self.rows[0].input_names
+
+    @property
+    def input_name(self) -> tuple[str, ...]:
+        """The same, as `Model` has one."""
+        return self.input_names
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        return tuple(row.output_name for row in self.rows)
+
+    @property
+    def output_name(self) -> tuple[str, ...]:
+        """The same, as `Model` has one."""
+        return self.output_names
+
+    @property
+    def dt(self) -> float:
+        """Sampling time in s of the record that the model was made from."""
+        return self.rows[0].dt
+
+    @property
+    def transfer_functions(self) -> tuple[tuple[TransferFunction, ...], ...]:
+        """G(s), a tuple for each output with one from each input."""
+        return tuple(row.transfer_functions for row in self.rows)
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether to trust each row, and why in plain words."""
+        return tuple(row.verdict for row in self.rows)
+
+    def of_output(self, which: int | str) -> RowModel:
+        """Return the row of one output.
+
+        Parameters
+        ----------
+        which : int or str
+            Name of the output, or its number from 0.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If there is no such output.
+        """
+        names = list(self.output_names)
+        number = names.index(which) if which in names else which
+        if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(names):
+            raise InvalidArgumentError(
+                f"which must be one of {', '.join(names)}, or its number from 0, got {shown(which)}"
+            )
+        return self.rows[number]
+
+    def simulate(self, u: Any, t: Any = None) -> FloatArray:
+        """Return the outputs (K, p) from the inputs alone, in absolute units; see `RowModel.simulate`.
+
+        Parameters
+        ----------
+        u : (K, q) array
+            A column per input.
+        t : (K,) array, optional
+            Time stamps in s.
+        """
+        return np.column_stack([row.simulate(u, t) for row in self.rows])
+
+    def validate(self, u: Any, y: Any, t: Any = None) -> tuple[Validation, ...]:
+        """Compare each row with another record; see `RowModel.validate`.
+
+        Parameters
+        ----------
+        u : (K, q) array
+            The inputs.
+        y : (K, p) array
+            The measured outputs.
+        t : (K,) array, optional
+            Time stamps in s.
+
+        Returns
+        -------
+        tuple of Validation
+            One for each output.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the columns are not as many as the outputs or inputs, or the record is too short.
+        """
+        columns = outputs_of(y)
+        if len(columns) != len(self.rows):
+            raise InvalidArgumentError(f"y must have a column for each of {len(self.rows)} outputs, got {len(columns)}")
+        return tuple(row.validate(u, each, t) for row, each in zip(self.rows, columns, strict=True))
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw the matrix of step responses; return axes (p, q) of matplotlib.  `RowModel.plot` has Bode diagrams.
+
+        Parameters
+        ----------
+        axes : p q matplotlib axes, optional
+            Drawn into; without them a figure is made.
+        """
+        p, q = len(self.rows), len(self.input_names)
+        size = 1.0 + 3.4 * q, 0.6 + 2.6 * p
+        grid = np.reshape(axes_for("axes", axes, p * q, size, nrows=p, ncols=q), (p, q))
+        for row, line in zip(self.rows, grid, strict=True):
+            for number, name in enumerate(self.input_names):
+                row.of_input(number).step().plot(line[number])
+                title(line[number], f"{name} → {row.output_name}", ABOVE_LEGEND)
+        return grid
+
+    def to_control(self, pade: int | None = None) -> Any:
+        """Return the matrix as `control.TransferFunction` of p outputs and q inputs.
+
+        Parameters
+        ----------
+        pade : int, optional
+            Order of the approximation of dead times, see `TransferFunction.to_control`.
+        """
+        return interop.control_matrix([[g.to_control(pade) for g in row] for row in self.transfer_functions])
+
+    def to_json(self) -> str:
+        """Return the model as one JSON object, whose entries the page JSON describes."""
+        return model_json.dumps_rows(self.rows)
+
+    @classmethod
+    def from_json(cls, written: str | bytes) -> MatrixModel:
+        """Return the model that `to_json` has written, equal to the bit.
+
+        Parameters
+        ----------
+        written : str or bytes
+            What `to_json` has returned, or the content of a file of `save`.
+
+        Raises
+        ------
+        ModelFileError
+            If it is no such JSON, or of a newer version.
+        """
+        rows = tuple(RowModel(**fields) for fields in model_json.loads_rows(written))
+        with model_json.in_one_line():
+            return cls(rows)
+
+    def save(self, path: AnyPath) -> None:
+        """Write the model as JSON; the file is whole at every moment.
+
+        Parameters
+        ----------
+        path : path
+            Of the file, which is replaced.
+
+        Raises
+        ------
+        ModelFileError
+            If the file cannot be written.
+        """
+        model_file.write(path, self.to_json())
+
+    def __repr__(self) -> str:
+        return "\n".join([f"<MatrixModel of {len(self.rows)} outputs:", *map(repr, self.rows)]) + ">"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MatrixFit:
+    """The result of `fit` with several outputs: each row is estimated by itself, on the same inputs.
+
+    Parameters
+    ----------
+    rows : tuple of RowFit
+        One for each output.
+    """
+
+    rows: tuple[RowFit, ...]
+
+    @property
+    def model(self) -> MatrixModel:
+        """What is worth keeping of all rows."""
+        return MatrixModel(tuple(row.model for row in self.rows))
+
+    @property
+    def transfer_functions(self) -> tuple[tuple[TransferFunction, ...], ...]:
+        """G(s), a tuple for each output with one from each input."""
+        return self.model.transfer_functions
+
+    @property
+    def verdicts(self) -> tuple[Verdict, ...]:
+        """Whether to trust each row, and why in plain words."""
+        return self.model.verdicts
+
+    @property
+    def output(self) -> FloatArray:
+        """Simulated outputs (K, p)."""
+        return np.column_stack([row.output for row in self.rows])
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{row.model.output_name}: {row!r}" for row in self.rows)
+
+
+def is_matrix(y: Any) -> bool:
+    """Return whether outputs are several: columns of an array."""
+    return isinstance(y, np.ndarray) and y.ndim == 2 and y.shape[1] > 1
+
+
+def outputs_of(y: Any) -> list[FloatArray]:
+    """Return the columns of outputs (K, p)."""
+    columns = np.asarray(array_of_reals("y", y), np.float64)
+    if columns.ndim != 2 or not columns.shape[1]:
+        raise InvalidArgumentError(f"y must have a column for each output, shape (K, p), got {shown(columns.shape)}")
+    return [column.copy() for column in columns.T]
+
+
+def fit_matrix(u: Any, y: Any, dt: float | None, t: Any, poles: Any, zeros: Any, delay: Any) -> MatrixFit:
+    """Return the fit of each output (K, p) by itself; orders are those of all outputs, or a tuple for each."""
+    inputs = np.asarray(array_of_reals("u", u), np.float64)
+    inputs = inputs[:, None] if inputs.ndim == 1 else inputs
+    columns, rows = outputs_of(y), []
+    for number, column in enumerate(columns):
+        orders = [of_output(name, given, number, len(columns)) for name, given in
+                  (("poles", poles), ("zeros", zeros), ("delay", delay))]  # fmt: skip
+        one = inputs.shape[1] == 1 and not iterable(orders[0])
+        samples = replace(Samples.of(inputs, column, dt, t, None), output_name=f"y{number + 1}")
+        rows.append(fit_row(samples, (orders[0],) if one else orders[0], *orders[1:]))
+    return MatrixFit(tuple(rows))
+
+
+def of_output(name: str, given: Any, number: int, count: int) -> Any:
+    """Return poles, zeros or dead times of one output: those of all, or its own of a tuple for each."""
+    if not (iterable(given) and any(map(iterable, given))):
+        return given
+    if len(given) != count:
+        raise InvalidArgumentError(
+            f"{name} has {len(given)} tuples and y {count} outputs: give one for each, or one for all"
+        )
+    return given[number]
+
+
+def load_model(path: AnyPath) -> Model | RowModel | MatrixModel:
+    """Return the model in a file that ``save`` of a model or ``--save`` has written.
+
+    Parameters
+    ----------
+    path : path
+        Of the JSON file.
+
+    Returns
+    -------
+    Model, RowModel or MatrixModel
+        A RowModel of several inputs, a MatrixModel of several outputs.
+
+    Raises
+    ------
+    ModelFileError
+        If the file cannot be read, holds no model, or is of a newer version.
+
+    Examples
+    --------
+    >>> load_model("no-such-file.json")
+    Traceback (most recent call last):
+    replant.errors.ModelFileError: no-such-file.json: no such file
+    """
+    written = model_file.read(path)
+    kinds: dict[int, type[Model] | type[RowModel] | type[MatrixModel]] = {
+        model_json.VERSION: Model, model_json.OF_SEVERAL: RowModel, model_json.OF_OUTPUTS: MatrixModel
+    }  # fmt: skip
+    try:
+        return kinds[model_json.kind_of(written)].from_json(written)
+    except ModelFileError as error:
+        raise ModelFileError(f"{path}: {error}") from error

@@ -1,0 +1,303 @@
+"""The report of several inputs and outputs: the matrix of transfer functions as one page that stands alone."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replant.estimation.simulation.stretches import joined, stretches_of
+from replant.fitting.model import Model
+from replant.fitting.row_fit import RowFit
+from replant.fitting.validation import Validation
+from replant.logs.log import Log
+from replant.numerics.arguments import FloatArray
+from replant.numerics.residuals import Correlations, correlation_lags, correlations
+from replant.online.runs.result import MOST_SHADES, Clock
+from replant.plotting import diagrams, style
+from replant.plotting.numbers import gain_unit, mathml, number, percent, symbols, uncertain, with_unit
+from replant.plotting.over_time import Panel, draw_panels
+from replant.plotting.style import blank_figure
+from replant.plotting.thinning import POINTS, thin
+from replant.report import material as tables
+from replant.report.findings import findings
+from replant.report.models_page import draw_poles_of
+from replant.report.page import Html, asset, facts, filled, folded, script, table, uplot, words, write_page
+from replant.report.page_figures import HALF, charts_of, look, svg, time_picture
+from replant.report.panels import input_panel, model_panels, part_panel, whole_record
+from replant.report.result_page import drawn, in_small, reproduction, section, verdict_of
+
+SMALLEST = 2.6  # width of a picture of the matrix, at the least [inches]
+
+
+@dataclass(frozen=True, eq=False)
+class Output:
+    """One output: the fit of its row, and its record."""
+
+    fitted: RowFit
+    log: Log
+
+    @property
+    def name(self) -> str:
+        """That of the output."""
+        return self.fitted.model.output_name
+
+    @cached_property
+    def pairs(self) -> dict[str, Model]:
+        """The model from each input, by its name."""
+        model = self.fitted.model
+        return {name: model.of_input(i) for i, name in enumerate(model.input_names)}
+
+    @cached_property
+    def residual(self) -> FloatArray:
+        """Measured minus simulated output (K,); NaN for samples that are left out."""
+        left = self.log.output - self.fitted.output
+        left[self._bad] = np.nan
+        return left
+
+    @property
+    def _bad(self) -> Any:
+        return np.concatenate([self.fitted.outliers, self.fitted.stuck])
+
+    @cached_property
+    def clock(self) -> Clock:
+        """When the samples were taken."""
+        return Clock.of(self.log.dt, self.log.stamps)
+
+    @property
+    def left_out(self) -> FloatArray:
+        """Begin and end of stretches left out, (L, 2) in s."""
+        rows = joined(stretches_of(~np.isfinite(self.residual)), max(1, self.residual.size // MOST_SHADES))
+        return self.clock.at(np.maximum(rows - np.array([1.0, 0.0]), 0.0))
+
+    def panels(self, which: str) -> list[Panel]:
+        """Return output, parts and residual over time; ``which`` tells several outputs of a page apart."""
+        whole = whole_record(self.clock, len(self.log), self.left_out)
+        signals = [thin(each, POINTS) for each in (self.log.output, self.fitted.output, self.residual)]
+        t = self.clock.at(signals[0].places)
+        y, model, left = (each.values for each in signals)
+        outputs, residual = model_panels(self.name, t, y, model, left, which, whole)
+        parts = {name: thin(part, POINTS).values for name, part in zip(self.pairs, self.parts.T, strict=True)}
+        return [outputs, part_panel(self.name, t, parts, which, whole), residual]
+
+    @cached_property
+    def parts(self) -> FloatArray:
+        """What each input does to the output (K, q)."""
+        return self.fitted.model.contributions(self.log.inputs, self.log.stamps)
+
+    @property
+    def inputs(self) -> list[Panel]:
+        """The inputs over time."""
+        whole, hold = whole_record(self.clock, len(self.log), np.zeros((0, 2))), self.fitted.model.input_hold
+        found = []
+        for i, (name, u) in enumerate(zip(self.log.input_names, self.log.inputs.T, strict=True), 1):
+            drawn_of = thin(u, POINTS)
+            found.append(input_panel(name, self.clock.at(drawn_of.places), drawn_of.values, hold, f"input{i}", whole))
+        return found
+
+    @cached_property
+    def correlations(self) -> list[Correlations | None]:
+        """Of the residual with itself and with each input."""
+        times = [mode.time_constant for g in self.fitted.transfer_functions for mode in g.modes]
+        lags = correlation_lags(times, len(self.log), self.log.dt)
+        residual = tables.on_grid(self.residual, self.log)
+        return [correlations(residual, tables.on_grid(u, self.log), lags) for u in self.log.inputs.T]
+
+
+def write_rows(
+    path: Path,
+    outputs: Sequence[Output],
+    *,
+    command: str = "",
+    python: str = "",
+    validations: Sequence[tuple[str, Validation]] = (),
+    candidates: str = "",
+) -> Path:
+    """Write the report of the rows of a model into one self-contained HTML file, and return its path."""
+    panels = {"fit": _over_time(outputs)}
+    with look(), np.errstate(all="ignore"):
+        plots = charts_of(panels)
+        fields = {
+            "verdicts": "".join(_verdict(each, several=len(outputs) > 1) for each in outputs),
+            "models": _matrix(outputs, _formula),
+            "figures": "".join(_figures(each, several=len(outputs) > 1) for each in outputs),
+            "zoom": asset("zoom.html"),
+            "fit": drawn(_of_fit(outputs), time_picture("fit", panels["fit"], _of_fit(outputs)), plots["fit"]),
+            "left": "".join(_left(each, i, several=len(outputs) > 1) for i, each in enumerate(outputs)),
+            "gains": _gains(outputs),
+            "steps": _matrix(outputs, _step) + _note("Bands are two standard deviations wide to either side."),
+            "bode": _matrix(outputs, _bode),
+            "poles": _matrix(outputs, _poles) + _note("Coloured: 95 % confidence regions. Grey: unstable poles."),
+            "other_logs": section(validations),
+            "candidates": candidates,
+            "coefficients": folded("Coefficients", _coefficients(outputs)),
+            "reproduce": folded("How to reproduce this", reproduction(command, python)),
+            "origin": folded("Record and versions", _origin(outputs)),
+        }
+    log, (library, css) = outputs[0].log, uplot()
+    signals = f"{', '.join(log.input_names)} → {', '.join(each.name for each in outputs)}"
+    return write_page(
+        path, title=log.path.name or "Record", eyebrow="Identified model",
+        lede=f"{signals}; {len(log):,} samples, {tables.lasts(log)}",
+        body=filled("rows.html", fields), css=css, data=plots,
+        scripts=(library, script("format.js", "chart.js", "report.js")),
+    )  # fmt: skip
+
+
+def save_figures(folder: Path, outputs: Sequence[Output]) -> list[Path]:
+    """Draw each output over time, and the responses from each input, as PNG files; return their paths."""
+    paths = []
+    for i, each in enumerate(outputs, 1):
+        number_of = f"-{i}" if len(outputs) > 1 else ""
+        panels = [*each.panels(""), *each.inputs]
+        axes = blank_figure(9.0, 1.0 + 1.8 * len(panels)).subplots(len(panels), 1, sharex=True)
+        draw_panels(axes, panels)
+        for axis in axes[:2]:
+            style.legend(axis)
+        style.title(axes[0], f"simulated fit {each.fitted.fit:.1f} %")
+        for name, figure in (("fit", axes[0].figure), ("responses", each.fitted.model.plot()[0, 0].figure)):
+            paths.append(folder / f"{name}{number_of}.png")
+            figure.savefig(paths[-1], dpi=130)
+    return paths
+
+
+def _over_time(outputs: Sequence[Output]) -> list[Panel]:
+    numbers = [str(i) if i > 1 else "" for i in range(1, len(outputs) + 1)]
+    of_outputs = [panel for each, which in zip(outputs, numbers, strict=True) for panel in each.panels(which)]
+    return [*of_outputs, *outputs[0].inputs]
+
+
+def _verdict(output: Output, *, several: bool) -> str:
+    found = findings(output.fitted, len(output.log))
+    return verdict_of(found, None, output.name if several else "")
+
+
+def _matrix(outputs: Sequence[Output], cell: Callable[[Output, str, str], str]) -> str:
+    """Return a cell for each pair of input and output: a row an output, a column an input."""
+    cells = "".join(
+        cell(output, name, f"{i}-{j}") for i, output in enumerate(outputs) for j, name in enumerate(output.pairs)
+    )
+    return f'<div class="panels" style="--columns:{len(outputs[0].pairs)}">{cells}</div>'
+
+
+def _said(output: Output, name: str) -> str:
+    return f"{name} → {output.name}"
+
+
+def _formula(output: Output, name: str, _: str) -> str:
+    said = html.escape(_said(output, name))
+    formula = mathml(output.pairs[name].transfer_function)
+    region = f'<div class="math" tabindex="0" role="region" aria-label="G(s), {said}">{formula}</div>'
+    return f'<div><p class="note">{said}</p>{region}</div>'
+
+
+def _axes(output: Output, height: float, rows: int = 1) -> Any:
+    width = max(SMALLEST, 2.0 * HALF / max(len(output.pairs), 2))
+    return blank_figure(width, height).subplots(rows, 1, sharex=True, squeeze=False)[:, 0]
+
+
+def _titled(axis: Any, output: Output, name: str) -> None:
+    style.title(axis, _said(output, name), diagrams.ABOVE_LEGEND)
+
+
+def _step(output: Output, name: str, place: str) -> str:
+    (axis,) = _axes(output, 2.6)
+    output.pairs[name].step().plot(axis)
+    axis.set_ylabel(with_unit("step response", gain_unit(name, output.name)))
+    _titled(axis, output, name)
+    return svg(axis.figure, f"step{place}", f"Response of {output.name} to a unit step of {name}")
+
+
+def _bode(output: Output, name: str, place: str) -> str:
+    axes = _axes(output, 4.0, 2)
+    diagrams.draw_bode({"model": output.pairs[name].bode()}, axes, unit=gain_unit(name, output.name))
+    _titled(axes[0], output, name)
+    return svg(axes[0].figure, f"bode{place}", f"Bode diagram from {name} to {output.name}")
+
+
+def _poles(output: Output, name: str, place: str) -> str:
+    (axis,) = _axes(output, 3.0)
+    draw_poles_of({name: output.pairs[name]}, axis)
+    _titled(axis, output, name)
+    return svg(axis.figure, f"poles{place}", f"Poles and zeros from {name} to {output.name}")
+
+
+def _note(text: str) -> str:
+    return f'<p class="note">{words(text)}</p>'
+
+
+def _of_fit(outputs: Sequence[Output]) -> str:
+    fits = ", ".join(f"{each.name} {percent(each.fitted.fit)}" for each in outputs)
+    return (
+        "Measured output and the model's, simulated from the inputs alone with offset and initial states estimated; "
+        f"fit: {fits}. Below it what each input does, from rest at its first value, in deviations from the working "
+        "point."
+    )
+
+
+def _figures(output: Output, *, several: bool) -> str:
+    of = f"{output.name}: " if several else ""
+    entries = [
+        (percent(output.fitted.fit), f"{of}fit, simulated from the inputs alone"),
+        (percent(output.fitted.model.one_step_fit), f"{of}fit, one step ahead"),
+        (f"{output.fitted.samples:,}", f"{of}samples used"),
+    ]
+    cells = [f"<div><dd>{in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries]
+    return "".join([*cells, "<div></div>" if several else ""])
+
+
+def _left(output: Output, place: int, *, several: bool) -> str:
+    """Return the residual's correlation with itself and with each input."""
+    found, dt, parts = output.correlations, output.log.dt, []
+    heading = f"<h3>{html.escape(output.name)}</h3>" if several else ""
+    for i, name in enumerate(["", *output.pairs]):
+        axis, each = blank_figure(HALF, 2.3).subplots(), found[max(i - 1, 0)]
+        diagrams.draw_cross(each, dt, axis, name) if name else diagrams.draw_auto(each, dt, axis)
+        outside = "unknown" if each is None else f"{number(100 * each.outside[bool(name)], 2)} %"
+        with_what = "the later residual" if name else "itself"
+        said = f"{name or 'Residual'} with {with_what}: {outside} of the lags lie outside."
+        said += "" if name else " By chance 5 % do; more: the noise is coloured, or dynamics are missing."
+        parts.append(drawn(said, svg(axis.figure, f"left{place}-{i}", said)))
+    return heading + "".join(parts)
+
+
+def _gains(outputs: Sequence[Output]) -> str:
+    rows = []
+    for output in outputs:
+        for name, model in output.pairs.items():
+            known, g = model.uncertainty, model.transfer_function
+            gain = uncertain(g.dc_gain, None if known is None else known.dc_gain_std)
+            modes = [
+                uncertain(mode.time_constant, None if known is None else known.modes[i].time_constant_std)
+                for i, mode in enumerate(g.modes)
+            ]
+            unit = gain_unit(name, output.name)
+            rows.append((_said(output, name), f"{gain} {unit}".strip(), f"{g.delay:.4g}", "; ".join(modes)))
+    return table(("from, to", "DC gain", "dead time [s]", "time constants [s]"), rows, "Gains")
+
+
+def _coefficients(outputs: Sequence[Output]) -> str:
+    rows = []
+    for output in outputs:
+        for name, model in output.pairs.items():
+            known = model.uncertainty
+            stds: Sequence[float | None] = [None] * model.parameters.size if known is None else known.std.tolist()
+            labels = symbols(model.structure, name, output.name)
+            for label, value, std in zip(labels, model.parameters.tolist(), stds, strict=True):
+                rows.append((Html(f"{html.escape(_said(output, name))}: {label}"), uncertain(value, std)))
+    note = f'<p class="note">{tables.UNCERTAIN}</p>'
+    return table(("coefficient", "estimate ± std"), rows, "Coefficients") + note
+
+
+def _origin(outputs: Sequence[Output]) -> str:
+    logs = [each.log for each in outputs]
+    said = [*tables.of_record(logs[0], *logs[1:])]
+    for each in outputs:
+        rejected = ", ".join(f"{count:,} {reason}" for reason, count in each.fitted.rejected.items() if count) or "none"
+        said.append((f"{each.name}, used", f"{each.fitted.samples:,} samples; rejected: {rejected}"))
+    return facts([*said, ("versions", tables.versions())])

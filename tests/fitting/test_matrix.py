@@ -1,0 +1,146 @@
+"""Several outputs: a matrix of transfer functions, each row estimated by itself on the same inputs."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.numerics.arguments import FloatArray
+from support.cases import every
+
+DT = 0.1
+PLANT = (
+    (rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([0.5], [1.0, 0.2], delay=0.3)),
+    (rp.TransferFunction([1.0], [1.0, 2.0]), rp.TransferFunction([0.25], [1.0, 0.5], delay=0.3)),
+)
+ASKED: dict[str, Any] = {"poles": (1, 1), "delay": (0.0, 0.3)}
+
+
+def record(seed: int, samples: int = 600) -> tuple[FloatArray, FloatArray]:
+    rng = np.random.default_rng(seed)
+    u = rng.choice([-1.0, 1.0], (samples // 10, 2)).repeat(10, axis=0)
+    rows = [sum(g.simulate(column.copy(), DT) for g, column in zip(row, u.T, strict=True)) for row in PLANT]
+    return u, np.column_stack(rows) + np.array([5.0, 40.0]) + 0.05 * rng.standard_normal((samples, 2))
+
+
+U, Y = record(0)
+
+
+@pytest.fixture(scope="module")
+def found() -> rp.MatrixFit:
+    fitted = rp.fit(U, Y, DT, **ASKED)
+    assert isinstance(fitted, rp.MatrixFit)
+    return fitted
+
+
+def test_each_row_is_the_fit_of_its_output_alone(found: rp.MatrixFit) -> None:
+    for row, y in zip(found.rows, Y.T, strict=True):
+        alone = rp.fit(U, y.copy(), DT, **ASKED)
+        assert (row.parameters == alone.parameters).all()
+        assert (row.output == alone.output).all()
+    assert [each.status for each in found.verdicts] == ["trusted", "trusted"]
+    for row, true in zip(found.transfer_functions, PLANT, strict=True):
+        for g, plant in zip(row, true, strict=True):
+            assert g.dc_gain == pytest.approx(plant.dc_gain, rel=0.05)
+    assert found.output.shape == Y.shape
+    assert "y2: RowFit" in repr(found)
+
+
+def test_the_model_simulates_and_validates_all_outputs(found: rp.MatrixFit) -> None:
+    model = found.model
+    u, y = record(1)
+    simulated = model.simulate(u)
+    for number, row in enumerate(model.rows):
+        assert (simulated[:, number] == row.simulate(u)).all()
+        parts = row.contributions(u)
+        assert row.output_level + parts.sum(axis=1) == pytest.approx(simulated[:, number])
+        assert row.of_input(1).simulate(u[:, 1].copy()) - row.output_level == pytest.approx(parts[:, 1])
+    assert all(each.fit > 80.0 for each in model.validate(u, y))
+    assert model.of_output("y2") is model.of_output(1) is model.rows[1]
+
+
+def test_a_file_gives_the_matrix_back_to_the_bit(found: rp.MatrixFit, tmp_path: Path) -> None:
+    model = found.model
+    model.save(tmp_path / "matrix.json")
+    again = rp.load_model(tmp_path / "matrix.json")
+    assert again == model
+    assert again.to_json() == model.to_json()
+    schemas = [json.loads(files("replant.fitting").joinpath(f"schema/model-{k}.json").read_text()) for k in (2, 3)]
+    whole = json.loads(model.to_json())
+    jsonschema.Draft202012Validator(schemas[1]).validate(whole)
+    for row in whole["rows"]:
+        jsonschema.Draft202012Validator(schemas[0]).validate(row)
+    with pytest.raises(rp.ModelFileError, match="several outputs: read it by load_model"):
+        rp.RowModel.from_json(model.to_json())
+    with pytest.raises(rp.ModelFileError, match="several inputs: read it by load_model"):
+        rp.MatrixModel.from_json(model.rows[0].to_json())
+
+
+def test_python_control_has_the_gains_of_the_matrix(found: rp.MatrixFit) -> None:
+    control = pytest.importorskip("control")
+    system = found.model.to_control(pade=2)
+    assert (system.noutputs, system.ninputs) == (2, 2)
+    gains = [[g.dc_gain for g in row] for row in found.transfer_functions]
+    assert control.dcgain(system) == pytest.approx(np.array(gains))
+
+
+def test_the_pictures_have_a_cell_for_each_pair(found: rp.MatrixFit) -> None:
+    grid = found.model.plot()
+    assert [[axis.get_title("left") for axis in row] for row in grid] == [
+        ["u1 → y1", "u2 → y1"],
+        ["u1 → y2", "u2 → y2"],
+    ]
+    for row, line in zip(found.transfer_functions, grid, strict=True):
+        for g, axis in zip(row, line, strict=True):
+            assert axis.lines[0].get_ydata()[-1] == pytest.approx(g.dc_gain, rel=0.01)
+    columns = found.model.rows[0].plot()
+    assert columns.shape == (3, 2)
+    assert columns[1, 0].lines[0].get_ydata()[0] == pytest.approx(
+        20.0 * np.log10(found.transfer_functions[0][0].dc_gain), abs=0.1
+    )
+
+
+def test_one_input_and_orders_of_each_output() -> None:
+    u = U[:, 0].copy()
+    y = np.column_stack([PLANT[0][0].simulate(u, DT), rp.TransferFunction([4.0], [1.0, 2.0, 4.0]).simulate(u, DT)])
+    found = rp.fit(u, y, DT, poles=((1,), (2,)))
+    assert isinstance(found, rp.MatrixFit)
+    assert [row.parameters.size for row in found.rows] == [2, 3]
+    assert found.rows[1].parameters == pytest.approx([2.0, 4.0, 4.0], rel=1e-6)
+    assert rp.fit(u, y[:, [0, 0]] + [[0.0, 1.0]], DT, poles=1).rows[1].parameters == pytest.approx([1.0, 2.0])
+
+
+@every(
+    "y, asked, words",
+    [
+        (Y, {"poles": (1, 1, 1)}, "poles has 3 entries and u 2 inputs"),
+        (Y, {"poles": ((1, 1),) * 3}, "poles has 3 tuples and y 2 outputs"),
+        (Y, {"poles": (1, 1), "reference": Y[:, 0]}, "several outputs take no reference yet"),
+        (Y[:9], {"poles": (1, 1)}, "u has 600 rows and y 9 samples"),
+    ],
+)
+def test_what_does_not_match_is_named_in_a_line(y: Any, asked: dict[str, Any], words: str) -> None:
+    with pytest.raises(rp.ReplantError, match=words) as caught:
+        rp.fit(U, y, DT, **asked)
+    assert "\n" not in str(caught.value)
+
+
+def test_rows_that_do_not_belong_together_are_refused(found: rp.MatrixFit) -> None:
+    first, second = found.model.rows
+    with pytest.raises(rp.InvalidArgumentError, match="outputs of different names"):
+        rp.MatrixModel((first, first))
+    with pytest.raises(rp.InvalidArgumentError, match="the same input_names"):
+        rp.MatrixModel((first, second.of_log(("a", "b"), "y2", "")))
+    with pytest.raises(rp.ArgumentTypeError, match="a RowModel for each output"):
+        rp.MatrixModel(first)
+    with pytest.raises(rp.InvalidArgumentError, match="which must be one of y1, y2"):
+        found.model.of_output(2)
+    with pytest.raises(rp.InvalidArgumentError, match="a column for each of 2 outputs, got 1"):
+        found.model.validate(U, Y[:, :1])
