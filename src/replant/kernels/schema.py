@@ -365,7 +365,7 @@ class StateSlots(Table):
     stuck_at = Real("output at which the sensor was last found stuck, or the end of its scale", MONITORING, "of y")
     stuck_also = Real("the one before that: a scale has two ends", MONITORING, "of y")
     sensor_step = Real(
-        "least difference of two outputs in a row lately: the step of a sensor's scale",
+        "least difference of two outputs in a row that is not 0: the step of a sensor's scale",
         MONITORING,
         "of y",
         least=0.0,

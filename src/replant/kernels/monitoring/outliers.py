@@ -73,13 +73,6 @@ Level: two standard deviations: 5 % of normal noise is beyond.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
-FADE = 0.9
-"""What is left, after a sample, of a bridged output's distance from the model's [ratio].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, 46 samples held against 'load step' instead of 49; error of 'stuck, coarse scale' times 0.78;
-doubled, 46 samples held against 'load step' instead of 49; error of 'load step' times 1.4.
-"""
-
 HARM = 4e-4
 """Square by which one sample may move the modelled output: a fiftieth of its size [part of its largest square].
 Origin: tests/online/test_quantised_sensor.py: where crests are cut the first few samples are off by little beside the
@@ -113,14 +106,9 @@ Derivation: at the share COARSE such a run has the chance 7e-5.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-MOVED_RESOLVED = 0.0625
-"""Square by which the modelled output must have moved meanwhile, on a fine scale [variances of the residual].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
 MOVED = 64.0
-"""The same on a coarse scale: eight standard deviations [variances of the residual].
+"""Square by which the modelled output must have moved meanwhile on a coarse scale, where ties are usual: eight standard
+deviations; on a fine one, where they are no chance, one is enough [variances of the residual].
 Derivation: as GATE.
 Sensitivity: halved, nothing changes on these records; doubled, error of 'stuck, coarse scale' times 2.1.
 """
@@ -130,12 +118,6 @@ STEPS = 3.0
 still between two of them [steps of the scale].
 Origin: tests/online/test_quantised_sensor.py.
 Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, error of 'stuck, coarse scale' times 2.8.
-"""
-
-COARSER = 1.01
-"""Growth of the least step seen, with each one that is larger: a scale may change [ratio a step].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 CALM = 200
@@ -263,7 +245,7 @@ def is_stuck(s, y, modelled):
         return False
     away = moved / s.output_scale
     usual = max(s.usual_variance, LEAST * s.largest_output)  # lately it is that of a stuck sensor
-    if not away * away > (MOVED_RESOLVED if fine else MOVED) * usual:
+    if not away * away > (1.0 if fine else MOVED) * usual:
         return False
     s.stuck_outputs += 1
     s.stuck_last = s.samples
@@ -287,8 +269,8 @@ def stands(s, y, modelled):
     if not equal:
         s.ties = 0
         s.tie_model = modelled
-        least = COARSER * s.sensor_step
-        s.sensor_step = step if step < least or not least > 0.0 else least
+        if step < s.sensor_step or not s.sensor_step > 0.0:
+            s.sensor_step = step
         return known and s.tie_share < COARSE
     s.ties += 1
     if known:
@@ -331,7 +313,6 @@ def observe(s, u, y, interval):
     """
     first = not s.started or s.unknown_input > 0.0
     settled = not first and s.elapsed >= s.learn_from
-    away = s.last_output - model_output(s)
     keep_outputs(s)
     s.used_output = s.last_output
     target = chain.observe(s, u, y, interval)
@@ -345,9 +326,7 @@ def observe(s, u, y, interval):
     if is_outlier(s, error, settled) or math.isnan(y):
         doubt = reason_of(s, y, doubt)
     if doubt != Doubt.NONE:
-        bridged = s.used_output
-        if s.instruments:
-            bridged = modelled + (0.0 if first else FADE * away)
+        bridged = modelled if s.instruments else s.used_output
         target = advance_outputs(s, bridged, interval, first)
         y = bridged
     s.doubt = doubt
