@@ -139,7 +139,11 @@ def renew(old: State, settings: Settings) -> State | None:
     # short: the present estimate then knows more than the samples kept
     is_whole = old.gap_at <= old.record_began and RECENT >= len(kept) == old.samples - began
     has_grown = is_whole and old.samples - began >= AGAIN * (old.solved_at - began)
-    is_searched = _is_searched(old) and not is_at_rest(old)  # at rest nothing that comes now could test another model
+    # for a change: always while the record is short, then once in REVIEWED samples; not at rest, where nothing that
+    # comes now could test another model
+    count = old.samples - (old.changed_at or old.record_began)
+    is_due = count <= RECENT or count // REVIEWED > (count - EVERY) // REVIEWED
+    is_searched = is_due and not is_at_rest(old)
     if not (is_searched or has_grown):
         return None
     structure, record = settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True)
@@ -157,12 +161,6 @@ def renew(old: State, settings: Settings) -> State | None:
     new = restart_at(old, settings, solution, began)
     new.undecided = False  # the record has grown by half, and one model explains it still
     return new
-
-
-def _is_searched(state: State) -> bool:
-    """Return whether to search for a change: always while the record is short, then once in REVIEWED samples."""
-    count = state.samples - (state.changed_at or state.record_began)
-    return count <= RECENT or count // REVIEWED > (count - EVERY) // REVIEWED
 
 
 def _is_better(solution: Solution, settings: Settings, present: FloatArray) -> bool:

@@ -76,7 +76,9 @@ def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Say where an input that is taken as held ran straight between its samples, or may have, and what that changes."""
-    if evidence.record.input_hold != "zoh" or not _is_smooth(evidence.record.u):
+    steps = np.diff(evidence.record.u)
+    is_smooth = float(np.mean(np.diff(steps) ** 2)) < SMOOTH * float(np.mean(steps**2))
+    if evidence.record.input_hold != "zoh" or not is_smooth:
         return []
     told = _straight_input(evidence)
     if told is None:
@@ -160,11 +162,6 @@ def _largest_change(evidence: Evidence, step: FloatArray) -> float:
     std = np.sqrt(np.maximum(np.diag(evidence.covariance)[: step.size], 0.0))
     part = np.abs(step) / np.maximum(np.abs(evidence.estimate[: step.size]), np.finfo(float).tiny)
     return float(part[np.abs(step) > MOVED_SIGMAS * std].max(initial=0.0))
-
-
-def _is_smooth(u: FloatArray) -> bool:
-    first = np.diff(u)
-    return float(np.mean(np.diff(first) ** 2)) < SMOOTH * float(np.mean(first**2))
 
 
 def _scaled(u: FloatArray) -> FloatArray:
