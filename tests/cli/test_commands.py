@@ -31,15 +31,19 @@ def call(capsys, *arguments: object) -> tuple[int, str, str]:
     return code, captured.out, captured.err
 
 
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
+def log_of_a_lag(folder: Path) -> Path:
     """Return a log of 2/(s + 0.5) under a PRBS, with a working point."""
     u = 3.0 + prbs(2000, hold=10)
     y = 7.0 + TransferFunction([2.0], [1.0, 0.5]).simulate(u - 3.0, dt=0.05)
-    path = tmp_path / "log.csv"
+    path = folder / "log.csv"
     rows = [f"{0.05 * k:.2f},{u[k]:.17g},{y[k]:.17g}" for k in range(u.size)]
     path.write_text("t,u,y\n" + "\n".join(rows) + "\n")
     return path
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return log_of_a_lag(tmp_path)
 
 
 COLUMNS = ("--input", "u", "--output", "y", "--poles", "1")
@@ -258,7 +262,7 @@ LIMITS = {
 }
 
 
-@every(("name", "command"), list(itertools.product(LIMITS, ["fit", "run"])), quick=2)
+@every(("name", "command"), list(itertools.product(LIMITS, ["fit", "run"])), quick=1)
 def test_defaults_identify_real_rigs(capsys, datasets: Path, name: str, command: str) -> None:
     gain, time_constant, fit = LIMITS[name]
     code, out, err = call(capsys, command, datasets / name, *COLUMNS, "--json")
@@ -341,7 +345,7 @@ def test_reasons_fit_the_terminal_and_keep_figures_with_their_units(
         assert not line.strip().startswith("%")
 
 
-@pytest.mark.parametrize("command", ["run", "fit"])
+@pytest.mark.parametrize("command", [pytest.param("run", marks=pytest.mark.slow), "fit"])
 def test_a_sampling_time_that_the_stamps_contradict_is_said(capsys, log: Path, command: str) -> None:
     code, out, err = call(capsys, command, log, *COLUMNS, "--dt", 50, "--json")
     assert code == 0

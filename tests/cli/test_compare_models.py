@@ -7,21 +7,26 @@ import numpy as np
 import pytest
 
 import replant as rp
-from cli.test_commands import call, log  # noqa: F401 - a fixture
+from cli.test_commands import call, log_of_a_lag
 
 
-@pytest.fixture
-def saved(capsys, log: Path, tmp_path: Path) -> list[Path]:  # noqa: F811
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return log_of_a_lag(tmp_path_factory.mktemp("log"))
+
+
+@pytest.fixture(scope="module")
+def saved(log: Path) -> list[Path]:
     """Models of one and of two poles, and one of another gain, made from the log."""
-    files = [tmp_path / f"{name}.json" for name in ("one", "two", "half")]
-    for poles, file in zip((1, 2), files, strict=False):
-        call(capsys, "fit", log, "-i", "u", "-o", "y", "-p", poles, "--save", file)
+    files = [log.parent / f"{name}.json" for name in ("one", "two", "half")]
     whole = rp.read_log(log, input="u", output="y")
+    for poles, file in zip((1, 2), files, strict=False):
+        rp.fit(whole, poles=poles).model.save(file)
     rp.fit(rp.Log(2.0 * whole.input, whole.output, whole.dt), poles=1).model.save(files[2])
     return files
 
 
-def test_the_table_has_a_row_for_each_and_the_best_is_the_true_one(capsys, log, saved) -> None:  # noqa: F811
+def test_the_table_has_a_row_for_each_and_the_best_is_the_true_one(capsys, log, saved) -> None:
     code, out, err = call(capsys, "compare", *saved, log, "-i", "u", "-o", "y")
     assert (code, err) == (0, "")
     assert [line.split()[0] for line in out.splitlines()[:4]] == ["model", "one", "two", "half"]
@@ -29,14 +34,14 @@ def test_the_table_has_a_row_for_each_and_the_best_is_the_true_one(capsys, log, 
     assert out.splitlines()[3].split()[1] == "inconsistent"
 
 
-def test_json_holds_a_validation_of_each_by_name(capsys, log, saved) -> None:  # noqa: F811
+def test_json_holds_a_validation_of_each_by_name(capsys, log, saved) -> None:
     _, out, _ = call(capsys, "compare", *saved, log, "--json")
     found = json.loads(out)
     assert list(found) == ["one", "two", "half"]
     assert found["one"]["fit"]["simulated"] > 99.9 > found["half"]["fit"]["simulated"]
 
 
-def test_one_page_shows_all_of_them(capsys, log, saved, tmp_path) -> None:  # noqa: F811
+def test_one_page_shows_all_of_them(capsys, log, saved, tmp_path) -> None:
     code, out, _ = call(capsys, "compare", *saved, log, "--out", tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert code == 0
@@ -47,7 +52,7 @@ def test_one_page_shows_all_of_them(capsys, log, saved, tmp_path) -> None:  # no
     assert (tmp_path / "out" / "models.png").stat().st_size > 10_000
 
 
-def test_what_is_missing_is_one_line(capsys, log, saved, tmp_path) -> None:  # noqa: F811
+def test_what_is_missing_is_one_line(capsys, log, saved, tmp_path) -> None:
     for arguments, words in (
         ((saved[0],), "name the log behind the models"),
         ((saved[0], saved[1]), "name the log behind the models"),
@@ -60,7 +65,7 @@ def test_what_is_missing_is_one_line(capsys, log, saved, tmp_path) -> None:  # n
         assert words in err
 
 
-def test_python_compares_the_same(log, saved) -> None:  # noqa: F811
+def test_python_compares_the_same(log, saved) -> None:
     record = rp.read_log(log, input="u", output="y")
     models = {file.stem: rp.load_model(file) for file in saved}
     found = rp.compare(models, record)
@@ -78,7 +83,7 @@ def test_python_compares_the_same(log, saved) -> None:  # noqa: F811
     assert poles.get_xlim()[0] < min(models["two"].transfer_function.poles.real)
 
 
-def test_a_single_model_or_none_is_answered(log, saved) -> None:  # noqa: F811
+def test_a_single_model_or_none_is_answered(log, saved) -> None:
     record = rp.read_log(log, input="u", output="y")
     with pytest.raises(rp.ArgumentTypeError, match=r"compare\(\[model, other\], log\)"):
         rp.compare(rp.load_model(saved[0]), record)

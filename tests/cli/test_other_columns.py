@@ -10,6 +10,7 @@ import pytest
 import replant as rp
 from cli.test_commands import call
 from support.builders import binary
+from support.cases import every
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -29,8 +30,8 @@ def heated(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("command", ["fit", "run"])
-@pytest.mark.parametrize("more", [(), ("--detrend",), ("--decimate", 2), ("--from", 100)])
+@every("command", ["fit", "run"], quick=1)
+@every("more", [("--detrend",), ("--decimate", 2), ("--from", 100)])
 def test_fit_and_run_name_the_other_column(capsys, heated: Path, command: str, more: tuple[object, ...]) -> None:
     code, out, _ = call(capsys, command, heated, "-i", "heater", "-o", "temp", "-p", 1, "--json", *more)
     assert code == 0

@@ -48,7 +48,7 @@ def test_python_and_the_command_line_make_the_same_model(capsys, steps: list[Pat
 
 
 def test_a_search_finds_poles_and_dead_time_from_all_of_them(capsys, steps: list[Path]) -> None:
-    _, said, _ = call(capsys, "fit", *steps, "-i", "u", "-o", "y", "-p", "1:2", "--delay", "0:6:1", "--json")
+    _, said, _ = call(capsys, "fit", *steps, "-i", "u", "-o", "y", "-p", "1:2", "--delay", "2:4:1", "--json")
     (chosen,) = [each for each in json.loads(said)["candidates"] if each["chosen"]]
     assert (chosen["poles"], chosen["zeros"], chosen["delay"]) == (1, 0, 3.0)
 

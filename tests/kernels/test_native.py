@@ -46,18 +46,28 @@ def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     return {"CC": str(script)}
 
 
-def use(clone: Path, **more: str) -> subprocess.CompletedProcess[str]:
+IN_THREADS = """
+from concurrent.futures import ThreadPoolExecutor
+import numpy as np
+from replant.kernels.filters.series import play
+with ThreadPoolExecutor(4) as pool:
+    print([float(each[0]) for each in pool.map(lambda v: play(v, 1.0), [np.array([3.0])] * 4)])
+"""
+
+
+def use(clone: Path, code: str = USE, **more: str) -> subprocess.CompletedProcess[str]:
     """Call a kernel of the copy."""
     environment = {**os.environ, "PYTHONPATH": str(clone / "src"), **more}
-    return subprocess.run([sys.executable, "-c", USE], env=environment, capture_output=True, text=True, check=False)
+    return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
 
 
 def test_an_edit_of_a_kernel_takes_effect_and_is_said_once(clone: Path, quick_compiler: dict[str, str]) -> None:
+    """Also where threads begin at once: the first of them makes the library for all."""
     assert (use(clone).stdout, use(clone).stderr) == ("[2.]\n", "")
     edited = clone / "src/replant/kernels/filters/series.py"
     edited.write_text(edited.read_text().replace("held, v[k] - width)", "held, v[k] - 2.0 * width)"))
-    first, second = use(clone, **quick_compiler), use(clone)
-    assert (first.stdout, second.stdout) == ("[1.]\n", "[1.]\n")
+    first, second = use(clone, IN_THREADS, **quick_compiler), use(clone)
+    assert (first.stdout, second.stdout) == ("[1.0, 1.0, 1.0, 1.0]\n", "[1.]\n")
     assert re.fullmatch(r"replant: the source of the kernels has changed: compiling it .*\n", first.stderr)
     assert second.stderr == ""
 
@@ -112,21 +122,10 @@ def test_a_process_may_import_the_package_twice() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-IN_THREADS = """
-from concurrent.futures import ThreadPoolExecutor
-import numpy as np
-from replant.kernels.filters.series import play
-with ThreadPoolExecutor(4) as pool:
-    print([float(each[0]) for each in pool.map(lambda v: play(v, 1.0), [np.array([3.0])] * 4)])
-"""
-
-
+@pytest.mark.slow
 def test_threads_that_begin_at_once_make_the_library_once(clone: Path, quick_compiler: dict[str, str]) -> None:
     shutil.rmtree(clone / "src/replant/kernels/compiled")
-    environment = {**os.environ, "PYTHONPATH": str(clone / "src"), **quick_compiler}
-    done = subprocess.run(
-        [sys.executable, "-c", IN_THREADS], env=environment, capture_output=True, text=True, check=False
-    )
+    done = use(clone, IN_THREADS, **quick_compiler)
     assert done.stdout == "[2.0, 2.0, 2.0, 2.0]\n"
     assert len(done.stderr.splitlines()) == 1
 
@@ -187,7 +186,7 @@ def test_a_state_with_shapes_of_its_own_is_sound() -> None:
             assert not is_laid_out(state.fields, state.reals.size - 1, *state.banks.shape)
 
 
-@every("compiler", ["no-such-compiler", "cc 'x", "cc --no-such-option", "false"], quick=2)
+@every("compiler", ["no-such-compiler", "cc 'x", "cc --no-such-option", "false"], quick=1)
 def test_a_compiler_that_fails_is_said_in_one_line(compiler: str, tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, ROOT / "tools/translator/library.py", "--out", tmp_path / "library.so"],

@@ -61,11 +61,18 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
 
 
 @pytest.mark.parametrize("place", ["first", "last"])
-def test_standard_input_may_have_options(place: str) -> None:
-    """Its address is no option of the command, wherever it stands."""
+def test_the_address_of_standard_input_is_no_option_wherever_it_stands(
+    place: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plans: list[Any] = []
+    monkeypatch.setattr("replant.cli.live.run", lambda plan: plans.append(plan) or True)
     source = "-?columns=n,t,y,u"
-    arguments = (source, *MODEL) if place == "first" else (*MODEL, source)
-    with live("--to", "-", *arguments, model=()) as process:
+    main(["live", "--to", "-", *((source, *MODEL) if place == "first" else (*MODEL, source))])
+    assert [(plan.source, list(plan.sinks)) for plan in plans] == [(source, ["-"])]
+
+
+def test_standard_input_may_have_options() -> None:
+    with live("--to", "-", "-?columns=n,t,y,u", *MODEL, model=()) as process:
         code, out, err = finished(process, b"".join(lines(Y, U, T, first=0)))
     assert code == 0, err
     last = estimates(out)[-1]

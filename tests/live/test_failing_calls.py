@@ -67,7 +67,7 @@ def test_all_kinds_of_calls_are_counted(clean: Outcome) -> None:
     assert clean.fired == 0
 
 
-@every(("role", "kind"), [(role, kind) for role, kinds in TRIES.items() for kind in kinds], quick=5)
+@every(("role", "kind"), [(role, kind) for role, kinds in TRIES.items() for kind in kinds], quick=3)
 def test_a_call_that_fails_neither_kills_nor_hangs_the_session(
     running: Mother, clean: Outcome, role: str, kind: str
 ) -> None:

@@ -339,9 +339,9 @@ def test_a_clone_and_a_reset_carry_instruments_and_banks() -> None:
 
 def test_a_plant_that_jumps_is_followed() -> None:
     before, after = rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([2.0], [1.0, 2.0])
-    u = binary(1, 8000, 8)
-    y = np.concatenate([before.simulate(u, DT)[:4000], after.simulate(u, DT)[4000:]])
-    y += 0.01 * np.random.default_rng(0).standard_normal(8000)
+    u = binary(1, 4400, 8)
+    y = np.concatenate([before.simulate(u, DT)[:2200], after.simulate(u, DT)[2200:]])
+    y += 0.01 * np.random.default_rng(0).standard_normal(4400)
     errors = {}
     for name, optimizer in {
         "default": "auto",

@@ -200,8 +200,8 @@ def test_the_verdict_can_be_asked_for_at_any_sample_of_an_alarm_and_after() -> N
 def test_what_the_user_interrupts_is_made_up_for_before_the_next_sample(
     what: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    u = binary(1, 1800, 8)
-    y = PLANT.simulate(u, DT) + 0.03 * np.random.default_rng(0).standard_normal(1800)
+    u = binary(1, 1500, 8)
+    y = PLANT.simulate(u, DT) + 0.03 * np.random.default_rng(0).standard_normal(1500)
     y[1200:] = y[1200] + 3.0 * (y[1200:] - y[1200])  # looked into
     ident, twin = (rp.Identifier(rp.Structure(2), DT) for _ in range(2))
     twin.update_many(u, y)

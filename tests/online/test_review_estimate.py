@@ -42,15 +42,15 @@ def test_a_change_that_hardly_shows_in_the_residual_is_learned(kind: str, gain: 
 
 
 @every("kind", ["white", "coloured"], quick=1)
-def test_an_estimate_that_holds_keeps_its_whole_record(kind: str) -> None:
+@every("seed", range(3), quick=1)
+def test_an_estimate_that_holds_keeps_its_whole_record(kind: str, seed: int) -> None:
     """Of some fifty reviews none begins anew: the chance of one is 1e-7, from the levels of the two tests."""
-    for seed in range(3):
-        u = binary(seed, 100_000, 8)
-        y = PLANT.simulate(u, DT)
-        y += NOISE * y.std() * noise(kind, seed, 100_000)
-        ident = rp.Identifier(rp.Structure(2), DT)
-        ident.update_many(u, y)
-        assert ident._state.record_began == 0
+    u = binary(seed, 100_000, 8)
+    y = PLANT.simulate(u, DT)
+    y += NOISE * y.std() * noise(kind, seed, 100_000)
+    ident = rp.Identifier(rp.Structure(2), DT)
+    ident.update_many(u, y)
+    assert ident._state.record_began == 0
 
 
 def test_a_frozen_estimate_is_not_reviewed() -> None:

@@ -138,16 +138,16 @@ def test_waiting_for_a_sample_that_has_passed_is_refused() -> None:
         check_state(engine_state(ident), ident.settings, 20)
 
 
-@every("value", [-0.1, 0.31, np.nan, np.inf])
-def test_inputs_from_before_the_record_act_no_longer_than_the_dead_time(value: float) -> None:
+def test_inputs_from_before_the_record_act_no_longer_than_the_dead_time() -> None:
     ident = rp.Identifier(rp.Structure(1, delay=0.3), 0.1)
     u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 100), 10)
     ident.update_many(u, np.cumsum(u) - 0.1 * u)
     assert engine_state(ident).refined
     rp.Identifier.from_bytes(ident.to_bytes())
-    engine_state(ident).unknown_input = value
-    with pytest.raises(rp.DamagedCheckpointError, match="not valid"):
-        rp.Identifier.from_bytes(ident.to_bytes())
+    for value in (-0.1, 0.31, np.nan, np.inf):
+        engine_state(ident).unknown_input = value
+        with pytest.raises(rp.DamagedCheckpointError, match="not valid"):
+            rp.Identifier.from_bytes(ident.to_bytes())
 
 
 @pytest.mark.parametrize("seed", [0, 2**53, 2**63 - 1])

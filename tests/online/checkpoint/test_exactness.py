@@ -102,7 +102,7 @@ def assert_equal(ident: rp.Identifier, other: rp.Identifier) -> None:
     np.testing.assert_array_equal(ident.covariance, other.covariance)
 
 
-@every("kind", KINDS, quick=4)
+@every("kind", KINDS, quick=2)
 @every("stamped", [False, True], ids=["regular", "stamped"], quick=1)
 def test_saved_and_loaded_after_every_single_sample(kind: str, stamped: bool) -> None:
     """Through start-up, new solutions of the record, a gap, a pause of adaptation."""
@@ -119,7 +119,7 @@ def test_saved_and_loaded_after_every_single_sample(kind: str, stamped: bool) ->
     assert repr(again(whole).assess()) == repr(whole.assess())
 
 
-@settings(max_examples=examples(40, quick=5), deadline=None)
+@settings(max_examples=examples(40, quick=3), deadline=None)
 @given(
     kind=st.sampled_from(list(KINDS)),
     seed=st.integers(0, 10_000),
@@ -141,7 +141,7 @@ def test_saved_and_loaded_anywhere(
     assert_equal(whole, parts)
 
 
-@every("kind", KINDS, quick=12)
+@every("kind", KINDS, quick=6)
 def test_chunks_after_loading_equal_samples_before_saving(kind: str) -> None:
     samples = stream(5)
     whole, parts = fresh(kind), fresh(kind)

@@ -30,8 +30,8 @@ def noisy(seed: int = 1, samples: int = 3000, dropped: float = 0.0) -> tuple[np.
     return u, y + 0.05 * np.random.default_rng(seed).standard_normal(y.size), t
 
 
-def with_gaps(seed: int = 2, samples: int = 6000) -> tuple[np.ndarray, ...]:
-    """A record with ten gaps of fifty samples, the input moving meanwhile."""
+def with_gaps(seed: int = 2, samples: int = 3600) -> tuple[np.ndarray, ...]:
+    """A record with a gap of fifty samples in 600, the input moving meanwhile."""
     u, y = record(PLANT, seed, samples, DT, noise=0.05)
     kept = np.arange(samples) % 600 >= 50
     return u[kept], y[kept], DT * np.arange(samples)[kept]
@@ -46,7 +46,7 @@ def as_csv(path: Path, u: np.ndarray, y: np.ndarray, t: np.ndarray, begin: float
 @every("startup", [None, 300], quick=1)
 def test_a_run_over_a_file_is_the_identifier_with_the_same_stamps(tmp_path: Path, startup: int | None) -> None:
     """To the bit."""
-    u, y, t = noisy(dropped=0.05)
+    u, y, t = noisy(samples=1500, dropped=0.05)
     y[700] = np.nan
     path = as_csv(tmp_path / "log.csv", u, y, t)
     recording, log = (reader(path, input="u", output="y") for reader in (open_recording, read_log))

@@ -125,7 +125,7 @@ class Record:
         before = np.minimum(index - np.maximum.accumulate(np.where(broken, index, 0)), LAGS)
         return before if self.measured is None else np.where(self.measured, before, 0)
 
-    @property
+    @cached_property
     def parts(self) -> list[slice]:
         """The stretches between gaps and records; at the beginning of each the state is unknown."""
         gaps = gaps_of(self.intervals, self.usual).tolist() if math.isfinite(self.usual) else []

@@ -89,7 +89,7 @@ class Pass:
     def cost(self) -> float:
         """Mean square of measured minus predicted output; infinite where that leaves float64."""
         with np.errstate(over="ignore", invalid="ignore"):
-            cost = float(np.mean(self.ahead**2))
+            cost = float(self.ahead @ self.ahead) / self.ahead.size
         return cost if math.isfinite(cost) else math.inf
 
 
@@ -165,7 +165,9 @@ class AuxiliaryModel:
 
     def begin(self, theta: FloatArray) -> None:
         """Put a model at rest."""
-        self._state.install(theta)
+        from replant.kernels.filters.chain import install_model
+
+        install_model(*self._state.arrays, 1, theta)  # its unit is 1, and bank 1 serves from the beginning
         self._state.started = False
 
     def go_on(self, theta: FloatArray, record: Record, by_reference: FloatArray = NOTHING) -> Pass:

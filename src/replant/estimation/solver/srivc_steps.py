@@ -201,7 +201,7 @@ class Problem:
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
             if float(direction @ gradient) <= DONE * variance or self.is_rounding(done):
                 return model, done, True
-            better = self._damped(model, direction, cost, cost(model, done))
+            better = self._damped(model, direction, cost, cost(model, done), own=True)
             if better is not None:
                 model, done = better
             elif exact:
@@ -220,15 +220,25 @@ class Problem:
         return conclude(self.structure, self.record, self.known, root, self.projection, prior)
 
     def _damped(
-        self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], limit: float
-    ) -> tuple[FloatArray, Pass] | None:
-        """Return the model after the longest step, halved up to `HALVINGS` times, that costs less, and its pass."""
+        self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], limit: float, *,
+        own: bool,
+    ) -> tuple[FloatArray, Pass] | None:  # fmt: skip
+        """Return the model after the longest step, halved up to `HALVINGS` times, that costs less, and its pass.
+
+        None where none does, or where the limit is the model's ``own`` cost and the parabola through it and the last
+        two steps rises from there on.
+        """
+        longer = math.inf
         for halvings in range(HALVINGS):
             tried = model + direction * 0.5**halvings
             if self.is_usable(tried):
                 done = self.run(tried)
-                if cost(tried, done) < limit:
+                above = cost(tried, done) - limit
+                if above < 0.0:
                     return tried, done
+                if own and halvings > 1 and longer <= 4.0 * above < math.inf:
+                    return None
+                longer = above
         return None
 
     def _slopes(self, model: FloatArray, done: Pass) -> FloatArray:
@@ -284,7 +294,7 @@ class Problem:
                 if direction is None:
                     continue
                 moved = float(np.sum((zeta @ direction) ** 2)) / variance
-                better = self._damped(model, direction, cost, limit)
+                better = self._damped(model, direction, cost, limit, own=False)
                 if better is not None:
                     break
             if better is None:
