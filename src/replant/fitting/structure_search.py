@@ -60,13 +60,8 @@ def search(
 
     Parameters
     ----------
-    u : (K,) array, Log, list of Log, or table
-        Raw input, or (K, q) of q inputs; or a log with input, output and sampling time; or several logs of one rig,
-        which give one model.
-    y : (K,) array
-        Output.
-    dt : float
-        Sampling time in s.
+    u, y, dt : as of `fit`
+        A record, ``u`` (K,) or (K, q) of q inputs, a log, several logs of one rig, or columns of a table.
     poles : int or iterable of int
         Numbers of poles to try; of several inputs from each, or a tuple with a range for each, as for the following.
     zeros : int or iterable of int, optional
@@ -75,15 +70,8 @@ def search(
         Dead times to try, in s.
     bias : bool
         Whether a bias is identified.
-    preprocess : Preprocess
-        Input map and working point; see `fit`.
-    reference : (K,) array, optional
-        Where a controller makes the input, see `fit`.
-    t : (K,) array, optional
-        Time stamps in s, strictly increasing, of an irregular clock.
-    input, output : str, optional
-        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
-        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
+    preprocess, reference, t, input, output : as of `fit`
+        Working point, set-point, time stamps, columns of the table.
     progress : callable
         Called before each structure with how many were tried, of how many.
 

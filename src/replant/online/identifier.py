@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.estimation.engine.dispatch import bound_step
-from replant.estimation.engine.state import NOTHING, REGULAR
+from replant.estimation.engine.state import NOTHING, REGULAR, bound_step
 from replant.estimation.filters import Filter
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.optimizers.optimizer import Replay

@@ -10,8 +10,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.dimensions import collects_at_most
-from replant.estimation.engine.dispatch import Step, step_kernels
-from replant.estimation.engine.state import State
+from replant.estimation.engine.state import State, Step, step_kernels
 from replant.estimation.settings import LONGEST_STARTUP
 from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention

@@ -90,7 +90,9 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
         reason = "the samples do not tell a held input from one that runs straight between its samples, on which"
         advice = 'if it is measured or analogue, use --input-hold foh, or RefinedFilter("foh")'
         return [Finding("trusted", f"{reason} coefficients depend: {advice}")]
-    if not (found.is_sure and weight > 0.0 and weight + chance > 0.5):  # surely not held, nor surely nearer to it
+    if not (found.is_sure and weight > 0.0):
+        return []
+    if not (weight + chance > 0.5 or _is_straighter(evidence, step)):  # surely not held, nor surely nearer to it
         return []
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
     reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
@@ -153,6 +155,26 @@ def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:
     own = np.hstack([held.zeta[rows], held.nuisances[rows]])
     residual = residual_of(evidence, held.error[rows], own)
     return residual.explained(column), -residual.weights_of(column)[: evidence.coefficients, 0]
+
+
+def _is_straighter(evidence: Evidence, step: FloatArray) -> bool:
+    """Return whether a straight input, with the step that it takes, leaves less of the output than a held one.
+
+    The weight is of first order: where a model has made up for much, as a zero of little weight can, that is not it.
+    """
+    record, places = evidence.record.restored
+    rows, left = places[evidence.known], []
+    for hold, parameters in (("zoh", evidence.estimate), ("foh", _moved(evidence.estimate, step))):
+        run = run_model(evidence.structure, parameters, replace(record, input_hold=hold), evidence.dt)
+        if run is None:
+            return False
+        own = np.hstack([run.zeta[rows], run.nuisances[rows]])
+        left.append(float(np.sum(without(run.error[rows, None], own) ** 2)))
+    return left[1] < left[0]
+
+
+def _moved(estimate: FloatArray, step: FloatArray) -> FloatArray:
+    return np.concatenate([estimate[: step.size] + step, estimate[step.size :]])
 
 
 def _largest_change(evidence: Evidence, step: FloatArray) -> float:

@@ -25,15 +25,9 @@ Derivation: a gap of any length begins a new part; what is chosen by the record'
 
 @dataclass(frozen=True, eq=False)
 class RecentSamples:
-    """Raw samples, input mapped and working point taken off, oldest first; those of a start-up still have theirs.
+    """Raw samples, input mapped and working point taken off, oldest first; those of a start-up still have theirs."""
 
-    Attributes
-    ----------
-    values : (K, 6), (K, 5) or (K, 3) array
-        A sample a row; three columns where the state does not examine its outputs: then only input, output and
-        interval can be asked for.  The sixth is the reference.
-    """
-
+    # (K, 6), the sixth the reference, (K, 5), or where outputs are not examined (K, 3): input, output, interval
     values: FloatArray
 
     @classmethod
