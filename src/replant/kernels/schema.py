@@ -79,8 +79,8 @@ BELIEVED: Final = -1
 
 LEAP: Final = 50.0
 """Interval beyond which a stamp leaps ahead: its successor must confirm it [sampling times].
-Derivation: more than the 20 that a clock that was set counts as, else its every first sample would leap. A misread
-stamp that is less ahead costs the samples up to it: twice as many are more than learning may stand still for.
+Derivation: more than the 40 that a clock that was set counts as; at half as many its every first sample would leap. A
+misread stamp that is less ahead costs the samples up to it: twice as many are more than learning may stand still for.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -93,7 +93,7 @@ jitter of a tenth in.
 
 MOST_EARLIER: Final = 10
 """Stamps in a row that advance, but lie before the newest accepted one, after which the clock was set [samples].
-Derivation: as GAP: what is lost until the clock is believed is no longer than what interrupts the filters.
+Origin: a packet of ten samples that comes twice sets no clock; a clock that is set costs as many samples.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 

@@ -268,7 +268,7 @@ class Identifier(Lifecycle):
             Time stamp in s, for a clock that is not regular: given with every sample, or with none.  Filters and model
             are exact for the interval that really passed.  A stamp that does not advance is rejected; after ten in a
             row that advance among themselves the clock has been set, and the next one is believed.  After a gap of
-            10 dt the filters begin anew.  A sample whose stamp leaps by more than 50 dt is held back until the next
+            20 dt the filters begin anew.  A sample whose stamp leaps by more than 50 dt is held back until the next
             one tells: if that comes within 50 dt of it, or at most twice as far on as it had leapt, both are taken;
             else it was misread.  A stamp beyond 4.5e13 dt from zero, where float64 resolves no hundredth of dt, is
             rejected.

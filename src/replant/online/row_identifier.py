@@ -161,7 +161,7 @@ class RowIdentifier(Shared):
             NaN: no output.
         t : float, optional
             Time stamp in s, given with every sample or with none.  One that does not advance is rejected; after a gap
-            of 10 dt offset and initial states are estimated anew.
+            of 20 dt offset and initial states are estimated anew.
         r : None
             A reference is not used yet.
 
