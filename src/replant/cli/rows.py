@@ -177,9 +177,10 @@ def _print(
     from rich.console import Console
 
     console = Console()
-    for each in searches:
-        print_candidates(console, each)
-    for row, logs in zip(rows, records, strict=True):
+    for number, (row, logs) in enumerate(zip(rows, records, strict=True)):
+        if searches:
+            console.print(f"\nStructures for {row.model.output_name}", highlight=False, markup=False, style="bold")
+            print_candidates(console, searches[number])
         samples, seconds = sum(map(len, logs)), sum(each.duration for each in logs)
         print_row(console, row.model, record=record_line(samples, logs[0].dt, seconds))
     for name, found in validations:
