@@ -385,10 +385,7 @@ class Identifier(Lifecycle):
 
     @reads
     def _snapshot(self) -> Identifier:
-        now = object.__new__(type(self))
-        own = {"_state": self._state.copy(buffer=False), "_turn": Turn(), "_gate": NO_GATE}
-        now.__dict__.update(vars(self) | own)
-        return now
+        return self._but(_state=self._state.copy(buffer=False), _turn=Turn(), _gate=NO_GATE)
 
     @changes
     def finish(self) -> None:

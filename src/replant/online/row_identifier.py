@@ -135,32 +135,14 @@ class RowIdentifier(Shared):
         return self._now.settings
 
     def save(self, path: AnyPath, progress: Progress | None = None) -> None:
-        """Save the whole state to a file, from which `replant.load` continues to the bit; see `Identifier.save`.
-
-        Parameters
-        ----------
-        path : path
-        progress : dict, optional
-            Of int, float and str, returned by `replant.online.saving.load`.
-
-        Raises
-        ------
-        CheckpointError
-            If the file cannot be written; the one that was there stays.
-        """
+        """Save the whole state to a file, from which `replant.load` continues to the bit; see `Identifier.save`."""
         from replant.online.checkpoint.files import write
 
         write(path, self.to_bytes(progress))
 
     @reads
     def to_bytes(self, progress: Progress | None = None) -> bytes:
-        """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes.
-
-        Parameters
-        ----------
-        progress : dict, optional
-            As in `save`.
-        """
+        """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes."""
         from replant.online.checkpoint.encoding import encode_row
         from replant.online.row_saving import parts_of
 

@@ -63,16 +63,9 @@ class RowSettings(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RowHistory:
-    """The newest samples, at most ``most``; rows behind ``end`` belong to whoever appends to the newest history.
+    """The newest samples, at most ``most``; rows behind ``end`` belong to whoever appends to the newest history."""
 
-    Attributes
-    ----------
-    rows : (R, q + 2) array
-        Inputs, output, time in s.
-    begin, end, most : int
-    """
-
-    rows: FloatArray
+    rows: FloatArray  # (R, q + 2): inputs, output, time in s
     most: int
     begin: int = 0
     end: int = 0
@@ -115,38 +108,18 @@ class Newest(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RowState:
-    """All that an identification knows.
-
-    Attributes
-    ----------
-    settings : RowSettings
-    kept : RowHistory
-    samples : int
-        Accepted so far.
-    solve_at : int
-        Samples, at first outputs, at which the record is solved again; 0: never.
-    afresh_at : int
-        Samples from which on a solution begins afresh, too.
-    rejected : dict
-    stamped : bool or None
-        Whether samples come with a time stamp; None before the first.
-    adapts : bool
-    recursion : RowRecursion or None
-        None before the first model.
-    findings : tuple of Finding
-        Of the last solution.
-    """
+    """All that an identification knows."""
 
     settings: RowSettings
     kept: RowHistory
-    solve_at: int
-    samples: int = 0
-    afresh_at: int = 0
+    solve_at: int  # samples, at first outputs, at which the record is solved again; 0: never
+    samples: int = 0  # accepted so far
+    afresh_at: int = 0  # samples from which on a solution begins afresh, too
     rejected: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
-    stamped: bool | None = None
+    stamped: bool | None = None  # whether samples come with a time stamp; None before the first
     adapts: bool = True
-    recursion: RowRecursion | None = None
-    findings: tuple[Finding, ...] = ()
+    recursion: RowRecursion | None = None  # None before the first model
+    findings: tuple[Finding, ...] = ()  # of the last solution
 
     @classmethod
     def of(cls, settings: RowSettings) -> RowState:

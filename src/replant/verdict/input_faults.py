@@ -37,7 +37,6 @@ from replant.verdict.score_test import (
     LARGEST_PART,
     NEGLIGIBLE,
     Explained,
-    Part,
     dynamics,
     power_of,
     residual_of,
@@ -77,7 +76,9 @@ def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Say where an input that is taken as held ran straight between its samples, or may have, and what that changes."""
-    if evidence.record.input_hold != "zoh" or not _is_smooth(evidence.record.u):
+    steps = np.diff(evidence.record.u)
+    is_smooth = float(np.mean(np.diff(steps) ** 2)) < SMOOTH * float(np.mean(steps**2))
+    if evidence.record.input_hold != "zoh" or not is_smooth:
         return []
     told = _straight_input(evidence)
     if told is None:
@@ -99,7 +100,7 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
 
 
-def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Finding]:
+def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained) -> list[Finding]:
     """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes.
 
     A pole too few looks like a dead time, too, but leaves more for other dynamics to explain.
@@ -114,7 +115,7 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Findi
     if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > -0.5 * evidence.dt):
         return []
     left = unexplained(evidence, runs, known=later)
-    if left.is_sure and (left.is_large or left.size > 0.5 * part.size):
+    if left.is_sure and (left.is_large or left.power > 0.5 * part.power):
         return []
     step = -residual.weights_of(later)[: evidence.coefficients, 0] * found.weights[0]
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
@@ -183,11 +184,6 @@ def _largest_change(evidence: Evidence, step: FloatArray) -> float:
     std = np.sqrt(np.maximum(np.diag(evidence.covariance)[: step.size], 0.0))
     part = np.abs(step) / np.maximum(np.abs(evidence.estimate[: step.size]), np.finfo(float).tiny)
     return float(part[np.abs(step) > MOVED_SIGMAS * std].max(initial=0.0))
-
-
-def _is_smooth(u: FloatArray) -> bool:
-    first = np.diff(u)
-    return float(np.mean(np.diff(first) ** 2)) < SMOOTH * float(np.mean(first**2))
 
 
 def _scaled(u: FloatArray) -> FloatArray:

@@ -14,12 +14,8 @@ from replant.estimation.engine.state import GAP, State
 from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, REFERENCE, STEP, Doubt
 from replant.numerics.arguments import BoolArray, FloatArray
 
-LONELY = 5
-"""Outliers in a row that are no more than that; what lasts longer may be the plant [samples].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of 'load step' times 0.54; doubled,
-nothing changes on these records.
-"""
+# what lasts longer may be the plant; a solution of the record tells as many apart
+IN_A_ROW = 5  # outliers in a row that are no more than that [samples]
 
 LONGEST_GAP = 1000.0
 """Longest that a gap which parts a record counts as [usual intervals].
@@ -140,7 +136,7 @@ class RecentSamples:
             return copy
         rows = np.flatnonzero((self.doubt == Doubt.OUTLIER) & ~self.is_stuck)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-            if run.size <= LONELY:
+            if run.size <= IN_A_ROW:
                 copy.output[run] = self.bridged[run]
         return copy
 

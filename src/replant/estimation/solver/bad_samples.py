@@ -16,6 +16,7 @@ import math
 
 import numpy as np
 
+from replant.estimation.engine.recent_samples import IN_A_ROW
 from replant.kernels.schema import Doubt
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.levels import MATTERS
@@ -40,7 +41,6 @@ STEPS = 3.0  # the same beside the sensor's usual step, and what a model must mo
 UNEXPLAINED = 0.5  # residual of a gross output that the model does not explain [part of its distance from the median]
 MOST = 0.05  # share of outliers beyond which they are none: heavy tails, or another plant; as MOST_DOUBTED [share]
 FEWEST = 5  # residuals that tell how large one usually is, at the least [samples]
-IN_A_ROW = 5  # outliers in a row that are told apart: each time the largest of neighbours is found [count]
 JUMP = math.sqrt(MATTERS)  # step of the input that a model without a direct path answers too late [part of its range]
 
 BY_CHANCE = 0.01
@@ -138,7 +138,7 @@ def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray
         return nothing
     left, found = np.where(known, error, 0.0), nothing.copy()
     least = max(LEAST * float(np.std(y[known] - error[known])), STEPS * usual_step(y[known]))
-    for _ in range(IN_A_ROW):
+    for _ in range(IN_A_ROW):  # each time the largest of neighbours is found
         white = np.convolve(left, noise)[: left.size]
         away = np.convolve(white[::-1], noise)[: left.size][::-1] / float(noise @ noise)
         size = np.abs(away)
