@@ -89,7 +89,7 @@ def test_the_table_counts() -> None:
     behind = replace(right, number=1, online=50.0, status="converging", deviation=4.0)
     silent = replace(right, number=2, online=WORST, starting=True, status="converging", deviation=math.nan)
     fooled = replace(right, number=3, online=50.0, offline=50.0)
-    rests = replace(right, number=4, rests=True, status="not excited")
+    rests = replace(right, number=4, stilled=True, status="not excited")
     cancels = replace(right, number=5, status="not excited", deviation=0.0, unknown=True)
     none = Trusted(10, ())
     campaign = Campaign(
