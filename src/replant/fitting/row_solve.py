@@ -7,6 +7,7 @@ one without is served.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -96,7 +97,7 @@ def solve_record(
     for _ in range(solve.ROUNDS):
         row = Row(structures, solve.leaving_out(record, doubt), ready.inputs, names)
         again = begins_of(row) if solution is None else partial(_at, row, solution.found.point.theta)
-        begins = again(white)
+        begins = [begin for begin in again(white) if math.isfinite(begin.cost)] if row.record.count else []
         if not begins and (doubt != as_it_came).any() and solution is None:
             doubt = as_it_came
             continue
@@ -150,7 +151,8 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
             point = refine(row, point.theta, model, point, SHORT)
         found.append(_Estimates(free, point, model))
     quietest = min(each.point.power for each in found)
-    return min((each for each in found if each.point.power <= LOUD * quietest), key=lambda each: each.point.cost)
+    quiet_ones = (each for each in found if each.point.power <= LOUD * quietest)
+    return min(quiet_ones, key=lambda each: each.point.cost, default=_Estimates(free, free, white))
 
 
 class _Estimates(NamedTuple):

@@ -59,7 +59,10 @@ HARM = 0.02  # what a model must move for a stuck sensor to do harm: the root of
 def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
     """Return the `Doubt` in each output (K,) without a model: missing (NaN), gross, or equal too often to be chance."""
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
-    known, gross = np.isfinite(y), _gross(y)
+    known = np.isfinite(y)
+    if not known.any():
+        return doubt
+    gross = _gross(y)
     if not _follow(u, gross):
         doubt[gross] = Doubt.OUTLIER
     still = doubt.copy()
