@@ -6,6 +6,9 @@ import copy
 import os
 import pickle
 import signal
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +16,7 @@ import pytest
 import replant as rp
 from replant.errors import DamagedCheckpointError, SystemRefusedError
 from replant.online import second_process
-from support.waiting import wait_until
+from support.waiting import PATIENCE, wait_until
 
 DT = 0.1
 CHANGE, SAMPLES = 1200, 2400
@@ -213,3 +216,22 @@ def test_a_checkpoint_whose_job_is_of_other_samples_is_refused(record: tuple[np.
     ident._job.numbers.recent_head += 1
     with pytest.raises(DamagedCheckpointError, match="pending job"):
         rp.Identifier.from_bytes(ident.to_bytes())
+
+
+def test_the_second_python_ends_with_the_first() -> None:
+    script = (
+        "import os, signal, replant as rp; from replant.online import second_process; "
+        "ident = rp.Identifier(poles=1, dt=0.1, background=True); "
+        "print(second_process.worker()._process.pid, flush=True); os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE)
+    wait_until(lambda: not _runs(int(done.stdout)), "the second one had ended")
+
+
+def _runs(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    status = Path(f"/proc/{process}/stat")
+    return not (status.exists() and status.read_text().split(") ")[1].startswith("Z"))  # nobody may wait for it
