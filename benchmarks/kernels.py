@@ -31,10 +31,10 @@ from rich.progress import track
 from rich.table import Table
 
 import replant as rp
-from replant.estimation.engine.record_regressors import regressors
 from replant.estimation.engine.state import State
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.settings import STORED, Settings
+from replant.estimation.solver.least_squares import regressors
 
 ARTICLE = {
     "Gradient": rp.Gradient(gain=2.0),

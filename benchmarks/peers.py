@@ -24,7 +24,7 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false intra_op_
 import numpy as np
 
 import replant as rp
-from replant.estimation.engine.record_regressors import regressors
+from replant.estimation.solver.least_squares import regressors
 from replant.kernels.optimizers.memory import draw_below
 from replant.model.preprocess import Preprocess
 

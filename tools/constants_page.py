@@ -39,8 +39,8 @@ _HEAD = """# The tuned constants
 *Which numbers were chosen, and what happens if they are others?*
 
 {tuned} constants are tuned; {derived} others follow from something else or stand for a level, and {facts} are plain
-facts. The string below a constant in the source says what it means and where it comes from; of {unrecorded} tuned
-ones the origin is not recorded. `make pages` makes this page of these strings.
+facts. The string below a constant in the source says what it means and where it comes from. `make pages` makes this
+page of these strings.
 
 `make sensitivity` halves and doubles a constant, of a number between 0.5 and 1.5 its distance from one, on records with
 noise, outliers, failing sensors, gaps, jitter, changes and plants of other kinds. An effect is another verdict, another
@@ -95,9 +95,10 @@ class Constant:
 
     @property
     def is_complete(self) -> bool:
-        """Whether meaning and unit are said, and origin and sensitivity of a tuned constant."""
+        """Whether meaning and unit are said, and a recorded origin and the sensitivity of a tuned constant."""
         said = self.paragraphs
-        origin = self.kind != "tuned" or ("Origin" in said and "Sensitivity" in said)
+        recorded = "Origin" in said and not said["Origin"].startswith(NOT_RECORDED)
+        origin = self.kind != "tuned" or (recorded and "Sensitivity" in said)
         return bool(self.meaning and self.unit and origin)
 
 
@@ -164,7 +165,6 @@ def page() -> str:
         tuned=_count(tuned),
         derived=_count([one for one in found if one.kind == "derived"]),
         facts=_count([one for one in found if one.kind == "fact"]),
-        unrecorded=_count([one for one in tuned if one.paragraphs.get("Origin", "").startswith(NOT_RECORDED)]),
         unmeasured=_count([one for one in tuned if one.paragraphs.get("Sensitivity") == f"{NOT_MEASURED}."]),
     )
     lines = [head]

@@ -29,7 +29,8 @@ class Outcome:
     what : str
         The experiment in words.
     noise : str
-    rests : bool
+    stilled : bool
+        Whether it is "not excited" because its input has come to rest: before that it was excited.
     offline, online : float
         Simulated fit of the output without noise, in percent.
     starting : bool
@@ -48,7 +49,7 @@ class Outcome:
     number: int
     what: str
     noise: str
-    rests: bool
+    stilled: bool
     offline: float
     online: float
     starting: bool
@@ -66,11 +67,13 @@ class Outcome:
 
 def judged(experiment: Experiment) -> Outcome:
     """Identify the plant of an experiment in one pass, and offline."""
-    ident = rp.Identifier(experiment.structure, experiment.dt)
-    ident.update_many(experiment.u, experiment.y)
-    ident.finish()
+    ident = identified(experiment, experiment.u.size)
     starting = ident.status == "starting"
     verdict = ident.assess()
+    stilled = experiment.rests and verdict.status == "not excited"
+    if stilled:
+        moved = int(np.flatnonzero(experiment.u != experiment.u[-1])[-1]) + 1
+        stilled = identified(experiment, moved).assess().status != "not excited"
     online = WORST if starting else explained(ident.transfer_function, experiment.u, experiment.clean, experiment.dt)
     try:
         fitted = rp.fit(experiment.u, experiment.y, experiment.dt, experiment.structure)
@@ -87,7 +90,7 @@ def judged(experiment: Experiment) -> Outcome:
         f"{n} poles, {m} zeros, {experiment.input}, {noisy}, {experiment.u.size} samples"
         + (", comes to rest" if experiment.rests else ""),
         experiment.noise,
-        experiment.rests,
+        stilled,
         offline,
         online,
         starting,
@@ -97,6 +100,14 @@ def judged(experiment: Experiment) -> Outcome:
         std is not None and bool(np.isinf(std).all()),
         _beside_bound(off, experiment),
     )
+
+
+def identified(experiment: Experiment, samples: int) -> rp.Identifier:
+    """Return the online default after a record's first samples, finished."""
+    ident = rp.Identifier(experiment.structure, experiment.dt)
+    ident.update_many(experiment.u[:samples], experiment.y[:samples])
+    ident.finish()
+    return ident
 
 
 def explained(model: rp.TransferFunction, u: FloatArray, clean: FloatArray, dt: float) -> float:

@@ -64,7 +64,7 @@ class Campaign:
         share = trusted / max(len(good), 1)
         yield Line("good models that are trusted", f"{trusted} of {len(good)}", "95 %", share >= 0.95)
         yield _at_most("bad models that are trusted", sum(one.status == "trusted" for one in bad), len(bad), 0.01)
-        still = sum(one.status == "not excited" and one.rests for one in good)
+        still = sum(one.stilled for one in good)
         yield _at_most('good models "not excited" because the input has come to rest', still, len(good), 0.0)
         for noise, most in (("white", 0.03), ("AR(.9)", 0.06), ("drift", 0.12)):
             known = [one for one in all_of if one.noise == noise and not math.isnan(one.deviation)]

@@ -117,7 +117,6 @@ def test_two_logs_give_one_model_and_decimated_inputs_run_straight(capsys: Any, 
     "words, asked",
     [
         ("--poles must have a number for each of 2 inputs (Q1, Q2), as in 1,1: got one", [*NAMED, "-p", 2]),
-        ("got one number or a range", [*NAMED, "-p", "1:2"]),
         ("got 3 numbers", [*NAMED, "-p", "1,1,1"]),
         ("--delay must have a number for each", [*NAMED, "-p", "1,1", "--delay", 0.3]),
         ("'1,x' must be a whole number for each input", [*NAMED, "-p", "1,x"]),
@@ -156,6 +155,23 @@ def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path)
     assert whole["rows"][0]["dc_gain"] == pytest.approx([2.0, 2.5], rel=0.1)
     _, _, err = call(capsys, "compare", saved, log)
     assert "it has several outputs, and compare takes models of one" in err
+
+
+def test_a_range_is_searched_for_each_input_and_output(capsys: Any, log: Path, tmp_path: Path) -> None:
+    asked = ("-o", "T1", "-p", "1:2,1", "--zeros", "0,0", "--delay", "0,0:0.6:0.3", "--to", 60)
+    code, out, _ = call(capsys, "fit", log, *NAMED[:4], *asked, "--out", tmp_path / "out")
+    assert code == 0
+    assert "chosen" in out
+    assert "1, 1" in out
+    assert "exp(-0.3 s)" in out
+    assert "Structures tried" in (tmp_path / "out" / "report.html").read_text()
+    code, out, _ = call(capsys, "fit", log, "-i", "Q1", "-o", "T2", "-o", "T1", "-p", "1:2", "--to", 60, "--json")
+    whole = json.loads(out)
+    assert [row["structure"][0]["poles"] >= 1 for row in whole["rows"]] == [True, True]
+    assert [any(each["chosen"] for each in tried) for tried in whole["candidates"]] == [True, True]
+    code, _, err = call(capsys, "run", log, *NAMED, "-p", "1:2")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "a range is searched by replant fit" in err
 
 
 def test_compare_names_the_command_for_a_model_of_several_inputs(capsys: Any, log: Path, tmp_path: Path) -> None:

@@ -108,6 +108,17 @@ def test_outliers_and_a_stuck_sensor_are_left_out_as_of_one_input() -> None:
     assert clean.rejected == {"not finite": 0, "outlier": 0, "stuck": 0}
 
 
+def test_the_fit_leaves_out_what_answers_to_inputs_before_the_record() -> None:
+    late = rp.TransferFunction([4.0], [1.0, 2.0], delay=1.0)
+    u = toggling(8, samples=620)
+    y = row_of(u, late, SLOW) + 3.0
+    found = rp.fit(u[20:], y[20:], DT, poles=(1, 1), delay=(1.0, 0.3))
+    assert found.samples == 580
+    assert found.fit > 99.99
+    assert found.model.simulated_fit == found.fit
+    assert found.model.validate(u[20:], y[20:]).fit == pytest.approx(found.fit)
+
+
 def test_the_simulation_is_the_sum_of_the_branches() -> None:
     u = toggling(4)
     found = rp.fit(u, noisy(4, row_of(u, FAST, SLOW)), DT, **ASKED)

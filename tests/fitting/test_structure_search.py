@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.fitting.structure_search import _top_of_parabola, search
+from replant.fitting.search_result import top_of_parabola
+from replant.fitting.structure_search import search
 from replant.signals import prbs, white_noise
 
 U = prbs(2000, hold=8)
@@ -144,6 +145,6 @@ def test_gross_outliers_cost_no_fit() -> None:
 
 
 def test_the_top_of_a_parabola_lies_between_the_best_value_and_its_neighbours() -> None:
-    assert _top_of_parabola({0.0: 1.0, 1.0: 3.0, 2.0: 1.0}, 0.0, 2.0) == (1.0, 0.0)
-    assert _top_of_parabola({1.0: 1.0, 2.0: 3.0, 3.0: 3.0}, 1.0, 3.0) == (2.5, 0.25)
-    assert _top_of_parabola({1.0: 1.0, 2.0: 3.0}, 1.0, 3.0) == (1.5, np.inf)
+    assert top_of_parabola({0.0: 1.0, 1.0: 3.0, 2.0: 1.0}, 0.0, 2.0) == (1.0, 0.0)
+    assert top_of_parabola({1.0: 1.0, 2.0: 3.0, 3.0: 3.0}, 1.0, 3.0) == (2.5, 0.25)
+    assert top_of_parabola({1.0: 1.0, 2.0: 3.0}, 1.0, 3.0) == (1.5, np.inf)

@@ -40,17 +40,17 @@ def _check(array: np.ndarray, index: Any) -> None:
 
 def make_plain() -> None:
     """Let this process interpret its kernels, with checked arrays."""
-    from replant.estimation.engine import dispatch
+    from replant.estimation.engine import state
     from replant.kernels import native
     from replant.online import begin_recursion, lifecycle, startup
 
     native._interpreted = True
-    step_kernels = dispatch.step_kernels
+    step_kernels = state.step_kernels
 
     def checked_step_kernels(*args: Any, **how: Any) -> Any:
         return tuple(map(checked, step_kernels(*args, **how)))
 
-    for user in (dispatch, startup, begin_recursion, lifecycle):
+    for user in (state, startup, begin_recursion, lifecycle):
         user.step_kernels = checked_step_kernels  # type: ignore[attr-defined]
 
 

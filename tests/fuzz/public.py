@@ -287,6 +287,9 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "RowModel.save": lambda: (row().model.save, {"path": folder() / "row.json"}),
     "RowModel.contributions": lambda: (row().model.contributions, {"u": TWO, "t": T}),
     "RowModel.plot": lambda: (row().model.plot, {"axes": None}),
+    "search of two inputs": lambda: (
+        rp.search, {"u": TWO, "y": Y, "dt": DT, "poles": (1,), "zeros": 0, "delays": (0.0, 0.1), "bias": False},
+    ),
     "fit of two outputs": lambda: (rp.fit, {"u": U, "y": TWO, "dt": DT, "poles": 1, "delay": 0.1}),
     "MatrixModel.of_output": lambda: (matrix().of_output, {"which": 0}),
     "MatrixModel.simulate": lambda: (matrix().simulate, {"u": TWO, "t": T}),

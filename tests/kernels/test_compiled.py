@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.estimation.engine.dispatch import step_kernels
-from replant.estimation.engine.state import State
+from replant.estimation.engine.state import State, step_kernels
 from replant.kernels.filters import bank, chain, series
 from replant.kernels.filters.series import fill_all_pole, fill_play
 from replant.kernels.monitoring import interruptions, scatter

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.estimation.engine.record_regressors import regressors
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import Request
-from replant.estimation.solver.least_squares import choose_filter
+from replant.estimation.solver.least_squares import choose_filter, regressors
 from replant.online.startup import settle
 from support.builders import G1, G2, random_plant, record
 from support.cases import every

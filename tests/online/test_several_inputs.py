@@ -220,3 +220,21 @@ def test_stamps_come_with_every_sample_or_with_none() -> None:
     with pytest.raises(rp.InvalidArgumentError, match="give t with every sample"):
         ident.update((1.0, 2.0), 3.0, 0.1)
     assert ident.to_bytes() == before
+
+
+def test_bad_outputs_are_left_out_where_the_record_is_solved() -> None:
+    u = np.random.default_rng(0).choice([-1.0, 1.0], (60, 2)).repeat(10, axis=0)
+    first, second = rp.TransferFunction([2.0], [1.0, 0.5]), rp.TransferFunction([1.0], [1.0, 3.0], delay=0.3)
+    y = first.simulate(u[:, 0].copy(), 0.1) + second.simulate(u[:, 1].copy(), 0.1) + 7.0
+    y += 0.02 * np.random.default_rng(1).standard_normal(600)
+    y[[150, 333]] += 9.0
+    ident = rp.Identifier(poles=(1, 1), delay=(0.0, 0.3), dt=0.1, startup=100)
+    ident.update_many(u, y)
+    ident.finish()
+    whole = rp.fit(u, y, 0.1, poles=(1, 1), delay=(0.0, 0.3))
+    assert isinstance(whole, rp.RowFit)
+    assert whole.outliers.tolist() == [150, 333]
+    assert ident.parameters == pytest.approx(whole.parameters, rel=1e-3)
+    assert ident.model.simulated_fit == pytest.approx(whole.fit, abs=0.1)
+    assert dict(ident.model.rejected)["outlier"] == 2
+    assert ident.assess().status == "trusted"

@@ -442,11 +442,3 @@ def gate(state: Any, error: float, zeta: Array, covariance: Array, noise: float)
     usual = max(state["spread"], state["usual"])
     harmful = error**2 > state["peak"] or moves**2 > 0.02**2 * state["peak"]
     return bool(harmful and abs(error) > 8.0 * np.sqrt(usual * ratio)), float(ratio)
-
-
-def bridged(y: Array, modelled: Array, doubted: Array) -> Array:
-    """Outputs that the filters see: of a doubted sample the model's, and of its distance before nine tenths."""
-    seen = extended(y).copy()
-    for k in np.flatnonzero(doubted):
-        seen[k] = modelled[k] + 0.9 * (seen[k - 1] - modelled[k - 1])
-    return seen

@@ -187,11 +187,14 @@ Sensitivity: not measured.
 '''
 
 
-@pytest.mark.parametrize("left_out", [" [1]", "Origin: a choice.\n", "Sensitivity: not measured.\n"])
+@pytest.mark.parametrize(
+    ("left_out", "put"), [(" [1]", ""), ("Origin: a choice.\n", ""), ("Sensitivity: not measured.\n", ""),
+                          ("a choice", "not recorded")],
+)  # fmt: skip
 def test_a_tuned_constant_that_lacks_a_part_of_its_string_is_named(
-    left_out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    left_out: str, put: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "module.py").write_text(CONSTANT.replace(left_out, ""), encoding="utf-8")
+    (tmp_path / "module.py").write_text(CONSTANT.replace(left_out, put), encoding="utf-8")
     monkeypatch.setattr(constants_page, "SOURCE", tmp_path)
     monkeypatch.setattr(constants_page, "PAGE", tmp_path / "constants.md")
     monkeypatch.setattr(constants_page, "ROOT", tmp_path)

@@ -116,3 +116,15 @@ def test_a_slow_pole_too_few_is_no_dead_time(seed: int) -> None:
     found = rp.fit(u, y, 0.1, rp.Structure(1)).verdict
     assert found.status == "inconsistent"
     assert LATE not in " ".join(found.reasons)
+
+
+@every("seed", range(3), quick=1)
+def test_a_smooth_input_is_found_out_though_a_zero_has_made_up_for_it(seed: int) -> None:
+    """The zero has moved by many times itself, so that what a straight input changes is not of first order."""
+    plant, dt = rp.TransferFunction([2.8, -2310.0], [1.0, 39.2, 505.0]), 0.0137
+    u = multisine(SAMPLES, dt, np.geomspace(4.5, 67.0, 12) / (2.0 * np.pi), amplitude=0.4)
+    y = plant.simulate(u, dt, input_hold="foh")
+    y += 10.0 ** (-30.0 / 20.0) * y.std() * np.random.default_rng(seed).standard_normal(y.size)
+    for hold in ("foh", "zoh"):
+        found = rp.fit(u, y, dt, poles=2, zeros=1, filter=rp.RefinedFilter(input_hold=hold)).verdict
+        assert any("run straight between its samples" in reason for reason in found.reasons) == (hold == "zoh")

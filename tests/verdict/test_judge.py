@@ -14,7 +14,7 @@ from replant.estimation.engine.record import Record
 from replant.verdict import Assessment, assess_record
 from replant.verdict.evidence import Evidence
 from replant.verdict.judge import judge
-from replant.verdict.score_test import LARGEST_PART, NEGLIGIBLE, Explained, Part
+from replant.verdict.score_test import LARGEST_PART, NEGLIGIBLE, Explained
 from replant.verdict.verdict import STATUSES, Finding, conclude, percent
 from support.builders import binary
 from support.cases import every
@@ -183,7 +183,7 @@ def test_a_part_of_an_output_that_stands_still_is_everything() -> None:
     """Its power is nothing: without a warning that would reach the user's terminal."""
     found = Explained(np.ones(1), power=10.0, std=1.0, statistic=2.0)
     evidence: Any = SimpleNamespace(used=np.ones(2, bool), known=slice(0, 2))
-    part = Part.of(evidence, found, np.array([-9.0, 9.0]), np.zeros(2), "input")
+    part = found.beside(evidence, np.array([-9.0, 9.0]), np.zeros(2))
     assert part.is_sure
     assert part.is_large
-    assert part.size > 1e300
+    assert part.power > 1e300

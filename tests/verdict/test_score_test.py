@@ -13,7 +13,7 @@ from replant.estimation.simulation.model_run import run_model
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.score_test import Part, Residual, unexplained
+from replant.verdict.score_test import Explained, Residual, unexplained
 from support.builders import G1, binary
 
 DT, SAMPLES = 0.1, 1500
@@ -41,7 +41,7 @@ def part_of(
     used: np.ndarray | None = None,
     scale: float = 1.0,
     structure: rp.Structure = STRUCTURE,
-) -> Part:
+) -> Explained:
     """What other dynamics could explain of the residual of the true model, as a part of the output's power."""
     model = TRUE * [1.0, scale] if structure is STRUCTURE else np.array([3.0, 3.0, 1.0, 1.0])
     record = Record(u, y, np.array([DT]), measured=used)
@@ -81,7 +81,7 @@ def test_what_the_model_misses_is_measured_with_its_doubt(colour: float) -> None
         missed = missing.simulate(u, DT)
         y = G1.simulate(u, DT) + missed + 0.3 * noise(seed, colour)
         part, whole = part_of(y, u), np.var(y)
-        found.append((part.size * whole, part.std * whole, part.statistic))
+        found.append((part.power * whole, part.std * whole, part.statistic))
         expected.append(np.var(not_by_slopes(missed, y, u)))
     powers, doubts, statistics = np.array(found).T
     error = powers - expected
@@ -95,7 +95,7 @@ def test_the_unit_of_the_output_does_not_matter() -> None:
     y = G1.simulate(u, DT) + 0.3 * noise(1, 0.5) + 0.1 * np.roll(u, 7)
     part, other = part_of(y, u), part_of(1e6 * y, u, scale=1e6)
     assert other.statistic == pytest.approx(part.statistic, rel=1e-6)
-    assert other.size == pytest.approx(part.size, rel=1e-6)
+    assert other.power == pytest.approx(part.power, rel=1e-6)
 
 
 def test_feedback_is_no_fault_of_the_model() -> None:

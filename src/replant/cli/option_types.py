@@ -53,7 +53,7 @@ def structure_options(poles: str, zeros: str, delay: str) -> Option:
 
 
 class Each(tuple[Any, ...]):
-    """Numbers of several inputs, in their order."""
+    """Numbers of several inputs, in their order, or ranges, each a tuple."""
 
     __slots__ = ()
 
@@ -69,7 +69,8 @@ class Range(click.ParamType[tuple[Any, ...]]):
         if isinstance(value, tuple):
             return value
         if "," in str(value):
-            return Each(self._one(part, value, param, ctx) for part in str(value).split(","))
+            each = str(value).split(",")
+            return Each(self.convert(p, param, ctx) if ":" in p else self._one(p, value, param, ctx) for p in each)
         try:
             parts = [self.number(part) for part in str(value).split(":")]
         except ValueError:
@@ -94,7 +95,7 @@ class Range(click.ParamType[tuple[Any, ...]]):
     def written(self, values: tuple[Any, ...]) -> str:
         """Return numbers as `convert` reads them."""
         if isinstance(values, Each):
-            return ",".join(map(str, values))
+            return ",".join(self.written(each) if isinstance(each, tuple) else str(each) for each in values)
         if len(values) == 1:
             return str(values[0])
         return f"{values[0]}:{values[-1]}:{(values[-1] - values[0]) / (len(values) - 1):.12g}"

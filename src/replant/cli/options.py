@@ -154,7 +154,7 @@ _EACH = structure_options(
     "Dead time in s, likewise.  [default: 0]",
 )
 _STRUCTURES = structure_options(
-    "Number of poles, or a range such as 1:4; of several inputs a number for each, as in 2,1.",
+    "Number of poles, or a range such as 1:4; of several inputs a number or a range for each, as in 2,1 or 1:3,1:2.",
     "Number of zeros, or a range.  [default: 0; with a range of poles, every number below that of the poles]",
     "Dead time in s, or a range such as 0:1:0.1.  [default: 0]",
 )

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -23,13 +23,14 @@ from replant.fitting.fit import fit
 from replant.fitting.matrix import MatrixFit
 from replant.fitting.row_fit import RowFit
 from replant.fitting.samples import Samples
+from replant.fitting.structure_search import SearchResult, search
 from replant.fitting.validation import Validation
 from replant.logs import Log
 from replant.logs.recording import digest
 from replant.online.row_identifier import RowIdentifier
 from replant.report.programs import row_as_python
 from replant.report.terminal import print_row, record_line
-from replant.report.terminal_tables import print_validation
+from replant.report.terminal_tables import HEADINGS, candidates_as_json, print_candidates, print_validation, rows_of
 
 #: Options that one input takes, and several do not, with what they are without them.
 NOT_YET = {
@@ -38,8 +39,17 @@ NOT_YET = {
 }  # fmt: skip
 CHUNK = 8192  # samples taken between two marks of progress [samples]
 
-#: Makes the row of an output from its logs and the orders asked for, and the Python program that does so.
-Solver = Callable[[list[Log], dict[str, Any]], tuple[RowFit, str]]
+
+class Solved(NamedTuple):
+    """The row of an output, the Python program that makes it, and the search that chose its structure, if one did."""
+
+    row: RowFit
+    python: str
+    search: SearchResult | None = None
+
+
+#: Makes the row of an output from its logs and the orders asked for.
+Solver = Callable[[list[Log], dict[str, Any]], Solved]
 
 
 def are_several(options: dict[str, Any]) -> bool:
@@ -47,17 +57,49 @@ def are_several(options: dict[str, Any]) -> bool:
     return any(isinstance(options[name], tuple) for name in ("input_column", "output_column"))
 
 
-def fitted(logs: list[Log], asked: dict[str, Any]) -> tuple[RowFit, str]:
-    """Return the row that `fit` makes of logs."""
-    row: RowFit = fit(logs if len(logs) > 1 else logs[0], **asked)
-    return row, row_as_python(row.model, logs)
+def fitted(logs: list[Log], asked: dict[str, Any]) -> Solved:
+    """Return the row that `fit` makes of logs, or `search` where a range is asked for."""
+    given = logs if len(logs) > 1 else logs[0]
+    if not any(_is_range(each) for each in asked.values()):
+        row: RowFit = fit(given, **asked)
+        return Solved(row, row_as_python(row.model, logs))
+    count = len(logs[0].input_names)
+    ranges: dict[str, Any] = {name: _ranges(each) for name, each in asked.items()}
+    if asked["zeros"] == (0,) * count and _is_range(asked["poles"]):
+        ranges["zeros"] = None
+    poles, zeros, delays = ranges.values()
+    with progress_bar() as bar:
+        task = bar.add_task("structures", total=None)
+        found = search(
+            given, poles=_unless_one(poles), zeros=_unless_one(zeros), delays=_unless_one(delays),
+            progress=lambda done, of: bar.update(task, completed=done, total=of),
+        )  # fmt: skip
+    best = found.best
+    if not isinstance(best, RowFit):
+        each = best.structure
+        best = fit(given, poles=(each.poles,), zeros=(each.zeros,), delay=(each.delay,))
+    return Solved(best, row_as_python(best.model, logs), found)
+
+
+def _is_range(given: Any) -> bool:
+    return any(isinstance(each, tuple) for each in given)
+
+
+def _ranges(given: Any) -> tuple[tuple[Any, ...], ...]:
+    return tuple(each if isinstance(each, tuple) else (each,) for each in given)
+
+
+def _unless_one(ranges: Any) -> Any:
+    return ranges[0] if ranges is not None and len(ranges) == 1 else ranges
 
 
 def passed_over(startup: int | None) -> Solver:
     """Return what makes a row by one pass over a log, as `Identifier` does, and solves it as a whole at the end."""
 
-    def row_of(logs: list[Log], asked: dict[str, Any]) -> tuple[RowFit, str]:
+    def row_of(logs: list[Log], asked: dict[str, Any]) -> Solved:
         (log,) = logs
+        if any(_is_range(each) for each in asked.values()):
+            raise InvalidArgumentError("a range is searched by replant fit: give a number for each input here")
         count = len(log)
         first = min(max(count // 10, 1), RECENT) if startup is None else startup
         hold, names = log.input_hold, log.input_names
@@ -73,7 +115,8 @@ def passed_over(startup: int | None) -> Solver:
             ident.finish()
         model = ident.model.of_log(log.input_names, log.output_name, log.path.name)
         none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
-        return RowFit(model, model.validate(log).output, none, none, missing), row_as_python(model, logs, first)
+        row = RowFit(model, model.validate(log).output, none, none, missing)
+        return Solved(row, row_as_python(model, logs, first))
 
     return row_of
 
@@ -92,14 +135,15 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
     columns = [{"input_column": inputs, "output_column": each} for each in outputs]
     records = _of_one_output([read_several(options | each) for each in columns])
     make_folder(out)
-    rows, programs, validations = [], [], list[tuple[str, Validation]]()
+    rows, programs, searches, validations = [], [], [], list[tuple[str, Validation]]()
     for logs, each in zip(records, columns, strict=True):
-        row, program = solve(logs, asked)
+        row, program, search_of = solve(logs, asked)
         sha256 = digest(logs[0].path) if len(logs) == 1 else ""
         row = replace(row, model=replace(row.model, provenance=replace(row.model.provenance, sha256=sha256)))
         found = replace(keeping, columns=keeping.columns | each).validated(row.model)
         rows.append(row)
         programs.append(program)
+        searches += [] if search_of is None else [search_of]
         validations += [(f"{name}, {row.model.output_name}" if len(outputs) > 1 else name, one) for name, one in found]
     model = MatrixFit(tuple(rows)).model if len(rows) > 1 else rows[0].model
     paths = []
@@ -108,20 +152,23 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
         paths.append(keeping.saved)
     if out is not None:
         python = CONDITIONED if is_conditioned(click.get_current_context().params) else "\n\n".join(programs)
-        paths += _reported(out, rows, [as_one(logs) for logs in records], python, validations)
+        paths += _reported(out, rows, [as_one(logs) for logs in records], python, validations, searches)
     if as_json:
         whole = model_json.as_object(rows[0].model)
         if len(rows) > 1:
             whole = model_json.rows_object([row.model for row in rows])
+        tried = [candidates_as_json(each) for each in searches]
+        whole |= {"candidates": tried if len(rows) > 1 else tried[0]} if tried else {}
         echo_json(whole | {"elapsed_seconds": round(time.perf_counter() - begun, 3)}, validations)
     else:
-        _print(rows, records, validations, paths, may_save=keeping.saved is None)
+        _print(rows, records, searches, validations, paths, may_save=keeping.saved is None)
     check_required(keeping.required, [*(row.verdict for row in rows), *(each.verdict for _, each in validations)])
 
 
 def _print(
     rows: Sequence[RowFit],
     records: Sequence[list[Log]],
+    searches: Sequence[SearchResult],
     validations: Sequence[tuple[str, Validation]],
     paths: Sequence[Path],
     *,
@@ -130,11 +177,14 @@ def _print(
     from rich.console import Console
 
     console = Console()
-    for row, logs in zip(rows, records, strict=True):
+    for number, (row, logs) in enumerate(zip(rows, records, strict=True)):
+        if searches:
+            console.print(f"\nStructures for {row.model.output_name}", highlight=False, markup=False, style="bold")
+            print_candidates(console, searches[number])
         samples, seconds = sum(map(len, logs)), sum(each.duration for each in logs)
         print_row(console, row.model, record=record_line(samples, logs[0].dt, seconds))
-    for name, each in validations:
-        print_validation(console, each, name)
+    for name, found in validations:
+        print_validation(console, found, name)
     for path in paths:
         click.echo(f"wrote {path}")
     if may_save and not validations and not is_quiet() and all(row.verdict.status == "trusted" for row in rows):
@@ -142,15 +192,23 @@ def _print(
 
 
 def _reported(
-    out: Path, rows: Sequence[RowFit], logs: Sequence[Log], python: str, validations: Sequence[tuple[str, Validation]]
+    out: Path,
+    rows: Sequence[RowFit],
+    logs: Sequence[Log],
+    python: str,
+    validations: Sequence[tuple[str, Validation]],
+    searches: Sequence[SearchResult],
 ) -> list[Path]:
     """Write the pictures and the report; return their paths."""
+    from replant.report.result_page import candidates_of
     from replant.report.rows_page import Output, save_figures, write_rows
 
     shown = [Output(*each) for each in zip(rows, logs, strict=True)]
     with write_errors_reported(out):
         paths = save_figures(out, shown)
-        report = write_rows(out / "report.html", shown, command=command_line(), python=python, validations=validations)
+        tried = "".join(candidates_of((HEADINGS, rows_of(each), each.rest)) for each in searches)
+        more: dict[str, Any] = {"validations": validations, "candidates": tried}
+        report = write_rows(out / "report.html", shown, command=command_line(), python=python, **more)
     return [*paths, report]
 
 
@@ -181,12 +239,14 @@ def as_one(logs: list[Log]) -> Log:
 
 
 def _of_each(given: tuple[Any, ...] | None, name: str, inputs: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return a number for each input: those given, or 0 for all."""
+    """Return a number for each input, or a range: those given, or 0 for all."""
+    if given is not None and len(given) > 1 and not isinstance(given, Each):
+        return (given,) * len(inputs)
     example = ",".join("1" for _ in inputs)
     if given is None or (name != "poles" and given == (0.0,)):
         return (0,) * len(inputs)
     if len(given) != len(inputs) or not (isinstance(given, Each) or len(inputs) == 1):
-        got = f"{len(given)} numbers" if isinstance(given, Each) else "one number or a range"
+        got = f"{len(given)} numbers" if isinstance(given, Each) else "one number"
         raise InvalidArgumentError(
             f"--{name} must have a number for each of {len(inputs)} inputs ({', '.join(inputs)}), as in {example}: "
             f"got {got}"

@@ -83,6 +83,7 @@ class Parsed(click.ParamType[Any]):
 
 
 QUIET = "replant.quiet"
+SAID = "replant.said"  # notes that were printed
 
 
 def silence() -> None:
@@ -97,8 +98,11 @@ def is_quiet() -> bool:
 
 
 def note(text: str) -> None:
-    """Print a note in one line to standard error."""
-    if not is_quiet():
+    """Print a note in one line to standard error, once in a command."""
+    context = click.get_current_context(silent=True)
+    said: set[str] = set() if context is None else context.meta.setdefault(SAID, set())
+    if not is_quiet() and text not in said:
+        said.add(text)
         click.echo(f"replant: note: {text}", err=True)
 
 

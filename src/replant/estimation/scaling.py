@@ -9,13 +9,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.model.structure import Structure
-from replant.numerics.arguments import (
-    FloatArray,
-    instance,
-    keep,
-    numbers,
-    positive,
-)
+from replant.numerics.arguments import FloatArray, instance, keep, numbers, positive
 
 
 @dataclass(frozen=True)
@@ -88,7 +82,7 @@ class Scaling:
     def from_record(cls, y: FloatArray, regressor: FloatArray) -> Scaling:
         """Return root mean squares of the output (K,) and of unscaled regressors (K, P); 1 where a signal is zero.
 
-        Rows that are not finite are left out: `estimation.engine.record_regressors` marks rejected samples so.
+        Rows that are not finite are left out: `estimation.solver.least_squares` marks rejected samples so.
         """
         kept = np.isfinite(regressor).all(axis=1) & np.isfinite(y)
         return cls(_rms(y[kept]), tuple(_rms(entry) for entry in regressor[kept].T))

@@ -14,12 +14,7 @@ from replant.estimation.optimizers.optimizer import Replay
 from replant.estimation.scaling import Scaling
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.numerics.arguments import (
-    instance,
-    keep,
-    truth,
-    whole,
-)
+from replant.numerics.arguments import instance, keep, truth, whole
 from replant.numerics.limits import duration
 
 AUTO = "auto"
@@ -140,10 +135,7 @@ class Request:
 
     @property
     def wants_instruments(self) -> bool:
-        """Whether instruments are used.
-
-        With "auto" they are used with the refined filter, and with the optimizers that keep a covariance.
-        """
+        """Whether instruments are used: if "auto", by the refined filter and optimizers that keep a covariance."""
         if isinstance(self.instruments, bool):
             return self.instruments
         if isinstance(self.filter, Filter) and self.filter.follows_estimate:
@@ -193,13 +185,7 @@ class Request:
 
 
 def filter_for(input_hold: str) -> Filter | str:
-    """Return the filter to request where the input is "zoh" or "foh": the data choose it, or it must know of the lines.
-
-    Examples
-    --------
-    >>> filter_for("zoh"), filter_for("foh")
-    ('auto', RefinedFilter(input_hold='foh'))
-    """
+    """Return the filter to request where the input is "zoh", which the data choose, or "foh", of which it must know."""
     return AUTO if input_hold == "zoh" else RefinedFilter(input_hold)
 
 

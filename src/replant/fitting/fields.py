@@ -95,6 +95,29 @@ CHECKS: dict[str, tuple[Any, ...]] = {
 }
 
 
+class Identified:
+    """What follows from a structure, its parameters and their covariance."""
+
+    structure: Structure
+    parameters: FloatArray
+    covariance: FloatArray | None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, in their order."""
+        return self.structure.names
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """G(s), from the mapped input to the output, both as deviations from the working point."""
+        return self.structure.transfer_function(self.parameters)
+
+    @property
+    def uncertainty(self) -> Uncertainty | None:
+        """Standard deviations of parameters, poles, gain and response; None without a covariance."""
+        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
+
+
 class _Fields:
     """What the fields of models of one input and of several have in common: their checks, and when they are equal."""
 
@@ -141,7 +164,7 @@ def _bits(value: Any) -> Any:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ModelFields(_Fields):
+class ModelFields(_Fields, Identified):
     r"""What is kept of an identification, and what follows from it at once; see `Model`.
 
     .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
@@ -169,11 +192,6 @@ class ModelFields(_Fields):
         self._check(self.structure.size)
 
     @property
-    def transfer_function(self) -> TransferFunction:
-        """G(s), from the mapped input to the output, both as deviations from the working point."""
-        return self.structure.transfer_function(self.parameters)
-
-    @property
     def num(self) -> FloatArray:
         """Numerator (m + 1,), in descending powers of s."""
         return self.transfer_function.num
@@ -187,16 +205,6 @@ class ModelFields(_Fields):
     def delay(self) -> float:
         """Dead time in s."""
         return self.structure.delay
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters, in their order."""
-        return self.structure.names
-
-    @property
-    def uncertainty(self) -> Uncertainty | None:
-        """Standard deviations of parameters, poles, gain and response; None without a covariance."""
-        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
 
     @property
     def rests(self) -> bool:

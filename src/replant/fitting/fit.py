@@ -10,11 +10,10 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
-from replant.estimation.engine.record_regressors import regressors
 from replant.estimation.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.estimation.settings import AUTO, Request
 from replant.estimation.simulation.model_run import prediction_error, runs_away
-from replant.estimation.solver.least_squares import choose_filter, least_squares
+from replant.estimation.solver.least_squares import choose_filter, least_squares, regressors
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.matrix import MatrixFit, fit_matrix, is_matrix
@@ -25,12 +24,7 @@ from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import Preprocess, screen
 from replant.model.structure import Structure
-from replant.numerics.arguments import (
-    FloatArray,
-    one_of,
-    record,
-    vector,
-)
+from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet
 from replant.verdict import Simulation, fit_percent, simulate
@@ -40,36 +34,18 @@ METHODS = (AUTO, "srivc", "least_squares")
 
 @overload
 def fit(
-    u: Any,
-    y: Any = None,
-    dt: float | None = None,
-    structure: None = None,
-    *,
-    poles: tuple[int, ...],
-    zeros: int | tuple[int, ...] = 0,
-    delay: float | tuple[float, ...] = 0.0,
-    t: Any = None,
-) -> RowFit: ...
+    u: Any, y: Any = None, dt: float | None = None, structure: None = None, *, poles: tuple[int, ...],
+    zeros: int | tuple[int, ...] = 0, delay: float | tuple[float, ...] = 0.0, t: Any = None,
+) -> RowFit: ...  # fmt: skip
 
 
 @overload
 def fit(
-    u: Any,
-    y: Any = None,
-    dt: float | None = None,
-    structure: Structure | None = None,
-    *,
-    poles: int | None = None,
-    zeros: int = 0,
-    delay: float = 0.0,
-    method: str = AUTO,
-    filter: Filter | str = AUTO,
-    preprocess: Preprocess | None = None,
-    t: Any = None,
-    reference: Any = None,
-    input: str | None = None,
+    u: Any, y: Any = None, dt: float | None = None, structure: Structure | None = None, *, poles: int | None = None,
+    zeros: int = 0, delay: float = 0.0, method: str = AUTO, filter: Filter | str = AUTO,
+    preprocess: Preprocess | None = None, t: Any = None, reference: Any = None, input: str | None = None,
     output: str | None = None,
-) -> FitResult: ...
+) -> FitResult: ...  # fmt: skip
 
 
 @in_our_words
@@ -192,11 +168,7 @@ def fit(
 
 
 def fit_samples(
-    given: Samples,
-    structure: Structure,
-    method: str,
-    chosen: Filter | str,
-    preprocess: Preprocess | None,
+    given: Samples, structure: Structure, method: str, chosen: Filter | str, preprocess: Preprocess | None
 ) -> FitResult:
     """Return the fit of a structure to samples, see `fit`."""
     preprocess = given.preprocess if preprocess is None else preprocess

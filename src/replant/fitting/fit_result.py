@@ -16,15 +16,13 @@ from replant.estimation.solver.change_search import find_change
 from replant.estimation.solver.contest import Claim
 from replant.estimation.solver.refined import Refined, without_nuisances
 from replant.fitting import notation
-from replant.fitting.fields import Provenance, has_rest
+from replant.fitting.fields import Identified, Provenance, has_rest
 from replant.fitting.model import Model
 from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
 from replant.kernels.schema import LAGUERRE
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, IntArray, vector
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, quiet
@@ -37,7 +35,7 @@ WITHOUT = "the fit does without it"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FitResult:
+class FitResult(Identified):
     """The result of `fit`.
 
     Attributes
@@ -122,19 +120,18 @@ class FitResult:
     sha256: str = ""
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters, in their order."""
-        return self.structure.names
+    def _kept(self) -> Record:
+        assert self.record is not None, "`fit` keeps the record"
+        return self.record
 
     @cached_property
     def verdict(self) -> Assessment:
         """Whether to trust the model, why in plain words, and the figures behind it."""
-        assert self.record is not None, "`fit` keeps the record"
         change = self._change if self.method == "srivc" else None
         verdict = assess_record(
             self.structure,
             self.parameters,
-            self.record,
+            self._kept,
             self.dt,
             self.covariance,
             instruments=self.method != "least_squares",
@@ -144,7 +141,7 @@ class FitResult:
             since_change=0 if change is None else change.contest.since.u.size,
         )
         if self.method == "srivc" and is_asked_for(verdict, self.structure):
-            verdict = with_fewer_poles(verdict, self.structure, self.parameters, self.record)
+            verdict = with_fewer_poles(verdict, self.structure, self.parameters, self._kept)
         verdict = with_other_columns(verdict, self.other_columns)
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
@@ -154,15 +151,13 @@ class FitResult:
     @cached_property
     def other_columns(self) -> tuple[OtherColumn, ...]:
         """The further columns that explain a part of what the model leaves, that with most first."""
-        assert self.record is not None, "`fit` keeps the record"
-        return other_columns(self.structure, self.parameters, self.record, self.dt, self.others)
+        return other_columns(self.structure, self.parameters, self._kept, self.dt, self.others)
 
     @property
     def _change(self) -> Claim | None:
         """What has changed of the plant within the samples that the verdict looks at."""
-        assert self.record is not None, "`fit` keeps the record"
         model = without_nuisances(self.structure, self.parameters)
-        return find_change(self.structure, self.record.last(MOST_SAMPLES), model)
+        return find_change(self.structure, self._kept.last(MOST_SAMPLES), model)
 
     @cached_property
     def model(self) -> Model:
@@ -190,8 +185,7 @@ class FitResult:
     @property
     def working_point(self) -> tuple[float, float]:
         """Levels of the mapped input and of the output between which G(s) acts: of a model at rest, or the means."""
-        assert self.record is not None, "`fit` keeps the record"
-        if not self.simulation.is_prediction and has_rest(self.transfer_function, self.record.span):
+        if not self.simulation.is_prediction and has_rest(self.transfer_function, self._kept.span):
             return float(self.preprocess.input_offset), self.simulation.offset
         return self.means
 
@@ -213,48 +207,22 @@ class FitResult:
         return notation.with_picture(self.model)
 
     @property
-    def uncertainty(self) -> Uncertainty | None:
-        """Standard deviations of parameters, poles, gain and response; None for least squares, which noise biases."""
-        return None if self.covariance is None else Uncertainty(self.structure, self.parameters, self.covariance)
-
-    @property
     def fixed_filter(self) -> StateVariableFilter:
         """The filter used; 1/A of the result if it was the refined filter."""
         return self.filter.fixed_at(self.transfer_function.den, self.dt)
 
-    @property
-    def transfer_function(self) -> TransferFunction:
-        """The estimate as G(s)."""
-        return self.structure.transfer_function(self.parameters)
-
 
 @dataclass(frozen=True, eq=False)
 class ReferenceUse:
-    """What a reference was worth to a fit.
+    """What a reference was worth to a fit."""
 
-    Attributes
-    ----------
-    signal : (K,) array
-        The reference as it was given.
-    used : bool
-        Whether instruments were made from it.
-    finding : str
-        In one line what is wrong with it; empty where nothing is.
-    explained : float
-        Share of the input's power that it explains.
-    misfit : float
-        J, the part of the whitened residual that the reference explains, over the residual's variance: chi-square at a
-        right model, whatever the noise is.  NaN where it was not used.
-    degrees : int
-        Degrees of freedom of J.
-    """
-
-    signal: FloatArray
-    used: bool
-    finding: str
-    explained: float
+    signal: FloatArray  # (K,): as it was given
+    used: bool  # whether instruments were made from it
+    finding: str  # in one line what is wrong with it; empty where nothing is
+    explained: float  # share of the input's power that it explains
+    # J, what of the whitened residual it explains, over the residual's variance: chi-square at a right model; else NaN
     misfit: float = math.nan
-    degrees: int = 0
+    degrees: int = 0  # of freedom of J
 
     @property
     def misfit_limit(self) -> float:

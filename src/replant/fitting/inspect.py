@@ -38,10 +38,7 @@ class FirstModel:
 
 
 def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
-    """Return the model of one pole and a dead time that explains ``y`` (K,) best; None where none is trusted.
-
-    A step test moves the input once: no correlation is beyond chance, though a model explains all of the output.
-    """
+    """Return the model of one pole and a dead time for a step test, which has no correlation; None if not trusted."""
     from replant.fitting.structure_search import search
 
     every = -(-u.size // MOST_SAMPLES_OF_FIRST)
@@ -63,10 +60,7 @@ def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
 
 
 def with_others(recording: Recording) -> Recording:
-    """Return a recording whose log, if it is held in memory, has the other columns of numbers that change.
-
-    Those of another length are left out: their rows are of other times.
-    """
+    """Return a recording whose log in memory has the other columns of numbers that change, and are as long."""
     log = recording.held
     return recording if log is None else replace(recording, held=_with_others(recording, log))
 
@@ -198,10 +192,7 @@ def _record(contents: Contents, clock: Clock | None, given: dict[str, int]) -> t
 
 
 def options_of(found: Inspection) -> tuple[str, ...]:
-    """Return the options of a first fit: columns, number of poles, and what the clock and the delay need.
-
-    Empty if no pair of input and output was found.
-    """
+    """Return the options of a first fit: columns, poles, clock, dead time; empty without input and output."""
     u, y, r = found.roles.input, found.roles.output, found.roles.reference
     if u is None or y is None:
         return ()

@@ -156,25 +156,12 @@ class Model(ModelFields):
         return found.output + ahead(self.noise.coefficients, residual, horizon)
 
     def of_log(self, input_name: str, output_name: str, source: str, sha256: str = "") -> Model:
-        """Return the same model with the names of its signals, and the name and digest of the log's file.
-
-        Parameters
-        ----------
-        input_name, output_name : str
-            With the units in brackets at the end.
-        source, sha256 : str
-        """
+        """Return the same model with the names of its signals, and the name and digest of the log's file."""
         made = dataclasses.replace(self.provenance, source=source, sha256=sha256)
         return dataclasses.replace(self, input_name=input_name, output_name=output_name, provenance=made)
 
     def step(self, duration: float | None = None) -> StepResponse:
-        """Return the output by a unit step of the mapped input, with its standard deviation.
-
-        Parameters
-        ----------
-        duration : float, optional
-            In s; by default until the slowest mode has settled.
-        """
+        """Return the output by a unit step of the mapped input over ``duration`` s, else until it settles."""
         return StepResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
 
     def impulse(self, duration: float | None = None) -> ImpulseResponse:
@@ -193,23 +180,11 @@ class Model(ModelFields):
         return ImpulseResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
 
     def bode(self, frequency: Any = None) -> Bode:
-        """Return magnitude and phase over frequency in rad/s, with their standard deviations.
-
-        Parameters
-        ----------
-        frequency : (F,) array, optional
-            In rad/s; by default from below the slowest pole or zero to above the fastest, at most Nyquist's.
-        """
+        """Return magnitude and phase at ``frequency`` (F,) in rad/s, by default about poles and zeros."""
         return Bode.of(self.transfer_function, self.uncertainty, self.dt, frequency)
 
     def nyquist(self, frequency: Any = None) -> Nyquist:
-        """Return G(i omega) in the complex plane, with its standard deviations.
-
-        Parameters
-        ----------
-        frequency : (F,) array, optional
-            In rad/s; by default as for `bode`.
-        """
+        """Return G(i omega) at ``frequency`` (F,) in rad/s, by default as for `bode`, with its standard deviations."""
         return Nyquist.of(self.transfer_function, self.uncertainty, self.dt, frequency)
 
     def poles(self) -> PoleMap:
@@ -217,13 +192,7 @@ class Model(ModelFields):
         return PoleMap.of(self.transfer_function, self.uncertainty)
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw step response, poles, and Bode diagram; return four axes of matplotlib.
-
-        Parameters
-        ----------
-        axes : four matplotlib axes, optional
-            Drawn into; without them a figure is made.
-        """
+        """Draw step response, poles, and Bode diagram, into four ``axes`` if given; return the axes of matplotlib."""
         step, poles, magnitude, phase = axes_for("axes", axes, 4, (9.0, 6.4), nrows=2, ncols=2)
         self.step().plot(step)
         self.poles().plot(poles)

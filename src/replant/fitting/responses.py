@@ -61,13 +61,7 @@ class StepResponse(Shown):
         return cls(time, *_over_time(model, known, time))
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw the response with its band of +-2 standard deviations; return the axes of matplotlib.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, optional
-            Drawn into; without it a figure is made.
-        """
+        """Draw the response with its band of +-2 standard deviations, into ``ax`` if given; return its axes."""
         return draw_response(self.time, self.output, self.std, self.WHAT, ax)
 
     def __repr__(self) -> str:
@@ -78,37 +72,13 @@ class StepResponse(Shown):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ImpulseResponse(StepResponse):
-    """The output by a unit impulse, from rest.
-
-    Attributes
-    ----------
-    time : (N,) array
-        In s.
-    output : (N,) array
-    std : (N,) array or None
-        Standard deviation of the output; None where it is not known.
-    """
+    """The output by a unit impulse, from rest: time, output and std as of a `StepResponse`."""
 
     WHAT = "impulse response"
 
     @classmethod
     def of(cls, model: TransferFunction, known: Uncertainty | None, time: FloatArray) -> Self:
-        """Return the response of a model at times (N,), which begin at 0 and are equally spaced, in s.
-
-        Parameters
-        ----------
-        model : TransferFunction
-            The model.
-        known : Uncertainty or None
-            Of the model, for the standard deviation.
-        time : (N,) array
-            Times in s.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the model has as many zeros as poles.
-        """
+        """Return the response at times (N,), see `StepResponse.of`; InvalidArgumentError if it holds an impulse."""
         if model.num.size == model.den.size:
             raise InvalidArgumentError(
                 "G(s) has as many zeros as poles: its impulse response holds an impulse; use step()"
@@ -154,13 +124,7 @@ class Bode(Shown):
         return np.asarray(phase - math.tau * round(float(phase[0]) / math.tau)) if phase.size else phase
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw magnitude and phase with their bands of +-2 standard deviations; return two axes of matplotlib.
-
-        Parameters
-        ----------
-        ax : two matplotlib axes, optional
-            Drawn into; without them a figure is made.
-        """
+        """Draw magnitude and phase with bands of +-2 standard deviations, into two axes ``ax`` if given."""
         return draw_bode({"model": self}, ax, argument="ax")
 
     def __repr__(self) -> str:
@@ -171,26 +135,10 @@ class Bode(Shown):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Nyquist(Bode):
-    """A frequency response in the complex plane.
-
-    Attributes
-    ----------
-    frequency : (F,) array
-        In rad/s.
-    response : (F,) complex array
-        G(i omega).
-    relative_std, phase_std : (F,) array or None
-        Standard deviations of ln abs G and of the phase in rad; None where they are not known.
-    """
+    """A frequency response in the complex plane: frequency, response and standard deviations as of a `Bode`."""
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw G(i omega) in the complex plane, with regions of 2 standard deviations; return the axes of matplotlib.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, optional
-            Drawn into; without it a figure is made.
-        """
+        """Draw G(i omega) with its regions of 2 standard deviations, into ``ax`` if given; return its axes."""
         return draw_nyquist(self.response, self.relative_std, self.phase_std, ax)
 
 
@@ -219,13 +167,7 @@ class PoleMap(Shown):
         return cls(model.poles, model.zeros, model.modes, () if known is None else known.modes)
 
     def plot(self, ax: Any = None) -> Any:
-        """Draw poles and zeros in the complex plane, with the poles' 95 % regions; return the axes of matplotlib.
-
-        Parameters
-        ----------
-        ax : matplotlib axes, optional
-            Drawn into; without it a figure is made.
-        """
+        """Draw poles and zeros with the poles' 95 % regions, into ``ax`` if given; return its axes."""
         regions = [(mode.mode.pole, mode.covariance) for mode in self.uncertain]
         return draw_poles({"model": (self.values, self.zeros, with_conjugates(regions))}, ax)
 
@@ -238,10 +180,7 @@ class PoleMap(Shown):
 
 
 def time_of(model: TransferFunction, given: float | None = None) -> FloatArray:
-    """Return times (N,) from 0 to a duration in s, by default until the slowest mode of the model has settled.
-
-    They are close enough to show the oscillation of each mode, not its aliases.
-    """
+    """Return times (N,) in s from 0 until the slowest mode has settled, close enough to show each oscillation."""
     if given is None:
         slowest = np.abs(model.poles.real)
         speeds = np.where(slowest > 1e-6 * np.abs(model.poles), slowest, np.abs(model.poles))

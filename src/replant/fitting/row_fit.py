@@ -119,9 +119,8 @@ def is_row(u: Any, *orders: Any) -> bool:
     return columns or several or any(isinstance(each, tuple) for each in orders)
 
 
-@quiet
-def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> RowFit:
-    """Return the fit of a row to samples of several inputs, see `replant.fitting.fit.fit`."""
+def ready_row(given: Samples, poles: Any, zeros: Any, delay: Any) -> tuple[RowRecord, tuple[Structure, ...]]:
+    """Return the record of a row, made ready, and the structure of each input, checked."""
     columns = _inputs(given.inputs)
     output, dt = vector("y", given.y), duration("dt", given.dt)
     if output.size != len(columns):
@@ -141,6 +140,14 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
         raise InvalidArgumentError(
             f"the dead time of {longest:g} s is no shorter than the record, which lasts {record.span:.6g} s"
         )
+    return ready, structures
+
+
+@quiet
+def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> RowFit:
+    """Return the fit of a row to samples of several inputs, see `replant.fitting.fit.fit`."""
+    ready, structures = ready_row(given, poles, zeros, delay)
+    columns, output, dt = _inputs(given.inputs), vector("y", given.y), duration("dt", given.dt)
     solution = solve_record(structures, ready, given.input_names)
     if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
@@ -152,8 +159,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     others = [*found.findings, *left_out(row, found.point, found.noise, rest), *left_out_finding(stuck.size)]
     verdict = judged(row, row.record, found.point, found.noise, found.covariance, others)
     simulated = ready.simulated(row, found.point, found.noise)
-    used = np.where(doubt == Doubt.NONE, output, np.nan)
-    fits = fit_percent(used, simulated), one_step_percent(row, found.point)
+    fits = fit_percent(ready.explained(row, output), simulated), one_step_percent(row, found.point)
     made = Provenance("srivc", given.source, given.sha256, row.count)
     model = row_model(row, ready, found, dt, given.output_name, fits, verdict, made)
     bad = int(np.sum(~(np.isfinite(columns).all(axis=1) & np.isfinite(output))))

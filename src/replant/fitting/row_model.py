@@ -219,7 +219,7 @@ class RowModel(RowFields):
         found = list(lacking(row, point, noise, np.zeros((size, size)) if self.covariance is None else self.covariance))
         clock = np.asarray(dt * np.arange(output.size), np.float64) if stamps is None else stamps
         return Validation(
-            fit_percent(output, simulated), one_step_percent(row, point),
+            fit_percent(ready.explained(row, output), simulated), one_step_percent(row, point),
             self._offset(ready, row, point), simulated, output - simulated, clock, None, None,
             Verdict(*conclude(found, UNSEEN)), row.count, False,
         )  # fmt: skip

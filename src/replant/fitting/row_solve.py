@@ -8,7 +8,7 @@ one without is served.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
 
@@ -74,7 +74,18 @@ class RowSolution(NamedTuple):
     doubt: IntArray
 
 
-def solve_record(structures: tuple[Structure, ...], ready: RowRecord, names: tuple[str, ...]) -> RowSolution | None:
+#: Where to begin with a row: what gives the points to begin at with a noise model.
+Begins = Callable[[Row], Callable[[Autoregression], list[Point]]]
+
+
+def started(row: Row) -> Callable[[Autoregression], list[Point]]:
+    """Return what begins with a row afresh."""
+    return partial(start, row.structures, row.record, row.inputs)
+
+
+def solve_record(
+    structures: tuple[Structure, ...], ready: RowRecord, names: tuple[str, ...], begins_of: Begins = started
+) -> RowSolution | None:
     """Return the estimate of a record without its bad outputs, found in turn with it; None where no start leads to one.
 
     What is bad is what `replant.estimation.solver.solve` leaves out of a record of one input.
@@ -84,9 +95,7 @@ def solve_record(structures: tuple[Structure, ...], ready: RowRecord, names: tup
     as_it_came = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
     for _ in range(solve.ROUNDS):
         row = Row(structures, solve.leaving_out(record, doubt), ready.inputs, names)
-        again: Callable[[Autoregression], list[Point]] = partial(start, structures, row.record, ready.inputs)
-        if solution is not None:
-            again = partial(_at, row, solution.found.point.theta)
+        again = begins_of(row) if solution is None else partial(_at, row, solution.found.point.theta)
         begins = again(white)
         if not begins and (doubt != as_it_came).any() and solution is None:
             doubt = as_it_came
@@ -95,13 +104,18 @@ def solve_record(structures: tuple[Structure, ...], ready: RowRecord, names: tup
             break
         found = solve_row(row, begins, again)
         solution = RowSolution(row, found, doubt)
-        modelled = replace(ready, record=row.record).simulated(row, found.point, found.noise)[ready.used] - ready.level
-        answers = record.answers(max(each.delay for each in structures))
-        modelled = np.where(answers, modelled, np.nan)
-        doubt = solve.doubted(record, modelled, found.noise.coefficients, ready.inputs)
+        doubt = doubts_of(row, ready, found.point, found.noise)
         if (doubt == solution.doubt).all():
             break
     return solution
+
+
+def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -> IntArray:
+    """Return the `Doubt` in each output (J,) of a record by a model of it."""
+    modelled = ready.simulated(row, point, noise)[ready.used] - ready.level
+    answers = ready.record.answers(max(each.delay for each in row.structures))
+    modelled = np.where(answers, modelled, np.nan)
+    return solve.doubted(ready.record, modelled, noise.coefficients, ready.inputs)
 
 
 def _at(row: Row, theta: FloatArray, noise: Autoregression) -> list[Point]:
@@ -110,16 +124,16 @@ def _at(row: Row, theta: FloatArray, noise: Autoregression) -> list[Point]:
 
 def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> RowEstimate:
     """Return the estimate that begins lead to; ``again`` gives those to begin at with a noise model."""
-    free, point, noise = _likeliest(row, begins, again)
+    free, point, noise = likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
     # without a noise model the two are the same; in feedback the estimate without one is that which is off
     if findings or not noise.order or not (_differs(row, free, point) or any(lacking(row, point, noise))):
-        return RowEstimate(point, noise, _covariance(row, point), findings)
+        return RowEstimate(point, noise, covariance_of(row, point), findings)
     white = Autoregression.white(1.0, row.count)
-    return RowEstimate(free, white, _covariance(row, free, noise_of(row, free)), (Finding("inconsistent", GIVEN_UP),))
+    return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), (Finding("inconsistent", GIVEN_UP),))
 
 
-def _likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> _Estimates:
+def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> _Estimates:
     """Return the estimate without a noise model and the likeliest with one.
 
     The start is made again with the noise model: beside slow noise the first one may lack what is fast.  No estimate is
@@ -147,7 +161,7 @@ class _Estimates(NamedTuple):
     noise: Autoregression
 
 
-def _covariance(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
+def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
     """Return the covariance (P, P) of a point: s^2 M^-1, or M^-1 Q M^-1 where its error has a colour.
 
     Q is the sum of the squares of the slopes filtered by 1/D backwards in time, times the variance of D e.

@@ -85,11 +85,7 @@ class Samples:
 
     @classmethod
     def of_several(cls, logs: list[Log]) -> Samples:
-        """Return the samples of several logs of one rig, one behind the other with a gap between.
-
-        Behind the gap the state is estimated anew, as behind any other, and the offset too: the logs may have begun at
-        other levels.
-        """
+        """Return the samples of several logs of one rig, a gap between, behind which state and offset begin anew."""
         first, origin, last = logs[0], 0.0, 0.0
         stamps: list[FloatArray] = []
         for number, log in enumerate(logs):
@@ -229,11 +225,7 @@ def is_frame(value: Any) -> bool:
 
 
 def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | None, reference: Any) -> Log:  # noqa: A002
-    """Return the log of a table's columns, and the other columns of numbers beside them.
-
-    The clock is ``dt``, or the column ``time``, or that called t, time or timestamp, or an index of dates or rising
-    numbers with a name.
-    """
+    """Return the log of a table's columns; its clock is ``dt``, ``time``, a column t or time, or the index."""
     names = [str(name) for name in frame.columns]
     if input is None or output is None:
         raise ArgumentTypeError(f"name columns of the table, input=... and output=...; there are {', '.join(names)}")

@@ -60,28 +60,44 @@ class Trial:
         return self.likelihood - self.price
 
     def uncertainty(self, span: float) -> float:
-        """Return the largest standard deviation of a coefficient as a part of its size.
-
-        Of a_i the size is that of the coefficient of prod(s + abs(pole)), as it would be if all poles were real; of b_j
-        it is its own.
-        """
-        structure, theta = self.structure, self.found.theta
-        std = np.sqrt(np.maximum(np.diag(self.found.covariance)[: structure.coefficients], 0.0))
-        denominator = real_coefficients(theta[structure.denominator], 1.0 / span)
-        sizes = np.concatenate([denominator, np.abs(theta[structure.numerator])])
-        largest = float((std / np.maximum(sizes, np.finfo(float).tiny)).max())
-        return largest if math.isfinite(largest) else math.inf
+        """Return the largest standard deviation of a coefficient as a part of its size, see `least_known`."""
+        return least_known(self.structure, self.found.theta, self.found.covariance, span)
 
     def grown(self, structure: Structure, dt: float) -> FloatArray:
         """Return the model as one of a larger structure: with poles as fast as the sampling."""
         less, theta = self.structure, self.found.theta
-        a, b = np.concatenate([[1.0], theta[less.denominator]]), theta[less.numerator]
-        for _ in range(structure.poles - less.poles):
-            a, b = np.convolve(a, [1.0, 1.0 / dt]), b / dt
         model = np.zeros(theta.size + structure.coefficients - less.coefficients + structure.poles - less.poles)
-        model[structure.denominator] = a[1:]
-        model[structure.coefficients - b.size : structure.coefficients] = b
+        model[: structure.coefficients] = grown(less, theta, structure, dt)
         return model
+
+
+def grown(less: Structure, theta: FloatArray, more: Structure, dt: float) -> FloatArray:
+    """Return the coefficients of a model as one with more poles, which are as fast as the sampling.
+
+    >>> grown(Structure(1), np.array([2.0, 3.0]), Structure(2, zeros=1), 0.5)
+    array([4., 4., 0., 6.])
+    """
+    a, b = np.concatenate([[1.0], theta[less.denominator]]), theta[less.numerator]
+    for _ in range(more.poles - less.poles):
+        a, b = np.convolve(a, [1.0, 1.0 / dt]), b / dt
+    model = np.zeros(more.coefficients)
+    model[more.denominator] = a[1:]
+    b = b[-(more.zeros + 1) :]
+    model[more.coefficients - b.size :] = b
+    return model
+
+
+def least_known(structure: Structure, theta: FloatArray, covariance: FloatArray, span: float) -> float:
+    """Return the largest standard deviation of a coefficient as a part of its size.
+
+    Of a_i the size is that of the coefficient of prod(s + abs(pole)), as it would be if all poles were real; of b_j
+    it is its own.
+    """
+    std = np.sqrt(np.maximum(np.diag(covariance)[: structure.coefficients], 0.0))
+    denominator = real_coefficients(theta[structure.denominator], 1.0 / span)
+    sizes = np.concatenate([denominator, np.abs(theta[structure.numerator])])
+    largest = float((std / np.maximum(sizes, np.finfo(float).tiny)).max())
+    return largest if math.isfinite(largest) else math.inf
 
 
 class Evidence:
@@ -110,15 +126,17 @@ class Evidence:
         explained = self._explained(structure.delay)
         if not (np.isfinite(error).all() and explained.any()):
             return None
+        numbers = structure.size + structure.poles + bool(structure.delay)
+        return Trial(structure, found, *self.judged(error, explained, numbers))
+
+    def judged(self, error: FloatArray, explained: BoolArray, numbers: int) -> tuple[float, float, float]:
+        """Return the log-likelihood of all samples by a model's error (K,), its price, and its fit in percent."""
         densities, order = self._densities(error, explained)
-        numbers = structure.size + structure.poles + bool(structure.delay) + order
         measured = self.record.y[explained]
         spread = max(float(np.linalg.norm(measured - measured.mean())), np.finfo(float).tiny)
-        return Trial(
-            structure,
-            found,
+        return (
             float(np.where(explained, densities, self._alone).sum()),
-            0.5 * numbers * math.log(error.size),
+            0.5 * (numbers + order) * math.log(error.size),
             100.0 * (1.0 - float(np.linalg.norm(error[explained])) / spread),
         )
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import html
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -16,108 +15,20 @@ from replant.estimation.engine.record import Record
 from replant.estimation.filters import RefinedFilter
 from replant.estimation.solver.solve import at_first
 from replant.fitting.fit import check_delay, check_length, fit_samples
-from replant.fitting.fit_result import FitResult
+from replant.fitting.row_fit import is_row
+from replant.fitting.row_search import Options, search_rows
 from replant.fitting.samples import RawRecord, Samples
+from replant.fitting.search_result import ALPHA as ALPHA
+from replant.fitting.search_result import BETWEEN, WORTH, top_of_parabola
+from replant.fitting.search_result import Candidate as Candidate
+from replant.fitting.search_result import SearchResult as SearchResult
 from replant.fitting.structure_evidence import Evidence, Trial
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess, screen
 from replant.model.structure import Structure
-from replant.numerics.arguments import record, vector, whole
+from replant.numerics.arguments import iterable, record, vector, whole
 from replant.numerics.limits import MOST_TRIED, dead_time, duration, increasing, several
 from replant.numerics.linear_algebra import chi2_quantile
-
-ALPHA = 1e-2
-"""Chance that a better likelihood is no more than chance [probability].
-Level: 1 %.
-"""
-
-# a dead time that lies a seventh of its standard deviation from the likeliest costs as much
-WORTH = 0.01  # gain that a dead time between two points of the grid must promise to be tried [log-likelihood]
-# halving as often would find it to a 256th of a sample; tops of parabolas come as near in fewer steps
-BETWEEN = 8  # dead times tried between two points of the grid, at the most [count]
-SHOWN = 6  # candidates within chance of the best that are shown, at the most [count]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Candidate:
-    """One structure of the grid.
-
-    Attributes
-    ----------
-    structure : Structure
-    fit : float
-        Fit in percent of the simulated output over all samples, with offset and initial state estimated; of an unstable
-        model, which would run away, of the output predicted one step ahead.  Minus infinity where there is no model,
-        or where the structure was left early: beside a smaller one, or a dead time next to it, it could not win.
-    likelihood : float
-        Logarithm of the likelihood of all samples.
-    criterion : float
-        Bayesian information criterion: N ln(K) less twice the log-likelihood, N numbers fitted to K samples.  Smaller
-        is better.
-    uncertainty : float
-        Largest standard deviation of a coefficient, as a part of its size.
-    """
-
-    structure: Structure
-    fit: float = -math.inf
-    likelihood: float = -math.inf
-    criterion: float = math.inf
-    uncertainty: float = math.inf
-
-    def __repr__(self) -> str:
-        size = f"{self.structure.poles} poles, {self.structure.zeros} zeros, {self.structure.delay:g} s"
-        return f"{size}: fit {self.fit:.1f} %" if self.was_tried else f"{size}: left early"
-
-    @property
-    def was_tried(self) -> bool:
-        """Whether there is a model of this structure."""
-        return math.isfinite(self.fit)
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class SearchResult:
-    """The result of a search.
-
-    Attributes
-    ----------
-    best : FitResult
-        The fit of the chosen structure to the whole record, its dead time found between the points of the grid.
-    chosen : Candidate
-    candidates : tuple of Candidate
-        All of the grid, in its order.
-    """
-
-    best: FitResult
-    chosen: Candidate
-    candidates: tuple[Candidate, ...]
-
-    @property
-    def likely(self) -> tuple[Candidate, ...]:
-        """Those worth reading, that of most evidence first: those within chance of it, and the best of each order."""
-        tried = sorted((each for each in self.candidates if each.was_tried), key=lambda each: each.criterion)
-        best = {each.structure.poles: each for each in reversed(tried)}
-        chance = [each for each in tried[:SHOWN] if each.criterion <= tried[0].criterion - 2.0 * math.log(ALPHA)]
-        worth = {id(each) for each in (*chance, *best.values(), self.chosen)}
-        return tuple(each for each in tried if id(each) in worth)
-
-    @property
-    def rest(self) -> str:
-        """What is to be said of the others, in one line; empty where there are none."""
-        more = len(self.candidates) - len(self.likely)
-        early = sum(not each.was_tried for each in self.candidates)
-        if not more:
-            return ""
-        return f"{more} more explain{'s' if more == 1 else ''} less" + (
-            f", {early} of them left early" if early else ""
-        )
-
-    def __repr__(self) -> str:
-        rows = [f"{each!r}, {0.5 * (self.chosen.criterion - each.criterion):+.1f} evidence" for each in self.likely]
-        of = f"<SearchResult of {len(self.candidates)} structures: {self.best.model!r}"
-        return "\n  ".join([of, *rows, *([self.rest] if self.rest else [])]) + ">"
-
-    def _repr_html_(self) -> str:
-        return f"<pre>{html.escape(repr(self))}</pre>{self.best._repr_html_()}"
 
 
 @in_our_words
@@ -144,31 +55,23 @@ def search(
     the dead time found between the points of the grid.  The grid's own dead time stays unless another brings more than
     ln(K) / 2.  Structures that cannot win are left early.
 
+    Of several inputs not all structures are tried.  From the smallest one of each input, one input is changed at a
+    time: its dead time along the grid, a pole or a zero more or fewer, as long as the evidence rises.
+
     Parameters
     ----------
-    u : (K,) array, Log, list of Log, or table
-        Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
-    y : (K,) array
-        Output.
-    dt : float
-        Sampling time in s.
+    u, y, dt : as of `fit`
+        A record, ``u`` (K,) or (K, q) of q inputs, a log, several logs of one rig, or columns of a table.
     poles : int or iterable of int
-        Numbers of poles to try.
+        Numbers of poles to try; of several inputs from each, or a tuple with a range for each, as for the following.
     zeros : int or iterable of int, optional
         Numbers of zeros to try; by default all below the number of poles.
     delays : float or iterable of float
         Dead times to try, in s.
     bias : bool
         Whether a bias is identified.
-    preprocess : Preprocess
-        Input map and working point; see `fit`.
-    reference : (K,) array, optional
-        Where a controller makes the input, see `fit`.
-    t : (K,) array, optional
-        Time stamps in s, strictly increasing, of an irregular clock.
-    input, output : str, optional
-        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
-        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
+    preprocess, reference, t, input, output : as of `fit`
+        Working point, set-point, time stamps, columns of the table.
     progress : callable
         Called before each structure with how many were tried, of how many.
 
@@ -197,6 +100,11 @@ def search(
     2
     """
     given = Samples.of(u, y, dt, t, reference, input, output)
+    if is_row(u):
+        for name, is_given in (("bias", bias), ("preprocess", preprocess), ("reference", reference is not None)):
+            if is_given:
+                raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
+        return search_rows(given, _options(given, poles, zeros, delays), progress)
     preprocess = given.preprocess if preprocess is None else preprocess
     u, y = record(given.u, given.y)
     dt, times = duration("dt", given.dt), sorted(set(several("delays", delays, dead_time)))
@@ -221,8 +129,8 @@ def search(
     progress(len(grid), len(grid))
     candidates = tuple(sweep.candidate(structure) for structure in grid)
     nearest = min(
-        (each for each in candidates if _size(each.structure) == _size(chosen.structure)),
-        key=lambda each: abs(each.structure.delay - chosen.structure.delay),
+        (each for each in candidates if _size(each.structures[0]) == _size(chosen.structure)),
+        key=lambda each: abs(each.structures[0].delay - chosen.structure.delay),
     )
     return SearchResult(given.named(best), nearest, candidates)
 
@@ -344,7 +252,7 @@ class _Sweep:
             return
         found = {trial.structure.delay: trial for trial in self._of(_size(best.structure))}
         for _ in range(BETWEEN):
-            delay, gain = _top_of_parabola({each: trial.likelihood for each, trial in found.items()}, low, high)
+            delay, gain = top_of_parabola({each: trial.likelihood for each, trial in found.items()}, low, high)
             if gain < WORTH or delay in found:
                 break
             beside = found[min(found, key=lambda each: abs(each - delay))]
@@ -355,21 +263,31 @@ class _Sweep:
         self._between[_size(best.structure)] = max(found.values(), key=lambda trial: trial.evidence)
 
 
-def _top_of_parabola(values: Mapping[float, float], low: float, high: float) -> tuple[float, float]:
-    """Return where the parabola through the best of some values and its neighbours is highest, and by how much."""
-    best = max(values, key=lambda place: values[place])
-    near = sorted((place for place in values if place != best), key=lambda place: abs(place - best))
-    if len(near) < 2:
-        return (0.5 * (best + (near[0] if near else low + high - best)), math.inf)
-    across = [place for place in near if (place < best) != (near[0] < best)]  # on the other side
-    others = near[0], across[0] if across else near[1]
-    slopes = [(values[place] - values[best]) / (place - best) for place in others]
-    bend = (slopes[1] - slopes[0]) / (others[1] - others[0])
-    if not -math.inf < bend < 0.0:
-        return best, 0.0
-    tilt = slopes[0] - bend * (others[0] - best)
-    top = min(max(-0.5 * tilt / bend, low - best), high - best)
-    return best + top, top * (tilt + bend * top)
+def _options(given: Samples, poles: Any, zeros: Any, delays: Any) -> list[Options]:
+    """Return what may be tried of each of several inputs: the same of all, or a range for each."""
+    count = np.shape(given.inputs)[1]
+    found = []
+    for i in range(count):
+        each = [
+            _of_input(name, asked, i, count) for name, asked in (("poles", poles), ("zeros", zeros), ("delays", delays))
+        ]
+        orders = _grid(each[0], each[1], (0.0,), bias=False)
+        sizes = sorted({_size(structure) for structure in orders})
+        times = tuple(sorted(set(several("delays", each[2], dead_time))))
+        allowed = None if each[1] is None else tuple(sorted({m for _, m in sizes}))
+        found.append(Options(tuple(sorted({n for n, _ in sizes})), allowed, times))
+    return found
+
+
+def _of_input(name: str, asked: Any, i: int, count: int) -> Any:
+    """Return what is asked of an input: its own range of ranges, or the one of all."""
+    if not isinstance(asked, list | tuple) or not any(iterable(each) for each in asked):
+        return asked
+    if len(asked) != count:
+        raise InvalidArgumentError(
+            f"{name} has {len(asked)} ranges and u {count} inputs: give one for each, or one for all"
+        )
+    return asked[i]
 
 
 def _size(structure: Structure) -> tuple[int, int]:

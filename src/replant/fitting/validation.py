@@ -172,15 +172,9 @@ def validate(
 
 
 def _verdict(
-    model: ModelFields,
-    v: FloatArray,
-    y: FloatArray,
-    clock: FloatArray,
-    r: FloatArray | None,
-    dt: float,
-    *,
+    model: ModelFields, v: FloatArray, y: FloatArray, clock: FloatArray, r: FloatArray | None, dt: float, *,
     regular: bool,
-) -> Verdict:
+) -> Verdict:  # fmt: skip
     """Return the verdict on the model by the samples of a record that have input and output."""
     kept = np.isfinite(y)
     intervals = np.array([dt]) if regular and kept.all() else np.diff(clock[kept], prepend=clock[kept][:1] - dt)

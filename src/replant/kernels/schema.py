@@ -36,7 +36,8 @@ Ints = np.ndarray[Any, np.dtype[np.int64]]
 
 PAST: Final = 4
 """Past estimates kept; what came after the oldest is held out from it, for assessment [count].
-Origin: not recorded; kept, see sensitivity.
+Derivation: they are a step apart, so that the oldest is three to four steps old: of the most that is held out at least
+three quarters are; with two it were a half, and eight take twice the room for an eighth more.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
@@ -92,7 +93,7 @@ jitter of a tenth in.
 
 MOST_EARLIER: Final = 10
 """Stamps in a row that advance, but lie before the newest accepted one, after which the clock was set [samples].
-Origin: not recorded; kept, see sensitivity.
+Origin: a packet of ten samples that comes twice sets no clock; a clock that is set costs as many samples.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -364,7 +365,7 @@ class StateSlots(Table):
     stuck_at = Real("output at which the sensor was last found stuck, or the end of its scale", MONITORING, "of y")
     stuck_also = Real("the one before that: a scale has two ends", MONITORING, "of y")
     sensor_step = Real(
-        "least difference of two outputs in a row lately: the step of a sensor's scale",
+        "least difference of two outputs in a row that is not 0: the step of a sensor's scale",
         MONITORING,
         "of y",
         least=0.0,

@@ -1,4 +1,4 @@
-r"""Shared roots: a pole that a zero may cancel, so that the data do not tell the coefficients.
+r"""Shared roots: a pole that a zero may cancel, one at infinity too, so that the data do not tell the coefficients.
 
 Where A and B share a root p, G(s) is that of fewer poles and zeros, times (s - p)/(s - p): p may be any number, and the
 coefficients with it.  The covariance of an estimate whose pole and zero nearly cancel says how well they are known
@@ -32,6 +32,8 @@ was exceeded by none; of 992 estimates of random plants 131 had a coefficient ov
 them among the 156 below it.
 Sensitivity: not measured.
 """
+
+UNKNOWN = 2.0  # distance from zero within which a coefficient has no size: its 95 % interval [standard deviations]
 
 REACH = 1e3
 """How far a real root is looked for beyond the slowest and the fastest pole [ratio of magnitudes].
@@ -87,6 +89,25 @@ def cancelled_pole(structure: Structure, parameters: FloatArray, covariance: Flo
         return None
     nearest = complex(poles[np.abs(poles - best).argmin()])
     return complex(nearest.real, abs(nearest.imag))
+
+
+@quiet
+def untold_pole(structure: Structure, parameters: FloatArray, covariance: FloatArray) -> complex | None:
+    """Return the fastest pole where no coefficient is known, of a pair that above the real axis; else None.
+
+    It may then be infinitely fast: every coefficient of A and B holds its product with the others.
+
+    >>> untold_pole(Structure(2), np.array([3.0, 2.0, 1.0]), np.diag([3.0, 2.0, 1.0]) ** 2)
+    (-2+0j)
+    >>> untold_pole(Structure(2), np.array([3.0, 2.0, 1.0]), np.diag([3.0, 2.0, 0.1]) ** 2)
+    """
+    size = structure.coefficients
+    std = np.sqrt(np.diag(covariance)[:size])
+    if structure.poles < 2 or not (np.abs(parameters[:size]) < UNKNOWN * std).all():
+        return None
+    poles = roots(np.append(1.0, parameters[structure.denominator]))
+    fastest = complex(poles[np.abs(poles).argmax()])
+    return complex(fastest.real, abs(fastest.imag))
 
 
 def _real(poles: npt.NDArray[np.complex128], zeros: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:

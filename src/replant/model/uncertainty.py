@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.model.mode import Mode
-from replant.model.shared_root import cancelled_pole
+from replant.model.shared_root import cancelled_pole, untold_pole
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import (
@@ -50,8 +50,8 @@ class Uncertainty:
 
     A figure :math:`f(\theta)` has the variance :math:`J C J^T` with :math:`J = \partial f / \partial \theta`.  This
     holds if the figure is nearly linear over a few standard deviations.  It does not hold of a coefficient where a pole
-    and a zero may cancel: its standard deviation, and that of the pole, is then infinite, see
-    `replant.model.shared_root`.
+    and a zero may cancel, or where a pole may be infinitely fast: its standard deviation, and that of the pole, is then
+    infinite, see `replant.model.shared_root`.
 
     Parameters
     ----------
@@ -89,6 +89,11 @@ class Uncertainty:
         """The pole that a zero may cancel, of a pair that above the real axis; None where there is none."""
         return cancelled_pole(self.structure, self.parameters, self.covariance)
 
+    @cached_property
+    def untold_pole(self) -> complex | None:
+        """The fastest pole where it may be infinitely fast, of a pair that above the real axis; else None."""
+        return untold_pole(self.structure, self.parameters, self.covariance)
+
     def __repr__(self) -> str:
         known = zip(self.structure.names, self.parameters.tolist(), self.std.tolist(), strict=False)
         return f"<Uncertainty {', '.join(f'{name} {value:.4g} +- {std:.2g}' for name, value, std in known)}>"
@@ -96,8 +101,8 @@ class Uncertainty:
     @property
     @quiet
     def std(self) -> FloatArray:
-        """Standard deviation of each parameter, (P,); infinite where a pole and a zero may cancel."""
-        if self.cancelled_pole is not None:
+        """Standard deviation of each parameter, (P,); infinite where the samples do not tell a pole."""
+        if self.cancelled_pole is not None or self.untold_pole is not None:
             return np.full(self.structure.size, math.inf)
         return np.asarray(np.sqrt(np.maximum(np.diag(self.covariance), 0.0) + 0.0 * np.diag(self.covariance)))
 
@@ -105,12 +110,13 @@ class Uncertainty:
     def modes(self) -> tuple[UncertainMode, ...]:
         """The poles of `TransferFunction.modes`, in the same order, with their standard deviations.
 
-        Those of a pole that a zero may cancel are infinite.
+        Those of a pole that the samples do not tell are infinite.
         """
         found, cancelled = self.first_order_modes, self.cancelled_pole
-        if cancelled is None:
+        untold = self.untold_pole if cancelled is None else cancelled
+        if untold is None:
             return found
-        nearest = min(found, key=lambda each: abs(each.mode.pole - cancelled))
+        nearest = min(found, key=lambda each: abs(each.mode.pole - untold))
         return tuple(_unknown(each.mode, math.inf) if each is nearest else each for each in found)
 
     @property

@@ -22,26 +22,12 @@ def keep(instance: object, name: str, check: Callable[..., Any], *limits: Any, c
 
     The object never holds the value that the caller passed: a narrow integer would wrap in arithmetic, and an array
     could be changed later.
-
-    >>> from dataclasses import dataclass
-    >>> @dataclass(frozen=True)
-    ... class Clock:
-    ...     dt: float
-    ...
-    ...     def __post_init__(self) -> None:
-    ...         keep(self, "dt", positive)
-    >>> Clock(1)
-    Clock(dt=1.0)
     """
     object.__setattr__(instance, name, check(called or name, getattr(instance, name), *limits, **how))
 
 
 def number(name: str, value: Any) -> float:
-    """Return ``value`` as a float; ``name`` is its name in messages, here and in all checks below.
-
-    >>> number("dt", 1)
-    1.0
-    """
+    """Return ``value`` as a float; ``name`` is its name in messages, here and in all checks below."""
     not_a_number = isinstance(value, str | bytes | complex | np.ma.MaskedArray)
     of_numpy = isinstance(value, np.ndarray | np.generic)
     if not_a_number or (of_numpy and (value.ndim > 0 or value.dtype.kind not in "fiub")):
@@ -56,11 +42,7 @@ def number(name: str, value: Any) -> float:
 
 
 def finite(name: str, value: Any) -> float:
-    """Return ``value`` as a finite float.
-
-    >>> finite("gain", -2)
-    -2.0
-    """
+    """Return ``value`` as a finite float."""
     result = number(name, value)
     if not math.isfinite(result):
         raise InvalidArgumentError(f"{name} must be finite, got {result}")
@@ -68,12 +50,7 @@ def finite(name: str, value: Any) -> float:
 
 
 def positive(name: str, value: Any) -> float:
-    """Return ``value`` as a finite float above zero.
-
-    >>> positive("dt", 0.0)
-    Traceback (most recent call last):
-    replant.errors.InvalidArgumentError: dt must be greater than 0, got 0
-    """
+    """Return ``value`` as a finite float above zero."""
     result = finite(name, value)
     if result <= 0:
         raise InvalidArgumentError(f"{name} must be greater than 0, got {result:g}")
@@ -81,11 +58,7 @@ def positive(name: str, value: Any) -> float:
 
 
 def not_negative(name: str, value: Any) -> float:
-    """Return ``value`` as a finite float of at least zero.
-
-    >>> not_negative("noise", 0)
-    0.0
-    """
+    """Return ``value`` as a finite float of at least zero."""
     result = finite(name, value)
     if result < 0:
         raise InvalidArgumentError(f"{name} must be at least 0, got {result:g}")
@@ -93,11 +66,7 @@ def not_negative(name: str, value: Any) -> float:
 
 
 def between(name: str, value: Any, low: float, high: float, *, closed: str = "left") -> float:
-    """Return ``value`` as a float in an interval.
-
-    >>> between("forgetting_factor", 0.99, 0.0, 1.0)
-    0.99
-    """
+    """Return ``value`` as a float in an interval."""
     result = finite(name, value)
     inside = low <= result <= high if closed == "both" else low <= result < high
     if not inside:
@@ -107,11 +76,7 @@ def between(name: str, value: Any, low: float, high: float, *, closed: str = "le
 
 
 def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
-    """Return ``value`` as an int; neither 2.0 nor True is accepted.
-
-    >>> whole("poles", np.int8(2), 1)
-    2
-    """
+    """Return ``value`` as an int; neither 2.0 nor True is accepted."""
     if isinstance(value, bool | np.ma.MaskedArray) or (isinstance(value, np.ndarray) and value.ndim > 0):
         raise ArgumentTypeError(f"{name} must be a whole number, got {_describe(value)}")
     try:
@@ -126,11 +91,7 @@ def whole(name: str, value: Any, least: int, most: int | None = None) -> int:
 
 
 def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
-    """Return ``value``, which must be one of several words.
-
-    >>> one_of("method", "srivc", ("srivc", "least_squares"))
-    'srivc'
-    """
+    """Return ``value``, which must be one of several words."""
     if not isinstance(value, str) or value not in choices:
         listed = ", ".join(repr(choice) for choice in choices)
         raise InvalidArgumentError(f"{name} must be one of {listed}, got {shown(value)}")
@@ -138,33 +99,21 @@ def one_of(name: str, value: Any, choices: Sequence[str]) -> str:
 
 
 def truth(name: str, value: Any) -> bool:
-    """Return ``value`` as a bool; 1 and 0 are not accepted.
-
-    >>> truth("bias", np.True_)
-    True
-    """
+    """Return ``value`` as a bool; 1 and 0 are not accepted."""
     if not isinstance(value, bool | np.bool_):
         raise ArgumentTypeError(f"{name} must be True or False, got {shown(value)}")
     return bool(value)
 
 
 def text(name: str, value: Any) -> str:
-    """Return ``value`` as a plain str.
-
-    >>> text("input_name", np.str_("voltage [V]"))
-    'voltage [V]'
-    """
+    """Return ``value`` as a plain str."""
     if not isinstance(value, str):
         raise ArgumentTypeError(f"{name} must be a str, got {shown(value)}")
     return str(value)
 
 
 def instance(name: str, value: Any, *kinds: Any) -> Any:
-    """Return ``value`` if it is an instance of a class, or equal to a word or None.
-
-    >>> instance("replay", "auto", dict, "auto", None)
-    'auto'
-    """
+    """Return ``value`` if it is an instance of a class, or equal to a word or None."""
     classes = tuple(kind for kind in kinds if isinstance(kind, type))
     if isinstance(value, classes):
         return value
@@ -178,12 +127,7 @@ def instance(name: str, value: Any, *kinds: Any) -> Any:
 
 
 def array_of_reals(name: str, value: Any) -> FloatArray:
-    """Return ``value`` as a contiguous float64 array of its own shape; entries that are masked are NaN.
-
-    >>> array_of_reals("A", [[1, 2], [3, 4]])
-    array([[1., 2.],
-           [3., 4.]])
-    """
+    """Return ``value`` as a contiguous float64 array of its own shape; entries that are masked are NaN."""
     try:
         array = np.asarray(value)
     except (ValueError, TypeError, OverflowError) as cause:
@@ -198,11 +142,7 @@ def array_of_reals(name: str, value: Any) -> FloatArray:
 
 
 def vector(name: str, value: Any) -> FloatArray:
-    """Return ``value`` as a contiguous float64 vector (K,).
-
-    >>> vector("u", [1, 2])
-    array([1., 2.])
-    """
+    """Return ``value`` as a contiguous float64 vector (K,)."""
     array = array_of_reals(name, value)
     if array.ndim != 1:
         raise InvalidArgumentError(f"{name} must be a vector of shape (K,), got shape {array.shape}")
@@ -210,11 +150,7 @@ def vector(name: str, value: Any) -> FloatArray:
 
 
 def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
-    """Return input and output as vectors (K,) of equal length.
-
-    >>> record([1, 2], [0, 1])
-    (array([1., 2.]), array([0., 1.]))
-    """
+    """Return input and output as vectors (K,) of equal length."""
     u_vector, y_vector = vector("u", u), vector("y", y)
     if u_vector.size != y_vector.size:
         raise InvalidArgumentError(
@@ -224,11 +160,7 @@ def record(u: Any, y: Any) -> tuple[FloatArray, FloatArray]:
 
 
 def coefficients(name: str, value: Any) -> FloatArray:
-    """Return polynomial coefficients, in descending powers, as a finite read-only vector of at least one entry.
-
-    >>> coefficients("den", [1, 4, 3])
-    array([1., 4., 3.])
-    """
+    """Return polynomial coefficients, in descending powers, as a finite read-only vector of at least one entry."""
     result = np.atleast_1d(array_of_reals(name, value)).copy()
     if result.ndim != 1 or result.size == 0:
         raise InvalidArgumentError(f"{name} must be a non-empty list of coefficients, got shape {result.shape}")
@@ -239,22 +171,12 @@ def coefficients(name: str, value: Any) -> FloatArray:
 
 
 def numbers(name: str, value: Any) -> tuple[float, ...]:
-    """Return one or more finite numbers as a tuple of floats; raises as `coefficients` does.
-
-    Examples
-    --------
-    >>> numbers("sigmas", [1, 2])
-    (1.0, 2.0)
-    """
+    """Return one or more finite numbers as a tuple of floats; raises as `coefficients` does."""
     return tuple(coefficients(name, value).tolist())
 
 
 def owned(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
-    """Return a read-only copy of ``value`` as a float64 array.
-
-    >>> owned("covariance", [[1, 0], [0, 1]], (2, 2)).flags.writeable
-    False
-    """
+    """Return a read-only copy of ``value`` as a float64 array."""
     array = array_of_reals(name, value).copy()
     if array.shape != shape:
         raise InvalidArgumentError(f"{name} must have shape {shape}, got {array.shape}")
@@ -263,13 +185,7 @@ def owned(name: str, value: Any, shape: tuple[int, ...]) -> FloatArray:
 
 
 def iterable(value: Any) -> bool:
-    """Return whether a value stands for several: text and a 0-d array have the method, but stand for themselves.
-
-    Examples
-    --------
-    >>> iterable([1.0]), iterable("words"), iterable(np.array(1.0))
-    (True, False, False)
-    """
+    """Return whether a value stands for several: text and a 0-d array have the method, but stand for themselves."""
     return isinstance(value, Iterable) and not isinstance(value, str | bytes) and getattr(value, "ndim", 1) != 0
 
 

@@ -56,15 +56,7 @@ class Autoregression:
 
     @classmethod
     def of(cls, error: FloatArray) -> Autoregression:
-        """Return the model of ``error`` (K,), every sample finite.
-
-        >>> noise = np.random.default_rng(0).standard_normal(5000)
-        >>> slow = np.convolve(noise, 0.9 ** np.arange(100))
-        >>> Autoregression.of(slow).coefficients.round(1)
-        array([ 1. , -0.9])
-        >>> Autoregression.of(noise).coefficients
-        array([1.])
-        """
+        """Return the model of ``error`` (K,), every sample finite."""
         sums, count = sums_of(error, np.minimum(np.arange(error.size), LAGS))
         if count < LEAST:
             return cls.white(float(error @ error), error.size)
@@ -72,11 +64,7 @@ class Autoregression:
 
     @classmethod
     def of_sums(cls, sums: FloatArray, count: float) -> Autoregression:
-        """Return the model with these sums of e_{k-i} e_{k-j}, (LAGS + 1, LAGS + 1), over ``count`` samples.
-
-        >>> Autoregression.of_sums(100.0 * 0.5 ** abs(np.subtract.outer(np.arange(5.0), np.arange(5.0))), 100).order
-        1
-        """
+        """Return the model with these sums of e_{k-i} e_{k-j}, (LAGS + 1, LAGS + 1), over ``count`` samples."""
         from replant.kernels.filters.series import nested_models
 
         size = LAGS + 1
@@ -154,10 +142,7 @@ class Autoregression:
 
 
 def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
-    """Return a monic polynomial (p + 1,) without roots outside the unit circle, and a gain.
-
-    Their product has the same magnitude on the circle as ``model`` (p + 1,).
-    """
+    """Return a monic polynomial without roots outside the unit circle, and the gain that keeps its magnitude."""
     places = roots(model)
     outside = np.abs(places) > 1.0
     if not outside.any():
@@ -175,11 +160,7 @@ def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
 
 @quiet
 def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
-    """Return the logarithm of the likelihood ratio of two models of a record by their residuals (K,) on it.
-
-    Each is whitened by a noise model of its own: K / 2 log(power of the other / power of the one).  It does not depend
-    on the unit; a residual that leaves float64 is the less likely one.
-    """
+    """Return K / 2 ln of the power ratio of two whitened residuals (K,); one that leaves float64 is the less likely."""
     held, other_held = bool(np.isfinite(error).all()), bool(np.isfinite(other).all())
     if not (held and other_held):
         return 0.0 if held == other_held else math.inf if held else -math.inf
@@ -191,14 +172,7 @@ def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
 
 @quiet
 def one_step(residual: FloatArray) -> FloatArray:
-    """Return the one-step prediction error (K,) of a free run's residual (K,), modelled as an autoregression.
-
-    A sample without a complete finite past keeps its residual: it cannot be predicted.
-
-    >>> slow = np.sin(np.arange(200) / 10)
-    >>> bool(np.std(one_step(slow)) < 0.1 * np.std(slow))
-    True
-    """
+    """Return the error (K,) of a residual predicted by an autoregression; without a whole past it stays as it is."""
     if residual.size <= LAGS:
         return residual
     known = np.isfinite(residual)
@@ -214,14 +188,7 @@ def one_step(residual: FloatArray) -> FloatArray:
 
 
 def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> FloatArray:
-    """Return what the residual (K,) is expected to be, from those ``horizon`` samples ago and earlier.
-
-    The prediction is the first row of C^horizon times the newest p known residuals, C the companion matrix of the
-    autoregression.  Residuals from before the record count as zero.
-
-    >>> ahead(np.array([1.0, -0.5]), np.array([8.0, 4.0, 2.0]), horizon=2)
-    array([0., 0., 2.])
-    """
+    """Return what the residual (K,) is expected to be ``horizon`` samples on: by the companion matrix."""
     order = coefficients.size - 1
     if order == 0 or horizon >= residual.size:
         return np.zeros(residual.size)
@@ -235,10 +202,6 @@ def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL)
     r"""Return the portmanteau statistic :math:`N \sum_\tau \hat r_e^2(\tau)` of a residual (K,) over its limit.
 
     Of a residual that a model of so many coefficients has whitened it has as many degrees of freedom less.
-
-    >>> noise = np.random.default_rng(0).standard_normal(2000)
-    >>> whiteness(noise) < 1.0 < whiteness(noise[1:] + noise[:-1])
-    True
     """
     lags = min(WHITENESS_LAGS, error.size // 4)
     power = float(error @ error)
@@ -249,26 +212,13 @@ def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL)
 
 
 def places_on_grid(intervals: FloatArray, dt: float) -> IntArray:
-    """Return the place (K,) of each sample on a grid of step ``dt``, the first one's the places that it follows.
-
-    Each sample takes the next place, after one empty place for each sample that was lost.  More than LAGS in a row are
-    counted as LAGS: what comes after has no known past either way.
-
-    >>> places_on_grid(np.array([1.0, 1.2, 2.9, 0.1, 70.0]), dt=1.0)
-    array([ 0,  1,  4,  5, 10])
-    """
+    """Return the place (K,) of each sample on a grid of step ``dt``; of those lost in a row up to LAGS count."""
     lost = np.clip(np.rint(np.minimum(intervals / dt, LAGS + 1.0)) - 1.0, 0.0, LAGS).astype(np.int64)
     return np.asarray(np.arange(intervals.size) + np.cumsum(lost))
 
 
 def one_step_with_lost(residual: FloatArray, t: FloatArray, dt: float) -> FloatArray:
-    """Return what `one_step` does of a residual (K,) on an irregular clock: lost samples are part of no known past.
-
-    >>> slow, kept = np.sin(np.arange(400) / 10), np.arange(400) % 50 > 3
-    >>> error = one_step_with_lost(slow[kept], np.flatnonzero(kept) * 0.1, 0.1)
-    >>> bool(np.median(abs(error)) < 1e-6), bool(abs(error[46]) == abs(slow[54]))  # 46: the first after a gap
-    (True, True)
-    """
+    """Return what `one_step` does of a residual (K,) on an irregular clock: lost samples are part of no known past."""
     places = places_on_grid(np.diff(t, prepend=t[:1] - dt), dt)
     spread = np.full(places[-1] + 1 if places.size else 0, np.nan)
     spread[places] = residual

@@ -63,10 +63,7 @@ def count(name: str, value: Any, least: int, numbers: int = 1) -> int:
 
 
 def granted(what: str, numbers: int) -> None:
-    """Raise InvalidArgumentError where the system does not grant memory for so many ``numbers`` of eight bytes.
-
-    It is asked for the memory and given it back, untouched: so nothing of it is used, and no limit is guessed.
-    """
+    """Raise InvalidArgumentError where the system, asked for it, does not grant memory of so many float64."""
     try:
         if numbers:
             np.empty(numbers)

@@ -19,11 +19,7 @@ quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
 
 @quiet
 def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
-    """Return the roots of a polynomial in descending powers; NaN where they leave float64.
-
-    >>> roots(np.array([1.0, 3.0, 2.0])).real, roots(np.array([1e-300, 1e300]))
-    (array([-2., -1.]), array([nan+nanj]))
-    """
+    """Return the roots of a polynomial in descending powers; NaN where they leave float64."""
     try:
         return np.roots(polynomial).astype(np.complex128)
     except np.linalg.LinAlgError:
@@ -50,13 +46,7 @@ def eigenvalues(symmetric: FloatArray) -> FloatArray:
 
 @quiet
 def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
-    """Return the solution (T,) of ``matrix`` x = ``right``, rows and columns equilibrated; None where singular.
-
-    None as well where the matrix (T, T), the right side (T,) or the solution is not finite.
-
-    >>> solve(np.array([[2.0, 0.0], [0.0, 4.0]]), np.array([1.0, 1.0])), solve(np.zeros((1, 1)), np.ones(1))
-    (array([0.5 , 0.25]), None)
-    """
+    """Return the solution (T,), rows and columns equilibrated; None where singular, or anything is not finite."""
     size = np.sqrt(np.abs(np.diag(matrix)))
     size[~(size > 0.0)] = 1.0
     scaled = matrix / np.outer(size, size)
@@ -72,10 +62,7 @@ def solve(matrix: FloatArray, right: FloatArray) -> FloatArray | None:
 
 @quiet
 def least_norm(columns: FloatArray, target: FloatArray, tolerance: float) -> tuple[FloatArray, int, FloatArray]:
-    """Return the least-squares solution of least norm (P,), the rank, and the singular values of the columns.
-
-    Without a solution these are zeros, 0, and an empty array.
-    """
+    """Return the least-squares solution of least norm (P,), rank and singular values; zeros if none."""
     nothing = np.zeros(columns.shape[1]), 0, np.zeros(0)
     if not (np.isfinite(columns).all() and np.isfinite(target).all()):
         return nothing
@@ -174,10 +161,7 @@ def factor_covariance(covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @quiet
 def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
-    """Return the covariance of an estimate under coloured noise, with at least the variances under white noise.
-
-    A coloured variance of zero means that the autoregression explains the residual to rounding: it is then the white.
-    """
+    """Return a coloured covariance with at least the variances under white noise; the white one where one is zero."""
     if not (np.diag(coloured) > np.finfo(float).eps * np.diag(white)).all():
         return white
     stretch = np.sqrt(np.maximum(np.diag(white) / np.diag(coloured), 1.0))
@@ -185,13 +169,7 @@ def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
 
 
 def chi2_quantile(probability: float, degrees: int) -> float:
-    r"""Return the value that a chi-square variable exceeds with 1 - ``probability``.
-
-    With :math:`P` the regularized lower incomplete gamma function, :math:`P(\nu / 2, x / 2) = p`.
-
-    >>> round(chi2_quantile(0.99, 25), 2)
-    44.31
-    """
+    r"""Return x with :math:`P(\nu / 2, x / 2) = p`, what a chi-square variable exceeds with 1 - ``probability``."""
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(degrees / 2.0, probability))

@@ -24,13 +24,7 @@ GOLDEN = 0.6180339887498949  # distance of two shifts, so that no period meets s
 
 
 def products(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a' b (P, Q) of columns a (K, P) and b (K, Q).
-
-    >>> columns = np.arange(6.0).reshape(3, 2)
-    >>> products(columns, columns)
-    array([[20., 26.],
-           [26., 35.]])
-    """
+    """Return a' b (P, Q) of columns a (K, P) and b (K, Q)."""
     rows = max(16, SMALL // (a.shape[1] * b.shape[1]))
     total = np.zeros((a.shape[1], b.shape[1]))
     for begin in range(0, len(a), rows):
@@ -70,12 +64,6 @@ def widening(basis: FloatArray, left: FloatArray) -> float:
     The part, over the residual's variance, is chi-square where the residual is white.  Where it is not quite, the part
     is compared with that of the same residual shifted against the columns, so far that they have nothing to do with
     each other: the median over `SHIFTS` shifts, over that of chi-square.
-
-    >>> noise = np.random.default_rng(0).standard_normal((3, 5000))
-    >>> slow = np.array([np.convolve(each, 0.95 ** np.arange(100))[:5000] for each in noise])
-    >>> columns = np.linalg.qr(slow[:2].T)[0]
-    >>> widening(columns, slow[2]) > 3.0
-    True
     """
     if not basis.shape[1] or not left.any():
         return 1.0
@@ -93,12 +81,7 @@ Sensitivity: not measured.
 
 
 def laguerre(r: FloatArray, pole: float) -> FloatArray:
-    """Return the states (K, 12) of the functions with this pole, driven by r - mean r (K,).
-
-    >>> laguerre(np.array([1.0, -1.0]), 0.6)[:, :2].round(2)
-    array([[ 0.8 , -0.48],
-           [-0.32,  0.7 ]])
-    """
+    """Return the states (K, 12) of the functions with this pole, driven by r - mean r (K,)."""
     from replant.kernels.filters.series import all_pole
 
     model, states = np.array([1.0, -pole]), np.empty((LAGUERRE, r.size))
@@ -139,13 +122,7 @@ DEPENDENT = 1e-10  # singular value of functions that depend on each other: roun
 
 
 def weights_of(functions: FloatArray, signal: FloatArray) -> FloatArray:
-    """Return the weights (L,) of functions (K, L) that make a signal (K,), whatever the colour of what is left.
-
-    >>> noise = np.cumsum(np.random.default_rng(0).standard_normal(1000))
-    >>> function = np.sin(np.arange(1000.0))[:, None]
-    >>> weights_of(function, 2.0 * function[:, 0] + noise).round(1)
-    array([2.])
-    """
+    """Return the weights (L,) of functions (K, L) that make a signal (K,), whatever the colour of what is left."""
     weights = _least_squares(functions, signal)
     for _ in range(SWEEPS):
         colour = Autoregression.of(signal - functions @ weights)
@@ -165,11 +142,6 @@ def explained_power(functions: FloatArray, signal: FloatArray) -> float:
 
     Weights found by generalised least squares have the covariance C = variance of the innovation times (F' F)^-1 of the
     whitened functions F.  By chance functions f explain the trace of C times the covariance of f.
-
-    >>> noise = np.cumsum(np.random.default_rng(0).standard_normal(1000))
-    >>> functions = np.random.default_rng(1).standard_normal((1000, 5))
-    >>> explained_power(functions, noise) < 0.2 < explained_power(functions, functions[:, 0] + noise)
-    True
     """
     part = functions @ weights_of(functions, signal)
     noise = Autoregression.of(signal - part)

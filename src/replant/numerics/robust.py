@@ -38,23 +38,12 @@ LONGER = (2, 4, 8)  # lengths of the longer blocks [blocks]
 
 
 def robust_std(values: FloatArray) -> float:
-    """Return the standard deviation of normal numbers (K,) about zero, whatever up to half of them are.
-
-    >>> robust_std(np.array([-1.0, 1.0, 0.5, -0.6745, 1e9, 0.1, -0.2]))
-    1.0000...
-    """
+    """Return the standard deviation of normal numbers (K,) about zero, whatever up to half of them are."""
     return MEDIAN_TO_STD * float(np.median(np.abs(values)))
 
 
 def without_spikes(y: FloatArray) -> FloatArray:
-    """Return an output with gross outliers replaced by the median of five neighbours.
-
-    An outlier is gross if it lies further from that median than twice the median's whole range, as no plant's output
-    does.
-
-    >>> without_spikes(np.array([0.0, 1.0, 2.0, 3.0, 1e6, 4.0, 5.0, 6.0]))
-    array([0., 1., 2., 3., 4., 4., 5., 6.])
-    """
+    """Return an output with gross outliers (`GROSS`) replaced by the median of five neighbours."""
     if y.size < SPIKE_NEIGHBOURS or not np.isfinite(y).all():
         return y
     half = SPIKE_NEIGHBOURS // 2
@@ -67,38 +56,20 @@ def without_spikes(y: FloatArray) -> FloatArray:
 
 
 def normal_scores(values: FloatArray) -> FloatArray:
-    """Return the normal quantiles of the ranks of values (K,): their order, without the size of the largest.
-
-    Source: van der Waerden (1952), "Order tests for the two-sample problem and their power", Indagationes
-    Mathematicae 14.
-
-    >>> normal_scores(np.array([3.0, -1.0, 1e9])).round(2)
-    array([ 0.  , -0.67,  0.67])
-    """
+    """Return the normal quantiles of the ranks of values (K,), van der Waerden's scores: their order without size."""
     from scipy import special, stats  # slow to import
 
     return np.asarray(special.ndtri(stats.rankdata(values) / (values.size + 1.0)))
 
 
 def still_runs(y: FloatArray) -> IntArray:
-    """Return the runs of samples (K,) equal to the bit, (R, 2): where each begins and ends.
-
-    >>> still_runs(np.array([0.0, 1.0, 1.0, 2.0])).tolist()
-    [[0, 1], [1, 3], [3, 4]]
-    """
+    """Return the runs of samples (K,) equal to the bit, (R, 2): where each begins and ends."""
     begins = np.flatnonzero(np.concatenate([[True], y[1:] != y[:-1]]))
     return np.column_stack([begins, np.append(begins[1:], y.size)])
 
 
 def usual_step(y: FloatArray) -> float:
-    """Return the step of a sensor's scale, the median distance of the values (K,) that it gave; 0 of a single one.
-
-    The steps of a scale that was rounded to a few digits, or read from a table, are not equal.  Of a scale without
-    steps it is next to nothing.
-
-    >>> usual_step(np.array([0.0, 0.33, 0.67, 0.33, 1.0, 4.0])).__round__(2)
-    0.34
-    """
+    """Return the step of a sensor's scale, the median distance of the values (K,) that it gave; 0 of a single one."""
     values = np.unique(y[np.isfinite(y)])
     return float(np.median(np.diff(values))) if values.size > 1 else 0.0
 
@@ -109,29 +80,14 @@ def tie_share(equal: BoolArray) -> float:
 
 
 def never_ties(y: FloatArray) -> bool:
-    """Return whether noise keeps any two samples (K,) in a row from being equal, but for those of a sensor that fails.
-
-    >>> never_ties(np.sin(np.arange(100.0))), never_ties(np.repeat(np.arange(50.0), 2))
-    (True, False)
-    """
+    """Return whether noise keeps any two samples (K,) in a row from being equal, unless the sensor fails."""
     return y.size >= 2 * SECTIONS and tie_share(y[1:] == y[:-1]) * y.size < SECTIONS
 
 
 def path_variances(
     estimates: FloatArray, known: FloatArray, least: float = LEAST_BLOCKS
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the variances (T,) of the last estimate, and the number of blocks (T,) that each one is made from.
-
-    A variance is 0 where the path has too few blocks.
-
-    The mean of 400 numbers, after each 20 of them:
-
-    >>> x = np.random.default_rng(0).standard_normal(400)
-    >>> count = np.arange(20, 401, 20)
-    >>> variances, blocks = path_variances((np.cumsum(x)[count - 1] / count)[:, None], 1.0 / count[:, None])
-    >>> bool(abs(variances[0] * 400 - 1) < 0.5), round(blocks[0])
-    (True, 20)
-    """
+    """Return the variances (T,) of the last estimate, 0 where blocks are too few, and how many blocks each has."""
     steps = np.diff((estimates - estimates[-1]) / known, axis=0, prepend=0.0)
     weights = np.diff(known[-1] / known, axis=0, prepend=0.0)
     blocks = 1.0 / (weights**2).sum(axis=0)
@@ -154,12 +110,7 @@ def no_less_than_scattered(covariance: FloatArray, estimates: FloatArray, known:
 
 
 def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
-    """Return a covariance (T, T) with at least the given variances (T,) and the same correlations.
-
-    >>> stretch(np.array([[1.0, 0.5], [0.5, 1.0]]), np.array([4.0, 0.0]))
-    array([[4., 1.],
-           [1., 1.]])
-    """
+    """Return a covariance (T, T) with at least the given variances (T,) and the same correlations."""
     known = np.diag(covariance)
     factors = np.sqrt(np.maximum(variances / np.where(known > 0.0, known, np.inf), 1.0))
     return np.asarray(covariance * np.outer(factors, factors))

@@ -36,11 +36,7 @@ def is_regular_interval(least: float, most: float, median: float, digits: float)
 
 
 class StampResolution:
-    """Determines the step to which time stamps were rounded.
-
-    It is the last decimal place if the stamps have few decimals, else two steps of float32 or float64.  Two, because an
-    interval that crosses a power of two has one end on the finer and one on the coarser grid.
-    """
+    """Determines the step to which stamps were rounded: the last decimal place, or two steps of float32 or 64."""
 
     def __init__(self) -> None:
         self._decimals, self._largest, self._single = 0, 0.0, True

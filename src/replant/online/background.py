@@ -21,8 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.estimation.engine.dispatch import step_kernels
-from replant.estimation.engine.state import NOTHING, REGULAR, State
+from replant.estimation.engine.state import NOTHING, REGULAR, State, step_kernels
 from replant.estimation.settings import Settings
 from replant.kernels.schema import BELIEVED, INPUT, OUTPUT, REFERENCE, STATE_ARRAYS, STEP, Alarm, Doubt
 from replant.numerics.arguments import FloatArray

@@ -6,10 +6,9 @@ import math
 
 import numpy as np
 
-from replant.estimation.engine.dispatch import step_kernels
 from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.record import Record
-from replant.estimation.engine.state import NOTHING, REGULAR, State
+from replant.estimation.engine.state import NOTHING, REGULAR, State, step_kernels
 from replant.estimation.settings import Settings
 from replant.estimation.simulation.auxiliary_model import stability_margin
 from replant.estimation.solver.refined import Refined

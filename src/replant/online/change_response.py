@@ -59,6 +59,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
 
     Returns the state to go on with, and the number of accepted samples at which to look again; 0: no further look.
     """
+    from replant.kernels.monitoring import outliers
+
     if old.alarm == Alarm.NONE or not tells_of_changes(old, settings):  # the residual is as usual again
         return old, 0
     length = old.samples - _began(old)
@@ -88,11 +90,12 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         found = decided(claims)
     if found is None:
         return old, later
-    if found.supposition is Supposition.NOTHING:
+    if found.supposition in (Supposition.NOTHING, Supposition.NOISE):
         _end(old)
-        return old, 0
-    if found.supposition is Supposition.NOISE:
-        _believe_residual(old)
+        if found.supposition is Supposition.NOISE:  # its present variance is the usual one
+            old.usual_variance = max(old.usual_variance, old.late_variance)
+            old.usual_innovation = max(old.usual_innovation, old.late_innovation)
+            old.cusum_limit = min(2.0 * old.cusum_limit, outliers.LARGEST_LIMIT)
         return old, 0
     if found.supposition is Supposition.CUT:
         old.alarm = Alarm.FLOATS
@@ -173,7 +176,10 @@ def _known(
     state: State, settings: Settings, record: Record, begin: int, mean: FloatArray, information: FloatArray
 ) -> Known | None:
     """Return what a model (T,) and the information (T, T) about it tell before a sample of a record."""
-    filters, usual = state.noise.filters > 0.0, _usual(state, settings)
+    from replant.kernels.monitoring import outliers
+
+    usual = float(max(state.usual_variance, outliers.LEAST * state.largest_output)) * settings.scaling.output**2
+    filters = state.noise.filters > 0.0
     return Known.before(settings.structure, record, begin, mean, information, usual, filters=filters)
 
 
@@ -184,14 +190,6 @@ def _information(state: State, settings: Settings) -> FloatArray:
     if np.isfinite(known).all():  # else nothing is known: beyond the range of float64
         information[:size, :size] = known
     return information
-
-
-def _usual(state: State, settings: Settings) -> float:
-    """Return the usual variance of the residual, in the output's unit squared."""
-    from replant.kernels.monitoring import outliers
-
-    usual = max(state.usual_variance, outliers.LEAST * state.largest_output)
-    return float(usual) * settings.scaling.output**2
 
 
 def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -> State | None:
@@ -208,7 +206,9 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
         if refined is None:
             return None
         of_plant, again = found.supposition is Supposition.PLANT, begin <= old.changed_at
-        before = one_plant_before(old) if again else _one_plant_since(old)
+        # the samples before those that one G(s) is taken to have made
+        before = old.changed_at if old.change.is_of_plant else old.record_began
+        before = one_plant_before(old) if again else before
         gap = gap_before(old) if again else old.gap_at
         new = restart(old, settings, refined, contest.since, begin if of_plant else before)
         new.change, new.changed_at = found.supposition, begin
@@ -232,11 +232,6 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
     return new
 
 
-def _one_plant_since(state: State) -> int:
-    """Return the accepted samples before those that one G(s) is taken to have made."""
-    return state.changed_at if state.change.is_of_plant else state.record_began
-
-
 def one_plant_before(state: State) -> int:
     """Return the accepted samples before those that one G(s) is taken to have made until the last change."""
     return state.before_began if state.change is Supposition.PLANT else state.record_began
@@ -255,16 +250,6 @@ def _end(state: State) -> None:
 def _began(state: State) -> int:
     """Return the accepted samples before those since the alarm, in one piece."""
     return max(state.change_began, state.gap_at, state.record_began, state.changed_at)
-
-
-def _believe_residual(state: State) -> None:
-    """Take the residual's present variance for the usual one, and double the CUSUM limit."""
-    from replant.kernels.monitoring import outliers
-
-    _end(state)
-    state.usual_variance = max(state.usual_variance, state.late_variance)
-    state.usual_innovation = max(state.usual_innovation, state.late_innovation)
-    state.cusum_limit = min(2.0 * state.cusum_limit, outliers.LARGEST_LIMIT)
 
 
 def remembers_all(state: State, settings: Settings) -> bool:

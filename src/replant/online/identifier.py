@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.estimation.engine.dispatch import bound_step
-from replant.estimation.engine.state import NOTHING, REGULAR
+from replant.estimation.engine.state import NOTHING, REGULAR, bound_step
 from replant.estimation.filters import Filter
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.optimizers.optimizer import Replay
@@ -419,10 +418,7 @@ class Identifier(Lifecycle):
 
     @reads
     def _snapshot(self) -> Identifier:
-        now = object.__new__(type(self))
-        own = {"_state": self._state.copy(buffer=False), "_turn": Turn(), "_gate": NO_GATE}
-        now.__dict__.update(vars(self) | own)
-        return now
+        return self._but(_state=self._state.copy(buffer=False), _turn=Turn(), _gate=NO_GATE)
 
     @changes
     def finish(self) -> None:

@@ -10,8 +10,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.dimensions import collects_at_most
-from replant.estimation.engine.dispatch import Step, step_kernels
-from replant.estimation.engine.state import State
+from replant.estimation.engine.state import State, Step, step_kernels
 from replant.estimation.settings import LONGEST_STARTUP
 from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
@@ -90,18 +89,21 @@ class Lifecycle(Estimate):
             self._work_on(state, regular=self._regular)
         return state
 
+    def _but(self, **own: Any) -> Self:
+        """Return another one with the same attributes, but some of its own."""
+        made = object.__new__(type(self))
+        made.__dict__.update(vars(self) | own)
+        return made
+
     def _moved_to(self, state: State) -> Self:
         """Return this identifier, gone on with to arrays of the same content."""
-        moved = object.__new__(type(self))
-        moved.__dict__.update(vars(self))
+        moved = self._but()
         moved._work_on(state, regular=True)
         return moved
 
     def _draft(self) -> Self:
         """Return a copy with its own arrays, and the same turn."""
-        draft = object.__new__(type(self))
-        draft.__dict__.update(vars(self) | {"_state": self._state.copy(), "_step": in_turn, "_gate": NO_GATE})
-        return draft
+        return self._but(_state=self._state.copy(), _step=in_turn, _gate=NO_GATE)
 
     def _as_one(self, work: Callable[..., T], *given: Any) -> T:
         """Do some work on a draft, and take it over in one bytecode: interrupted, it was not begun.
@@ -191,7 +193,10 @@ class Lifecycle(Estimate):
     def _next_stop(self) -> int:
         state, now = self._state, self._state.samples
         if self._settings is None:
-            return self._next_look()
+            # the start-up may end, or the provisional model change
+            there = measured(state)
+            missing = min(self._hold, next_provisional(self._request, there)) - there
+            return min(now + max(missing, 1), max(state.recent_size, now + 1))
         if self._job is not None:
             return self._job.next_stop(now)
         dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
@@ -260,13 +265,6 @@ class Lifecycle(Estimate):
     def _most(self) -> int:
         """Raw samples kept at the most."""
         return collects_at_most(self._request) if self._settings is None else self._request.history
-
-    def _next_look(self) -> int:
-        """Return the number of samples at which the start-up may end, or the provisional model may change."""
-        state = self._state
-        there, now = measured(state), state.samples
-        missing = min(self._hold, next_provisional(self._request, there)) - there
-        return min(now + max(missing, 1), max(state.recent_size, now + 1))
 
     def _end_startup(self, *, at_any_rate: bool = False) -> None:
         """Begin where enough outputs are collected; else plan when to look again."""

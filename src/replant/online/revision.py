@@ -15,7 +15,6 @@ import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.engine.recent_samples import RecentSamples
-from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
 from replant.estimation.simulation.model_run import prediction_error, runs_away
@@ -140,7 +139,11 @@ def renew(old: State, settings: Settings) -> State | None:
     # short: the present estimate then knows more than the samples kept
     is_whole = old.gap_at <= old.record_began and RECENT >= len(kept) == old.samples - began
     has_grown = is_whole and old.samples - began >= AGAIN * (old.solved_at - began)
-    is_searched = _is_searched(old) and not is_at_rest(old)  # at rest nothing that comes now could test another model
+    # for a change: always while the record is short, then once in REVIEWED samples; not at rest, where nothing that
+    # comes now could test another model
+    count = old.samples - (old.changed_at or old.record_began)
+    is_due = count <= RECENT or count // REVIEWED > (count - EVERY) // REVIEWED
+    is_searched = is_due and not is_at_rest(old)
     if not (is_searched or has_grown):
         return None
     structure, record = settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True)
@@ -153,30 +156,30 @@ def renew(old: State, settings: Settings) -> State | None:
     found = change_at(structure, solution.record, solution.found.theta, begin) if begin else None
     if found is not None:
         return believed(old, settings, found[0], undecided=not is_sure(found[1], found[0]))
-    usable = is_whole and _is_usable(solution, settings, old.physical)
-    if not usable:
+    if not (is_whole and _is_better(solution, settings, old.physical)):
         return None
     new = restart_at(old, settings, solution, began)
     new.undecided = False  # the record has grown by half, and one model explains it still
     return new
 
 
-def _is_searched(state: State) -> bool:
-    """Return whether to search for a change: always while the record is short, then once in REVIEWED samples."""
-    count = state.samples - (state.changed_at or state.record_began)
-    return count <= RECENT or count // REVIEWED > (count - EVERY) // REVIEWED
+def _is_better(solution: Solution, settings: Settings, present: FloatArray) -> bool:
+    """Return whether a solution takes the present estimate's place.
 
-
-def _is_usable(solution: Solution, settings: Settings, present: FloatArray) -> bool:
-    """Return whether an estimate is certain, or explains its record better than the present one, beyond chance."""
-    found = solution.found
-    if found.acceptable or not found.settled:
-        return found.acceptable
-    size, record = settings.structure.size, solution.record
-    errors = [prediction_error(settings.structure, each[:size], record, settings.dt) for each in (found.theta, present)]
-    if errors[0] is None or errors[1] is None:
-        return errors[0] is not None
-    return likelihood_ratio(errors[0], errors[1]) > -math.log(ALPHA)
+    It does if it is certain, or explains its record better beyond chance; without a reference, of two models of which
+    one runs away the other one is taken.
+    """
+    structure, found, record = settings.structure, solution.found, solution.record
+    models = found.theta, present
+    away = [
+        not settings.reference and runs_away(np.append(1.0, each[structure.denominator]), record.span)
+        for each in models
+    ]
+    if found.acceptable or away[0] != away[1]:
+        return away[0] <= away[1]
+    errors = [prediction_error(structure, each[: structure.size], record, settings.dt) for each in models]
+    new, old = (np.array([math.inf]) if each is None else each for each in errors)
+    return found.settled and likelihood_ratio(new, old) > -math.log(ALPHA)
 
 
 @quiet
@@ -191,12 +194,9 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True))
     if solution is None:
         return None
-    found = solution.found
     if old.change.is_of_plant and _lasts(old, settings) and _has_changed(old, settings, solution):
         return None
-    away, left = _rank(settings, found.theta, solution.record)
-    present = _rank(settings, old.physical, solution.record)
-    if away > present[0] or not (found.acceptable or (away, left) < present):
+    if not _is_better(solution, settings, old.physical):
         return None
     new = restart_at(old, settings, solution, 0)
     new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples
@@ -222,11 +222,3 @@ def _has_changed(state: State, settings: Settings, whole: Solution) -> bool:
         return True
     claims = [*contest.claims(again=True), contest.whole(whole.found.theta)]
     return max(weighed(claims), key=lambda claim: claim.evidence).supposition.is_of_plant
-
-
-def _rank(settings: Settings, model: FloatArray, record: Record) -> tuple[bool, float]:
-    """Return whether a model runs away, without a reference, and the mean square that it leaves: less is better."""
-    denominator = np.append(1.0, model[settings.structure.denominator])
-    error = prediction_error(settings.structure, model[: settings.structure.size], record, settings.dt)
-    left = math.inf if error is None else float(error @ error) / max(record.count, 1)
-    return not settings.reference and runs_away(denominator, record.span), left

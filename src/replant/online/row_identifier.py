@@ -14,6 +14,7 @@ from replant.estimation.settings import STORED
 from replant.fitting.fields import Provenance
 from replant.fitting.row_fit import row_model, structures_of
 from replant.fitting.row_model import RowModel, one_step_percent
+from replant.kernels.schema import Doubt
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -66,7 +67,8 @@ class RowIdentifier(Shared):
     Each time that the record has grown by 1.3, up to 10000 samples, it is solved again as a whole.  In between, and
     later, a joint update of all coefficients follows the samples.  A sample whose inputs or time are not finite, or
     larger than 1e150, is rejected; one whose output alone is missing (NaN) moves the model, and nothing is learned from
-    it.  Implausible numbers are not looked for.
+    it.  Where the record is solved again, and for the verdict, outliers and outputs of a stuck sensor are left out, as
+    by `fit`; until then the update follows them.
 
     Examples
     --------
@@ -133,32 +135,14 @@ class RowIdentifier(Shared):
         return self._now.settings
 
     def save(self, path: AnyPath, progress: Progress | None = None) -> None:
-        """Save the whole state to a file, from which `replant.load` continues to the bit; see `Identifier.save`.
-
-        Parameters
-        ----------
-        path : path
-        progress : dict, optional
-            Of int, float and str, returned by `replant.online.saving.load`.
-
-        Raises
-        ------
-        CheckpointError
-            If the file cannot be written; the one that was there stays.
-        """
+        """Save the whole state to a file, from which `replant.load` continues to the bit; see `Identifier.save`."""
         from replant.online.checkpoint.files import write
 
         write(path, self.to_bytes(progress))
 
     @reads
     def to_bytes(self, progress: Progress | None = None) -> bytes:
-        """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes.
-
-        Parameters
-        ----------
-        progress : dict, optional
-            As in `save`.
-        """
+        """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes."""
         from replant.online.checkpoint.encoding import encode_row
         from replant.online.row_saving import parts_of
 
@@ -369,11 +353,16 @@ class RowIdentifier(Shared):
         found = state.newest()
         if found is None:
             raise InvalidArgumentError(f"there is no model of the newest samples: {self.assess().reasons[0]}")
-        ready, row, estimate, verdict = found
+        ready, row, estimate, verdict, doubt = found
         simulated = ready.simulated(row, estimate.point, estimate.noise)
-        fits = fit_percent(state.kept.values[-RECENT:, -2], simulated), one_step_percent(row, estimate.point)
+        fits = (
+            fit_percent(ready.explained(row, state.kept.values[-RECENT:, -2]), simulated),
+            one_step_percent(row, estimate.point),
+        )
         made = Provenance("recursive srivc", samples=state.samples)
-        return row_model(row, ready, estimate, self.dt, "y", fits, verdict, made)
+        bad = {"outlier": int((doubt == Doubt.OUTLIER).sum()), "stuck": int((doubt == Doubt.STUCK).sum())}
+        model = row_model(row, ready, estimate, self.dt, "y", fits, verdict, made)
+        return replace(model, rejected=tuple((state.rejected | bad).items()))
 
     def assess(self) -> Verdict:
         """Return the verdict: whether to trust the estimate, and why in plain words.
@@ -383,7 +372,7 @@ class RowIdentifier(Shared):
         state = self._now
         found = state.newest()
         if found is not None:
-            return found[-1]
+            return found.verdict
         reason = f"starting: {state.kept.measured} of the {state.solve_at} outputs for the first model"
         if self.has_model:
             reason = "the newest samples have too few outputs"

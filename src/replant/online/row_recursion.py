@@ -34,41 +34,22 @@ DYING = 100  # samples after which a response to an initial state has shown how 
 
 @dataclass(frozen=True, eq=False)
 class RowRecursion:
-    """An estimate that follows the samples; `take` returns the next one.
+    """An estimate that follows the samples; `take` returns the next one."""
 
-    Attributes
-    ----------
-    theta, weights : (P,) and (N,) arrays
-        The model that the filters are made of: coefficients; offset and initial states.
-    noise : Autoregression
-    dt, size, power : float
-        Usual interval in s; standard deviation of the output; variance of the error.
-    scale : (P,) array
-        By how much a standard deviation is larger than if the whitened error were white.
-    models : Branches
-    origin, level : (q,) array and float
-        Inputs at the beginning of the stretch, and mean of the output, from where the filters count.
-    waits : float
-        Time in s until the outputs answer to inputs of the stretch: the dead time, behind a gap.
-    tail : (LAGS, P + N + 1) array
-        Regressor and error of the newest samples.
-    delta, factor, diagonal : (P + N,), (P + N, P + N) and (P + N,) arrays
-        See `replant.kernels.step.row.learn`, as for the following.
-    counts, squares : (3,) and (1,) arrays
-    """
-
+    # the model that the filters are made of: coefficients (P,); offset and initial states (N,)
     theta: FloatArray
     weights: FloatArray
     noise: Autoregression
-    dt: float
-    size: float
-    power: float
-    scale: FloatArray
+    dt: float  # usual interval in s
+    size: float  # standard deviation of the output
+    power: float  # variance of the error
+    scale: FloatArray  # (P,): by how much a standard deviation is larger than if the whitened error were white
     models: Branches
-    origin: FloatArray
-    level: float
-    waits: float
-    tail: FloatArray
+    origin: FloatArray  # (q,): inputs at the beginning of the stretch, from where the filters count
+    level: float  # mean of the output, the same
+    waits: float  # time in s until the outputs answer to inputs of the stretch: the dead time, behind a gap
+    tail: FloatArray  # (LAGS, P + N + 1): regressor and error of the newest samples
+    # (P + N,), (P + N, P + N), (P + N,), (3,) and (1,): see `replant.kernels.step.row.learn`
     delta: FloatArray
     factor: FloatArray
     diagonal: FloatArray

@@ -14,7 +14,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import duration
-from replant.online.checkpoint.encoding import ARRAYS, ROW
+from replant.online.checkpoint.encoding import ARRAYS, ROW, described
 from replant.online.row_recursion import RowRecursion
 from replant.online.row_state import RowHistory, RowSettings, RowState
 from replant.verdict.verdict import STATUSES, Finding
@@ -50,13 +50,8 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def restored(attributes: dict[str, Any]) -> RowState:
     """Return the state in the content of a checkpoint, checked."""
-    try:
+    with described():
         return _restored(attributes[ROW], attributes[ARRAYS])
-    except DamagedCheckpointError:
-        raise
-    except Exception as error:  # a forged header fails with almost any exception
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise DamagedCheckpointError(f"it does not describe an identifier of this version ({reason[:120]})") from error
 
 
 def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:

@@ -9,21 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate
-from replant.estimation.solver.row_start import start
-from replant.fitting.row_solve import RowEstimate, solve_row
+from replant.estimation.solver.solve import leaving_out
+from replant.fitting.row_solve import RowEstimate, doubts_of, solve_record, started
 from replant.fitting.row_verdict import judged
-from replant.kernels.schema import LARGEST
+from replant.kernels.schema import LARGEST, Doubt
 from replant.model.structure import Structure
-from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import quiet
 from replant.online.row_recursion import RowRecursion
+from replant.verdict.record_tests import left_out_finding
 from replant.verdict.row_tests import controlled
 from replant.verdict.verdict import Finding, Verdict
 
@@ -62,16 +63,9 @@ class RowSettings(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RowHistory:
-    """The newest samples, at most ``most``; rows behind ``end`` belong to whoever appends to the newest history.
+    """The newest samples, at most ``most``; rows behind ``end`` belong to whoever appends to the newest history."""
 
-    Attributes
-    ----------
-    rows : (R, q + 2) array
-        Inputs, output, time in s.
-    begin, end, most : int
-    """
-
-    rows: FloatArray
+    rows: FloatArray  # (R, q + 2): inputs, output, time in s
     most: int
     begin: int = 0
     end: int = 0
@@ -102,40 +96,30 @@ class RowHistory:
         return RowHistory(self.values.copy(), self.most, 0, self.end - self.begin)
 
 
+class Newest(NamedTuple):
+    """The newest samples, what the estimate is over them, the verdict, and the `Doubt` in each output (J,)."""
+
+    ready: RowRecord
+    row: Row
+    found: RowEstimate
+    verdict: Verdict
+    doubt: IntArray
+
+
 @dataclass(frozen=True, eq=False)
 class RowState:
-    """All that an identification knows.
-
-    Attributes
-    ----------
-    settings : RowSettings
-    kept : RowHistory
-    samples : int
-        Accepted so far.
-    solve_at : int
-        Samples, at first outputs, at which the record is solved again; 0: never.
-    afresh_at : int
-        Samples from which on a solution begins afresh, too.
-    rejected : dict
-    stamped : bool or None
-        Whether samples come with a time stamp; None before the first.
-    adapts : bool
-    recursion : RowRecursion or None
-        None before the first model.
-    findings : tuple of Finding
-        Of the last solution.
-    """
+    """All that an identification knows."""
 
     settings: RowSettings
     kept: RowHistory
-    solve_at: int
-    samples: int = 0
-    afresh_at: int = 0
+    solve_at: int  # samples, at first outputs, at which the record is solved again; 0: never
+    samples: int = 0  # accepted so far
+    afresh_at: int = 0  # samples from which on a solution begins afresh, too
     rejected: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
-    stamped: bool | None = None
+    stamped: bool | None = None  # whether samples come with a time stamp; None before the first
     adapts: bool = True
-    recursion: RowRecursion | None = None
-    findings: tuple[Finding, ...] = ()
+    recursion: RowRecursion | None = None  # None before the first model
+    findings: tuple[Finding, ...] = ()  # of the last solution
 
     @classmethod
     def of(cls, settings: RowSettings) -> RowState:
@@ -204,21 +188,22 @@ class RowState:
         ready, row = self.record()
         if row.count <= row.nuisances + self.settings.size:
             return new
-        again: Callable[..., list[Point]] = _nothing
-        if starting or self.afresh_at <= self.samples <= AFRESH:
-            new = replace(new, afresh_at=2 * self.samples)
+        afresh = starting or self.afresh_at <= self.samples <= AFRESH
+        new = replace(new, afresh_at=2 * self.samples) if afresh else new
+        known = self.recursion
 
-            def again(noise: Autoregression | None = None) -> list[Point]:
-                return start(row.structures, row.record, row.inputs, noise)
+        def begins_of(row: Row) -> Callable[[Autoregression], list[Point]]:
+            present = []
+            if known is not None and row.is_stable(known.parameters):
+                present = [evaluate(row, known.parameters, known.noise)]
+            return lambda noise: [*(started(row)(noise) if afresh else ()), *present]
 
-        present = []
-        if self.recursion is not None and row.is_stable(self.parameters):
-            present = [evaluate(row, self.parameters, self.recursion.noise)]
-        begins = [*again(), *present]
-        if not begins:
+        solution = solve_record(self.settings.structures, ready, self.settings.input_names, begins_of)
+        if solution is None:
             return new
-        found = solve_row(row, begins, lambda noise: [*again(noise), *present])
-        return replace(new, recursion=self._behind(ready, row, found), findings=found.findings)
+        return replace(
+            new, recursion=self._behind(ready, solution.row, solution.found), findings=solution.found.findings
+        )
 
     def _behind(self, ready: RowRecord, row: Row, found: RowEstimate) -> RowRecursion:
         """Return the recursion that has taken what is behind the last stretch of a record, too."""
@@ -239,8 +224,8 @@ class RowState:
         return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names)
 
     @quiet
-    def newest(self) -> tuple[RowRecord, Row, RowEstimate, Verdict] | None:
-        """Return the newest samples, what the estimate is over them, and the verdict; None where they are too few."""
+    def newest(self) -> Newest | None:
+        """Return the newest samples, and what the estimate is over them; None where they are too few."""
         known = self.recursion
         if known is None:
             return None
@@ -249,15 +234,21 @@ class RowState:
         ready, row = self.record(RECENT)
         if row.count <= row.nuisances:
             return None
-        point = evaluate(row, known.parameters, known.noise)
-        point = evaluate(row, known.parameters, known.noise, point)  # with the initial states of the first
+        doubt = doubts_of(row, ready, _over(row, known), known.noise)
+        row = Row(row.structures, leaving_out(ready.record, doubt), ready.inputs, row.names)
+        if row.count <= row.nuisances:
+            return None
+        point = _over(row, known)
         # without a noise model the error has a colour, and inputs seem to answer to it
         findings = [*(self.findings or controlled(row, point, known.noise))]
         if known.counts[2]:
             findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
+        findings += left_out_finding(int((doubt == Doubt.STUCK).sum()))
         found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
-        return ready, row, found, judged(row, ready.record, point, known.noise, known.covariance, list(found.findings))
+        return Newest(ready, row, found, judged(row, row.record, point, known.noise, known.covariance, findings), doubt)
 
 
-def _nothing(noise: Any = None) -> list[Any]:
-    return []
+def _over(row: Row, known: RowRecursion) -> Point:
+    """Return what an estimate is over a row."""
+    point = evaluate(row, known.parameters, known.noise)
+    return evaluate(row, known.parameters, known.noise, point)  # with the initial states of the first

@@ -11,21 +11,11 @@ from replant.online.identifier import Identifier
 
 @dataclass(frozen=True, eq=False)
 class Loaded:
-    """The contents of a checkpoint.
+    """The contents of a checkpoint."""
 
-    Attributes
-    ----------
-    identifier : Identifier
-        In the state in which it was saved, to the bit.
-    progress : dict
-        The numbers and words given to `save`.
-    used_previous : str or None
-        Why the previous checkpoint was used instead; None where it was not.
-    """
-
-    identifier: Identifier
-    progress: dict[str, int | float | str]
-    used_previous: str | None
+    identifier: Identifier  # in the state in which it was saved, to the bit
+    progress: dict[str, int | float | str]  # the numbers and words given to `save`
+    used_previous: str | None  # why the previous checkpoint was used instead; None where it was not
 
 
 def save(path: AnyPath, identifier: Identifier, progress: Progress | None = None) -> None:

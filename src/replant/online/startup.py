@@ -19,15 +19,13 @@ from typing import Any
 import numpy as np
 
 from replant.estimation.engine.dimensions import room_for
-from replant.estimation.engine.dispatch import step_kernels
 from replant.estimation.engine.recent_samples import RecentSamples
-from replant.estimation.engine.record_regressors import regressors
-from replant.estimation.engine.state import NOTHING, REGULAR, State
+from replant.estimation.engine.state import NOTHING, REGULAR, State, step_kernels
 from replant.estimation.filters import RefinedFilter
 from replant.estimation.optimizers.optimizer import Replay
 from replant.estimation.scaling import Scaling
 from replant.estimation.settings import AUTO, Request, Settings
-from replant.estimation.solver.least_squares import choose_filter
+from replant.estimation.solver.least_squares import choose_filter, regressors
 from replant.estimation.solver.refined import Refined
 from replant.estimation.solver.solve import Solution, solve
 from replant.kernels.schema import BELIEVED

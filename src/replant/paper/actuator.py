@@ -24,13 +24,12 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from replant.estimation.engine.record_regressors import regressors
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers import Adam, AMSGrad, Gradient, IntegralCost, Optimizer
 from replant.estimation.optimizers.optimizer import Replay
 from replant.estimation.scaling import Scaling
 from replant.estimation.settings import Request
-from replant.estimation.solver.least_squares import least_squares
+from replant.estimation.solver.least_squares import least_squares, regressors
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
 from replant.model.structure import Structure

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.estimation.engine.record_regressors import regressors
 from replant.estimation.filters import StateVariableFilter
+from replant.estimation.solver.least_squares import regressors
 from replant.fitting.row_fit import RowFit
 from replant.model.preprocess import Preprocess, screen
 from replant.numerics.arguments import FloatArray

@@ -95,12 +95,7 @@ def write_report(
         plots = page_figures.charts(material)
         fields = _fields(material, plots, command, python)
         fields["verdict"] = verdict_of(findings(result, len(log)), advice)
-    fields["candidates"] = ""
-    if candidates is not None:
-        headings, rows, rest = candidates
-        tried = table(headings, rows, "Structures tried", "table wide")
-        tried += f'<p class="note">{words(rest)}</p>' if rest else ""
-        fields["candidates"] = folded("Structures tried", tried)
+    fields["candidates"] = "" if candidates is None else candidates_of(candidates)
     with page_figures.look(), np.errstate(all="ignore"):
         fields["other_logs"] = section(validations)
     library, css = uplot()
@@ -114,6 +109,13 @@ def write_report(
         data=plots,
         scripts=(library, script("format.js", "chart.js", "report.js")),
     )
+
+
+def candidates_of(candidates: tuple[Sequence[str], Sequence[Sequence[str]], str]) -> str:
+    """Return the table of a search, folded: its headings, its rows, and what is to be said of the rest."""
+    headings, rows, rest = candidates
+    tried = table(headings, rows, "Structures tried", "table wide")
+    return folded("Structures tried", tried + (f'<p class="note">{words(rest)}</p>' if rest else ""))
 
 
 def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command: str, python: str) -> dict[str, str]:

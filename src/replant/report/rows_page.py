@@ -32,6 +32,7 @@ from replant.report.page_figures import HALF, charts_of, look, svg, time_picture
 from replant.report.panels import input_panel, model_panels, part_panel, whole_record
 from replant.report.result_page import drawn, in_small, reproduction, section, verdict_of
 
+SAME = 1e-9  # part of a dead time that is rounding [part]
 SMALLEST = 2.6  # width of a picture of the matrix, at the least [inches]
 
 
@@ -55,14 +56,12 @@ class Output:
 
     @cached_property
     def residual(self) -> FloatArray:
-        """Measured minus simulated output (K,); NaN for samples that are left out."""
-        left = self.log.output - self.fitted.output
-        left[self._bad] = np.nan
+        """Measured minus simulated output (K,); NaN for samples that are left out, or answer to inputs before."""
+        left, fitted = self.log.output - self.fitted.output, self.fitted
+        left[np.concatenate([fitted.outliers, fitted.stuck])] = np.nan
+        longest = max(each.delay for each in fitted.model.structures)
+        left[self.clock.at(np.arange(left.size)) < longest * (1.0 - SAME)] = np.nan
         return left
-
-    @property
-    def _bad(self) -> Any:
-        return np.concatenate([self.fitted.outliers, self.fitted.stuck])
 
     @cached_property
     def clock(self) -> Clock:

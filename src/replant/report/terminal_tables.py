@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from replant.fitting.model_json import finite, verdict_object
-from replant.fitting.structure_search import Candidate, SearchResult
+from replant.fitting.search_result import Candidate, SearchResult
 from replant.fitting.validation import Validation
 from replant.model.structure import Structure
 from replant.online.runs.run_log import Contender, best
@@ -123,8 +123,7 @@ def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
     """Return a row for each structure worth reading, its evidence beside the most; the chosen one is marked."""
     rows: list[tuple[str, ...]] = []
     for candidate in found.likely:
-        structure = candidate.structure
-        size = (str(structure.poles), str(structure.zeros), f"{structure.delay:g} s")
+        size = (candidate.of_inputs("poles"), candidate.of_inputs("zeros"), f"{candidate.of_inputs('delay')} s")
         evidence = 0.5 * (found.likely[0].criterion - candidate.criterion)
         figures = (percent(candidate.fit), _known(candidate.uncertainty), f"{evidence:.1f}")
         rows.append((*size, *figures, CHOSEN if candidate is found.chosen else ""))
@@ -142,11 +141,10 @@ def candidates_as_json(found: SearchResult) -> list[dict[str, Any]]:
 
 
 def _object(candidate: Candidate, *, chosen: bool) -> dict[str, Any]:
-    structure = candidate.structure
+    orders = {name: [getattr(each, name) for each in candidate.structures] for name in ("poles", "zeros", "delay")}
+    single = not isinstance(candidate.structure, tuple)
     return {
-        "poles": structure.poles,
-        "zeros": structure.zeros,
-        "delay": structure.delay,
+        **{name: each[0] if single else each for name, each in orders.items()},
         "fit": finite(candidate.fit),
         "uncertainty": finite(candidate.uncertainty),
         "likelihood": finite(candidate.likelihood),
@@ -169,9 +167,9 @@ def print_candidates(console: Any, found: SearchResult) -> None:
         console.print(found.rest, highlight=False)
     if found.likely[0] is not found.chosen:
         console.print("Orders are compared with the dead time found between the points of the grid", highlight=False)
-    delay = found.best.structure.delay
-    if delay != found.chosen.structure.delay:
-        console.print(f"\nThe dead time between the points of the grid: {delay:.4g} s", highlight=False)
+    if found.delays != tuple(each.delay for each in found.chosen.structures):
+        delays = ", ".join(f"{delay:.4g}" for delay in found.delays)
+        console.print(f"\nThe dead time between the points of the grid: {delays} s", highlight=False)
 
 
 def validation_as_json(validation: Validation, source: str) -> dict[str, Any]:

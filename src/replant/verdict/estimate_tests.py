@@ -97,7 +97,8 @@ class Certainty:
             reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
             reason += f": {more or longer(scatter, MOST_SCATTER, times)}, or move the input more"
             findings.append(Finding("converging", reason))
-        if cancelled is None or _shows(runs):
+        moves = float(np.std(runs.now.forced - runs.old.forced))  # what the movement makes of the modelled output
+        if cancelled is None or moves > MINOR_SCATTER * float(np.std(runs.now.forced)):
             findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
         if cancelled is None and surprise > 1.0 and distance > FARTHEST and not is_apart:
             findings.append(_of_distance(evidence, distance))
@@ -205,11 +206,6 @@ def uncertainty_findings(
         trust = "rely on G(s) where the input excites it, not on coefficients"
         return [Finding("trusted", f"{reason}, {known}: {trust}{'' if cancelled is None else ', or ' + advice}")]
     return [Finding("converging", f"{reason}: {advice}")]
-
-
-def _shows(runs: Runs) -> bool:
-    """Return whether the movement of the estimate shows in the modelled output."""
-    return float(np.std(runs.now.forced - runs.old.forced)) > MINOR_SCATTER * float(np.std(runs.now.forced))
 
 
 def movement_findings(moved: float, sigmas: float, span: str, *, improves: bool = False) -> list[Finding]:

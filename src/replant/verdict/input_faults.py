@@ -37,7 +37,6 @@ from replant.verdict.score_test import (
     LARGEST_PART,
     NEGLIGIBLE,
     Explained,
-    Part,
     dynamics,
     power_of,
     residual_of,
@@ -77,7 +76,9 @@ def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Say where an input that is taken as held ran straight between its samples, or may have, and what that changes."""
-    if evidence.record.input_hold != "zoh" or not _is_smooth(evidence.record.u):
+    steps = np.diff(evidence.record.u)
+    is_smooth = float(np.mean(np.diff(steps) ** 2)) < SMOOTH * float(np.mean(steps**2))
+    if evidence.record.input_hold != "zoh" or not is_smooth:
         return []
     told = _straight_input(evidence)
     if told is None:
@@ -89,7 +90,9 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
         reason = "the samples do not tell a held input from one that runs straight between its samples, on which"
         advice = 'if it is measured or analogue, use --input-hold foh, or RefinedFilter("foh")'
         return [Finding("trusted", f"{reason} coefficients depend: {advice}")]
-    if not (found.is_sure and weight > 0.0 and weight + chance > 0.5):  # surely not held, nor surely nearer to it
+    if not (found.is_sure and weight > 0.0):
+        return []
+    if not (weight + chance > 0.5 or _is_straighter(evidence, step)):  # surely not held, nor surely nearer to it
         return []
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
     reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
@@ -97,7 +100,7 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
     return [Finding(status, f'{reason} {percent(size)}: use --input-hold foh, or RefinedFilter("foh")')]
 
 
-def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Finding]:
+def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained) -> list[Finding]:
     """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes.
 
     A pole too few looks like a dead time, too, but leaves more for other dynamics to explain.
@@ -112,7 +115,7 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Part) -> list[Findi
     if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > -0.5 * evidence.dt):
         return []
     left = unexplained(evidence, runs, known=later)
-    if left.is_sure and (left.is_large or left.size > 0.5 * part.size):
+    if left.is_sure and (left.is_large or left.power > 0.5 * part.power):
         return []
     step = -residual.weights_of(later)[: evidence.coefficients, 0] * found.weights[0]
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
@@ -154,6 +157,26 @@ def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:
     return residual.explained(column), -residual.weights_of(column)[: evidence.coefficients, 0]
 
 
+def _is_straighter(evidence: Evidence, step: FloatArray) -> bool:
+    """Return whether a straight input, with the step that it takes, leaves less of the output than a held one.
+
+    The weight is of first order: where a model has made up for much, as a zero of little weight can, that is not it.
+    """
+    record, places = evidence.record.restored
+    rows, left = places[evidence.known], []
+    for hold, parameters in (("zoh", evidence.estimate), ("foh", _moved(evidence.estimate, step))):
+        run = run_model(evidence.structure, parameters, replace(record, input_hold=hold), evidence.dt)
+        if run is None:
+            return False
+        own = np.hstack([run.zeta[rows], run.nuisances[rows]])
+        left.append(float(np.sum(without(run.error[rows, None], own) ** 2)))
+    return left[1] < left[0]
+
+
+def _moved(estimate: FloatArray, step: FloatArray) -> FloatArray:
+    return np.concatenate([estimate[: step.size] + step, estimate[step.size :]])
+
+
 def _largest_change(evidence: Evidence, step: FloatArray) -> float:
     """Return the largest part of its size by which a step changes a coefficient, of those that it changes surely."""
     if evidence.covariance is None:
@@ -161,11 +184,6 @@ def _largest_change(evidence: Evidence, step: FloatArray) -> float:
     std = np.sqrt(np.maximum(np.diag(evidence.covariance)[: step.size], 0.0))
     part = np.abs(step) / np.maximum(np.abs(evidence.estimate[: step.size]), np.finfo(float).tiny)
     return float(part[np.abs(step) > MOVED_SIGMAS * std].max(initial=0.0))
-
-
-def _is_smooth(u: FloatArray) -> bool:
-    first = np.diff(u)
-    return float(np.mean(np.diff(first) ** 2)) < SMOOTH * float(np.mean(first**2))
 
 
 def _scaled(u: FloatArray) -> FloatArray:

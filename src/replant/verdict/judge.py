@@ -241,16 +241,16 @@ def _unexplained(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -
     """Say what other dynamics, or the reference, could still explain of the residual."""
     closed = loop.feedback.found
     if loop.reference is not None:  # in feedback the input may explain what the noise model leaves
-        part = unexplained_by_reference(evidence, runs.now, loop.reference)
+        part, source = unexplained_by_reference(evidence, runs.now, loop.reference), "reference"
     else:
-        part = unexplained(evidence, runs, feedback=closed)
-    figures |= {"explained": part.size, "explained_limit": part.statistic}
+        part, source = unexplained(evidence, runs, feedback=closed), "input"
+    figures |= {"explained": part.power, "explained_limit": part.statistic}
     late = [] if loop.is_closed else dead_time_findings(evidence, runs, part)
     if late:
         return late
-    if not part.is_sure or part.size < NEGLIGIBLE:
+    if not part.is_sure or part.power < NEGLIGIBLE:
         return []
-    reason = f"the {part.source} could explain another {percent(min(part.size, 1.0))} of the output's power"
+    reason = f"the {source} could explain another {percent(min(part.power, 1.0))} of the output's power"
     if not part.is_large:
         return [Finding("trusted", f"{reason}, unexplained by the model: small, but statistically significant")]
     if closed and loop.reference is None:
@@ -265,7 +265,7 @@ def _unexplained_before(evidence: Evidence, runs: Runs) -> list[Finding]:
     part = unexplained_before(evidence, runs) if evidence.held_out and evidence.used[evidence.newest].any() else None
     if part is None or not (part.is_sure and part.is_large):
         return []
-    part_of = f"{percent(min(part.size, 1.0))} of the output's power over {evidence.span}"
+    part_of = f"{percent(min(part.power, 1.0))} of the output's power over {evidence.span}"
     past = f"unexplained by the estimate of {evidence.age} ago: it still converges, or the plant changes"
     return [Finding("converging", f"the input could explain another {part_of}, {past}")]
 

@@ -54,7 +54,7 @@ from replant.numerics.projections import (
 )
 from replant.numerics.robust import normal_scores
 from replant.verdict.evidence import PER_COEFFICIENT, RESTING, ROUNDING, Evidence, Runs
-from replant.verdict.score_test import Part, residual_of
+from replant.verdict.score_test import Explained, residual_of
 from replant.verdict.verdict import Finding
 
 LATEST = 10
@@ -222,7 +222,7 @@ class Reference:
         return 100.0 * (1.0 - left / made) if made > 0.0 else float("nan")
 
 
-def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Reference) -> Part:
+def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Reference) -> Explained:
     """Return what a reference could explain by its states and powers: a part of the power that it makes of the output.
 
     The powers are what a nonlinear plant leaves.
@@ -232,7 +232,7 @@ def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Refer
     columns = np.column_stack([reference.states, reference.output**2, reference.output**3])[rows]
     residual = residual_of(evidence, error, np.zeros((error.size, 0)))
     found = residual.explained(columns, evidence.coefficients if evidence.in_sample else 0)
-    return Part.of(evidence, found, error, reference.output[rows], "reference")
+    return found.beside(evidence, error, reference.output[rows])
 
 
 def _ranked(signal: FloatArray) -> FloatArray:

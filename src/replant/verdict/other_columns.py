@@ -30,7 +30,7 @@ from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.estimate_tests import without_longer
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.loop_tests import Reference, answer
-from replant.verdict.score_test import Explained, Part, Residual, dynamics, known_columns, power_of, residual_of
+from replant.verdict.score_test import Explained, Residual, dynamics, known_columns, power_of, residual_of
 from replant.verdict.verdict import Assessment, percent
 
 REFINED = 2  # times that the noise is estimated again from what a column leaves: a third changes no verdict [count]
@@ -99,19 +99,19 @@ def _chosen(evidence: Evidence, run: ModelRun, causes: dict[str, ModelRun], *, c
         for name, by_x in causes.items():
             columns = dynamics(evidence, by_x)
             explained = _explained(residual, error, columns)
-            part = Part.of(evidence, explained, error, y, name)
-            if part.is_sure and part.size > MATTERS:
-                sure.append((part, columns, columns @ explained.weights))
+            part = explained.beside(evidence, error, y)
+            if part.is_sure and part.power > MATTERS:
+                sure.append((part.power, name, columns, columns @ explained.weights))
         if not sure:
             break
-        sure.sort(key=lambda each: -each[0].size)
-        first = _first_cause(evidence, {part.source: causes[part.source] for part, _, _ in sure})
-        part, columns, effect = next(each for each in sure if each[0].source == first)
+        sure.sort(key=lambda each: -each[0])
+        first = _first_cause(evidence, {name: causes[name] for _, name, _, _ in sure})
+        size, _, columns, effect = next(each for each in sure if each[1] == first)
         del causes[first]
         known = np.hstack([known, columns])
         bias = _bias(evidence, error, own, effect, y) if evidence.adapts else 0.0
-        left = part.size * power_of(evidence, y) / power_of(evidence, error)
-        found.append(OtherColumn(first, part.size, left, bias))
+        left = size * power_of(evidence, y) / power_of(evidence, error)
+        found.append(OtherColumn(first, size, left, bias))
     return found
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from replant.estimation.simulation.model_run import ModelRun
-from replant.kernels.monitoring.outliers import MANY, MOVED_RESOLVED, STEPS
+from replant.kernels.monitoring.outliers import MANY, STEPS
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.levels import MATTERS
@@ -40,7 +40,6 @@ Sensitivity: halved or doubled, nothing changes on these records.
 PARTS = 25  # of a residual, whose scatter tells how sure its power is, to a seventh [count]
 BINARY = 3  # values of a binary input that rests between its moves [count]
 REFUSED = "updates left the range of float64 and were undone: lower the gain or step size, then reset"
-RESTS_TIED = math.sqrt(MOVED_RESOLVED)  # as in the recursion [standard deviations of the residual]
 
 
 @dataclass(frozen=True)
@@ -182,7 +181,8 @@ def stuck_finding(
 ) -> list[Finding]:
     """Return a finding if the output was lately constant to the bit while the model's output moved."""
     rounding = ROUNDING * float(y.std())
-    least = max((RESTS_TIED if resolved else MOVED_SIGMAS) * noise, STEPS * usual_step(y), rounding)
+    # on a fine scale, where ties are no chance, one standard deviation is enough, as in the recursion
+    least = max((1.0 if resolved else MOVED_SIGMAS) * noise, STEPS * usual_step(y), rounding)
     for begin, end in still_runs(y)[::-1]:
         if end - begin < MANY:
             continue

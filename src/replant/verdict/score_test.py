@@ -72,6 +72,18 @@ class Explained:
         """Whether the part is no chance."""
         return self.statistic > 1.0
 
+    @property
+    def is_large(self) -> bool:
+        """Whether, of a part of the output's power, it may exceed what a trusted model may leave unexplained."""
+        return self.power + self.std > LARGEST_PART
+
+    def beside(self, evidence: Evidence, error: FloatArray, output: FloatArray) -> Explained:
+        """Return it as a part of an output's power, found of an error (K,), over the samples of ``evidence.known``."""
+        power = power_of(evidence, output)
+        # as Python's floats, which become infinite without a warning where the output is constant
+        most = float(np.var(error[evidence.used[evidence.known]]))
+        return replace(self, power=min(float(self.power), most) / power, std=float(self.std) / power)
+
 
 @dataclass(frozen=True, eq=False)
 class Residual:
@@ -168,35 +180,6 @@ def _widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:
     return wider if wider > 1.0 + chance else 1.0
 
 
-@dataclass(frozen=True)
-class Part:
-    """The part of the output's power that an alternative could still explain, and its standard deviation."""
-
-    size: float
-    std: float
-    statistic: float  # over its limit
-    source: str = "input"  # the signal that could explain it
-
-    @classmethod
-    def of(cls, evidence: Evidence, found: Explained, error: FloatArray, output: FloatArray, source: str) -> Part:
-        """Return what was found of an error (K,) beside an output (K,), over the samples of ``evidence.known``."""
-        used = evidence.used[evidence.known]
-        power = power_of(evidence, output)
-        # as Python's floats, which become infinite without a warning where the output is constant
-        size = min(float(found.power), float(np.var(error[used]))) / power
-        return cls(size, float(found.std) / power, found.statistic, source)
-
-    @property
-    def is_sure(self) -> bool:
-        """Whether the part is no chance."""
-        return self.statistic > 1.0
-
-    @property
-    def is_large(self) -> bool:
-        """Whether the part may exceed what a trusted model may leave unexplained."""
-        return self.size + self.std > LARGEST_PART
-
-
 def power_of(evidence: Evidence, output: FloatArray) -> float:
     """Return the variance of an output (K,) over the samples of ``evidence.known`` that are used; never zero."""
     return max(float(np.var(output[evidence.used[evidence.known]])), float(np.finfo(float).tiny))
@@ -214,7 +197,9 @@ def known_columns(evidence: Evidence, run: ModelRun) -> FloatArray:
     return np.hstack([run.zeta[rows], run.nuisances[rows]]) if fitted else run.nuisances[rows]
 
 
-def unexplained(evidence: Evidence, runs: Runs, *, feedback: bool = False, known: FloatArray | None = None) -> Part:
+def unexplained(
+    evidence: Evidence, runs: Runs, *, feedback: bool = False, known: FloatArray | None = None
+) -> Explained:
     """Return what other dynamics could explain, beside further known columns (K, N); under feedback by the past."""
     run, rows = runs.now, evidence.known
     error, own = run.error[rows], known_columns(evidence, run)
@@ -222,10 +207,10 @@ def unexplained(evidence: Evidence, runs: Runs, *, feedback: bool = False, known
     output = run.forced - run.forced[rows].mean()
     powers = np.column_stack([output**2, output**3])[rows]
     columns = np.hstack([dynamics(evidence, run, feedback=feedback), powers])
-    return Part.of(evidence, residual.explained(columns), error, evidence.record.y[rows], "input")
+    return residual.explained(columns).beside(evidence, error, evidence.record.y[rows])
 
 
-def unexplained_before(evidence: Evidence, runs: Runs) -> Part:
+def unexplained_before(evidence: Evidence, runs: Runs) -> Explained:
     """Return what the input could explain of what the earlier estimate leaves of the samples that it has not used.
 
     Other coefficients are no less a fault of it than other dynamics are, as they would be of an estimate of a plant
@@ -235,7 +220,7 @@ def unexplained_before(evidence: Evidence, runs: Runs) -> Part:
     rows = newest.known
     residual = residual_of(newest, run.error[rows], run.nuisances[rows])
     found = residual.explained(np.hstack([dynamics(newest, run), run.zeta[rows]]))
-    part = Part.of(newest, found, run.error[rows], evidence.record.y[rows], "input")
+    part = found.beside(newest, run.error[rows], evidence.record.y[rows])
     return replace(part, statistic=part.statistic / (1.0 + evidence.held_out / max(evidence.learned, 1)))
 
 

@@ -11,7 +11,7 @@ import pytest
 from scipy import signal
 
 import replant as rp
-from replant.estimation.engine.record_regressors import regressors
+from replant.estimation.solver.least_squares import regressors
 from replant.model.dead_time import split_delay
 from replant.model.preprocess import Preprocess
 from support.builders import binary, random_plant

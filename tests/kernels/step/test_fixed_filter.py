@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 import replant as rp
-from replant.estimation.engine.dispatch import step_kernels
-from replant.estimation.engine.state import State
+from replant.estimation.engine.state import State, step_kernels
 from replant.estimation.engine.vector_blocks import is_under_way
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.kernels.step import covariance, fixed_filter, gradient

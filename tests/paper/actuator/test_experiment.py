@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.estimation.engine.record_regressors import regressors
 from replant.estimation.settings import Request
+from replant.estimation.solver.least_squares import regressors
 from replant.online.runs.run import run_online
 from replant.paper.actuator import (
     DEFAULT,

@@ -14,10 +14,7 @@ from replant.numerics.robust import no_less_than_scattered, rows_of
 
 @quiet
 def covariance(state: State, settings: Settings) -> FloatArray:
-    """Return the covariance (P, P) of the estimate in physical units; NaN where no honest one is known.
-
-    Without instruments the estimate is biased by the output's noise, and no interval around it could be trusted.
-    """
+    """Return the estimate's covariance (P, P) in physical units; NaN without instruments, where noise biases it."""
     size = settings.structure.size
     if not settings.instruments:
         return np.full((size, size), np.nan)
@@ -33,11 +30,7 @@ def covariance(state: State, settings: Settings) -> FloatArray:
 
 @quiet
 def slowness(state: State, settings: Settings) -> float:
-    """Return how many times wider the estimate scatters than the residual's power and colour make it.
-
-    That of the coefficient where it is most; 1 where they tell all, or where it is not known.  Noise that is slow makes
-    it so: a drift of the output.
-    """
+    """Return how many times wider the worst coefficient scatters than the colour says, as in drift; 1 if not known."""
     if not (settings.instruments and settings.optimizer.keeps_colour):
         return 1.0
     coloured = np.diag(covariance_by_colour(state))
@@ -53,10 +46,7 @@ def _kept(state: State) -> FloatArray:
 
 
 def _of_least_squares(state: State) -> FloatArray:
-    """Return the covariance by the residual's colour, and where all is remembered no less than the path's scatter.
-
-    See `replant.numerics.robust`.
-    """
+    """Return the covariance by the residual's colour, without forgetting no less than the path's scatter."""
     coloured = covariance_by_colour(state)
     if state.settings[0] < 1.0:
         return coloured

@@ -18,46 +18,20 @@ DENSEST = 4.0  # rate at which samples may come where there is a dead time: so m
 
 @dataclass(frozen=True)
 class Dimensions:
-    """What the sizes of the kernels' arrays follow from.
+    """What the sizes of the kernels' arrays follow from."""
 
-    Attributes
-    ----------
-    order : int
-        Poles, n.
-    entries : int
-        Of the regressor, T.
-    ring : int
-        Past inputs kept.
-    memory, settings : int
-        Numbers of the optimizer's memory, M, and of its settings, S.
-    batch : int
-        Updates a sample.
-    capacity : int
-        Rows of the buffer.
-    recent : int
-        Raw samples kept.
-    companions : bool
-        Whether a row of the buffer holds the regressor's noise-free companion as well.
-    guarded : bool
-        Whether outputs are examined before they are learned.
-    reference : bool
-        Whether there is a reference, which is kept beside the raw samples.
-    path : int
-        Rows of the estimate's path.
-    """
-
-    order: int
-    entries: int
-    ring: int
-    memory: int
-    settings: int
-    batch: int = 1
-    capacity: int = 1
-    recent: int = 0
-    companions: bool = False
-    guarded: bool = False
-    reference: bool = False
-    path: int = ROOM
+    order: int  # poles, n
+    entries: int  # of the regressor, T
+    ring: int  # past inputs kept
+    memory: int  # numbers of the optimizer's memory, M
+    settings: int  # and of its settings, S
+    batch: int = 1  # updates a sample
+    capacity: int = 1  # rows of the buffer
+    recent: int = 0  # raw samples kept
+    companions: bool = False  # whether a row of the buffer holds the regressor's noise-free companion as well
+    guarded: bool = False  # whether outputs are examined before they are learned
+    reference: bool = False  # whether there is a reference, which is kept beside the raw samples
+    path: int = ROOM  # rows of the estimate's path
 
     def __post_init__(self) -> None:
         for name in ("order", "entries", "ring", "batch", "capacity"):
@@ -138,11 +112,7 @@ def ring_of(structure: Structure, dt: float) -> int:
 
 
 def room_for(samples: int, most: int) -> int:
-    """Return the rows for raw samples after so many, of ``most`` at the end: doubled when all are in use.
-
-    >>> [room_for(samples, 30_000) for samples in (0, 1023, 1024, 20_000, 10**6)]
-    [1024, 1024, 2048, 30000, 30000]
-    """
+    """Return the rows for raw samples after so many, of ``most`` at the end: doubled when all are in use."""
     rows = min(FIRST_ROOM, most)
     while rows < most and rows <= samples:
         rows = min(2 * rows, most)

@@ -14,12 +14,8 @@ from replant.estimation.engine.state import GAP, State
 from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, REFERENCE, STEP, Doubt
 from replant.numerics.arguments import BoolArray, FloatArray
 
-LONELY = 5
-"""Outliers in a row that are no more than that; what lasts longer may be the plant [samples].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, 48 samples held against 'load step' instead of 49; error of 'load step' times 0.54; doubled,
-nothing changes on these records.
-"""
+# what lasts longer may be the plant; a solution of the record tells as many apart
+IN_A_ROW = 5  # outliers in a row that are no more than that [samples]
 
 LONGEST_GAP = 1000.0
 """Longest that a gap which parts a record counts as [usual intervals].
@@ -29,15 +25,9 @@ Derivation: a gap of any length begins a new part; what is chosen by the record'
 
 @dataclass(frozen=True, eq=False)
 class RecentSamples:
-    """Raw samples, input mapped and working point taken off, oldest first; those of a start-up still have theirs.
+    """Raw samples, input mapped and working point taken off, oldest first; those of a start-up still have theirs."""
 
-    Attributes
-    ----------
-    values : (K, 6), (K, 5) or (K, 3) array
-        A sample a row; three columns where the state does not examine its outputs: then only input, output and
-        interval can be asked for.  The sixth is the reference.
-    """
-
+    # (K, 6), the sixth the reference, (K, 5), or where outputs are not examined (K, 3): input, output, interval
     values: FloatArray
 
     @classmethod
@@ -146,7 +136,7 @@ class RecentSamples:
             return copy
         rows = np.flatnonzero((self.doubt == Doubt.OUTLIER) & ~self.is_stuck)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
-            if run.size <= LONELY:
+            if run.size <= IN_A_ROW:
                 copy.output[run] = self.bridged[run]
         return copy
 

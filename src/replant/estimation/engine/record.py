@@ -44,9 +44,6 @@ def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
 
     An interval is a gap if it is more than `GAP` times as long as the usual one, and as those beside it: samples that
     come more slowly for a while are no gaps.  Of more than `MOST_GAPS` the longest are returned.
-
-    >>> gaps_of(np.array([1.0, 1.0, 9.0, 1.0, 9.0, 9.0, 9.0]), 1.0)
-    array([2])
     """
     if intervals.size < 2:
         return np.zeros(0, np.int64)
@@ -60,36 +57,20 @@ def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """A record made ready: mapped input and output, working point taken off, unusable samples dropped.
+    """A record made ready: mapped input and output, working point taken off, unusable samples dropped."""
 
-    Attributes
-    ----------
-    u, y : (K,) arrays
-    intervals : (1,) or (K,) array
-        Time since the sample before, in s: one for all, or one each.
-    input_hold : str
-    r : (K,) array, optional
-        Reference; None where there is none.
-    before : Record, optional
-        The samples before it, whose inputs still act on it because of a dead time.
-    usual : float
-        Usual interval in s of a record whose gaps part it, see `gaps_of`; infinite where none does.
-    measured : (K,) array of bool, optional
-        Which outputs were measured; None where all were.  Of the others ``y`` holds a guess: the input drives the
-        model, the model's own output takes their place, and nothing is learned from them.
-    begins : tuple of int
-        Samples at which another record begins, see `join`: its offset and initial state are its own.
-    """
-
-    u: FloatArray
-    y: FloatArray
-    intervals: FloatArray
+    u: FloatArray  # (K,)
+    y: FloatArray  # (K,)
+    intervals: FloatArray  # (1,) or (K,): time since the sample before, in s: one for all, or one each
     input_hold: str = "zoh"
-    r: FloatArray | None = None
-    before: Record | None = None
+    r: FloatArray | None = None  # (K,): the reference, where there is one
+    before: Record | None = None  # the samples before it, whose inputs still act on it because of a dead time
+    # usual interval in s of a record whose gaps part it, see `gaps_of`; infinite where none does
     usual: float = math.inf
+    # (K,): which outputs were measured, None for all; in place of others, ``y`` a guess, the model's own output drives
+    # the filters, and nothing is learned from them
     measured: BoolArray | None = None
-    begins: tuple[int, ...] = ()
+    begins: tuple[int, ...] = ()  # samples at which another record begins: its offset and initial state are its own
 
     @property
     def count(self) -> int:
@@ -178,13 +159,6 @@ class Record:
 
         The input of a lost row lies on the straight line between its neighbours, its output was not measured.  What
         lies in a gap stays lost, and where samples come more slowly for a while none is missing.
-
-        Examples
-        --------
-        >>> record = Record(np.array([0.0, 1.0, 4.0, 4.0]), np.zeros(4), np.array([1.0, 1.0, 3.0, 1.0]))
-        >>> restored, places = record.restored
-        >>> restored.u.tolist(), restored.measured.tolist(), places.tolist()
-        ([0.0, 1.0, 2.0, 3.0, 4.0, 4.0], [True, True, False, False, True, True], [0, 1, 4, 5])
         """
         if self.intervals.size == 1:
             return self, np.arange(self.u.size)
@@ -230,14 +204,7 @@ class Record:
         return Record(u, y, intervals, self.input_hold, r, None, self.usual, measured, begins)
 
     def unknown(self, delay: float) -> int:
-        """Return how many samples at the beginning answer to inputs before the record, with a dead time in s.
-
-        Examples
-        --------
-        >>> record = Record(np.zeros(9), np.zeros(9), np.array([0.1]))
-        >>> [record.unknown(delay) for delay in (0.0, 0.3, 0.32, 5.0)]
-        [0, 3, 4, 9]
-        """
+        """Return how many samples at the beginning answer to inputs before the record, with a dead time in s."""
         if self.intervals.size == 1:
             return min(unknown_outputs(delay, float(self.intervals[0])), self.u.size)
         since = np.cumsum(self.intervals) - self.intervals[0]
@@ -268,15 +235,9 @@ def _slices(begins: Sequence[int], end: int) -> list[slice]:
 
 @quiet
 def ready_record(
-    structure: Structure,
-    dt: float,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    stamps: FloatArray | None = None,
-    input_hold: str = "zoh",
-    r: FloatArray | None = None,
-) -> Record:
+    structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray,
+    stamps: FloatArray | None = None, input_hold: str = "zoh", r: FloatArray | None = None,
+) -> Record:  # fmt: skip
     """Return a raw record made ready: mapped, samples without an input dropped, working point taken off.
 
     Without a bias in the structure the mean is subtracted too; the constant beside G(s) takes up the remainder.  Where

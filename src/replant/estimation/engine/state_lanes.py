@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from replant.estimation.engine.aligned import aligned
 from replant.estimation.engine.state import State
-from replant.kernels.schema import StateSlots
+from replant.kernels.schema import LINE, StateSlots
 from replant.numerics.arguments import FloatArray, IntArray
 
 STRETCH = 8
@@ -30,10 +29,7 @@ ALIKE = [
 
 
 def fits(state: State) -> bool:
-    """Return whether a state may be stepped in a lane, on a regular clock: a refined filter and no dead time.
-
-    Nor does it follow sums in the place of samples that are not kept.
-    """
+    """Return whether a state may be stepped in a lane: refined filter, samples kept, no dead time or reference."""
     from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 
     known = state.examines_output and state.refined and state.algorithm == RECURSIVE_LEAST_SQUARES
@@ -49,6 +45,14 @@ def fits(state: State) -> bool:
 def kind(state: State) -> tuple[int, ...]:
     """Return what the states in the lanes of one vector must have in common."""
     return (*state.ints[ALIKE].tolist(), state.rest_after > 0, bool(state.settings[0] < 1.0), *state.reals.shape)
+
+
+def aligned(shape: tuple[int, ...]) -> FloatArray:
+    """Return an array of zeros that begins on a cache line, so that no vector lies across two lines."""
+    size = int(np.prod(shape))
+    room = np.zeros(size + LINE // 8)
+    skip = -room.ctypes.data % LINE // 8
+    return room[skip : skip + size].reshape(shape)
 
 
 class Lanes:
@@ -72,10 +76,7 @@ class Lanes:
         self, states: Sequence[State], numbers: Sequence[int], start: int, u: FloatArray, y: FloatArray,
         errors: FloatArray, parameters: FloatArray,
     ) -> tuple[int, IntArray]:  # fmt: skip
-        """Take samples from row ``start`` on, up to the stretch in which a member needs attention.
-
-        Returns the row behind that stretch, and for each member the row up to which it has taken them.
-        """
+        """Take samples from row ``start`` on; return where one needs attention, and up to which each has taken them."""
         from replant.kernels.lanes import LANES
         from replant.kernels.step import ensemble_covariance
 

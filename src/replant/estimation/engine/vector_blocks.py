@@ -7,9 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from replant.estimation.engine.aligned import aligned
 from replant.estimation.engine.state import State
-from replant.estimation.engine.state_lanes import Lanes
+from replant.estimation.engine.state_lanes import Lanes, aligned
 from replant.kernels.schema import LAYOUT, StateSlots
 from replant.numerics.arguments import FloatArray, IntArray
 
@@ -42,28 +41,17 @@ def order(state: State) -> tuple[int, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """The stacked arrays of up to `kernels.vector.LANES` members; see `replant.kernels.step.ensemble`.
+    """The stacked arrays of up to `kernels.vector.LANES` members; see `replant.kernels.step.ensemble`."""
 
-    Attributes
-    ----------
-    numbers : (LANES,) int64 array
-        Which members of the ensemble these are; lanes left over repeat the first.
-    members : int
-        How many there are.
-    ints, reals, banks, buffer, recent : arrays
-        As of `State`; the member axis is the first of ``ints``, the last of the others.
-    apart : bool
-        Whether the members have random streams of their own; then the member axis of ``buffer`` is the first.
-    """
-
-    numbers: IntArray
-    members: int
+    numbers: IntArray  # (LANES,): which members these are; lanes left over repeat the first
+    members: int  # how many there are
+    # this and the next four as of `State`; the member axis is the first here, the last of the others
     ints: np.ndarray[tuple[int, int], np.dtype[np.int64]]
     reals: FloatArray
     banks: FloatArray
     buffer: FloatArray
     recent: FloatArray
-    apart: bool
+    apart: bool  # whether the random streams differ; then the member axis of ``buffer`` is the first
     work: tuple[np.ndarray, ...] = field(repr=False)
 
     @classmethod
@@ -84,16 +72,11 @@ class Block:
             aligned((first.entries + memory, LANES)),
         )
         return cls(
-            np.array(rows),
-            len(states),
-            np.stack([state.ints for state in lanes]),
-            side_by_side([state.reals for state in lanes]),
-            side_by_side([state.banks for state in lanes]),
-            np.stack(buffers) if apart else side_by_side(buffers),
-            side_by_side([state.recent for state in lanes]),
-            apart,
-            work,
-        )
+            np.array(rows), len(states), np.stack([state.ints for state in lanes]),
+            side_by_side([state.reals for state in lanes]), side_by_side([state.banks for state in lanes]),
+            np.stack(buffers) if apart else side_by_side(buffers), side_by_side([state.recent for state in lanes]),
+            apart, work,
+        )  # fmt: skip
 
     def state(self, lane: int) -> State:
         """Return one member's arrays: views, which follow it."""
@@ -119,10 +102,7 @@ class Block:
 
 
 class Room:
-    """Work space of one thread: the samples of a block in SIMD vectors, and the results.
-
-    Its allocation takes as long as a hundred samples, so it is used again as long as it is large enough.
-    """
+    """Work space of one thread, used again as long as it is large enough: to make it takes a hundred samples."""
 
     def __init__(self) -> None:
         self._arrays = aligned((0, 0, 0)), aligned((0, 0, 0))

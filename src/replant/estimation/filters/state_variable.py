@@ -16,56 +16,28 @@ from replant.errors import InvalidArgumentError, shown
 from replant.model import state_space
 from replant.model.dead_time import split_delay
 from replant.model.structure import Structure
-from replant.numerics.arguments import (
-    FloatArray,
-    between,
-    keep,
-    numbers,
-    one_of,
-    positive,
-    whole,
-)
+from replant.numerics.arguments import FloatArray, between, keep, numbers, one_of, positive, whole
 from replant.numerics.limits import dead_time, duration
 from replant.numerics.linear_algebra import roots
 
 
 @dataclass(frozen=True, eq=False)
 class DiscreteFilter:
-    """The filters (7) for one sampling time, in scaled states (see `replant.model.state_space`).
+    """The filters (7) for one sampling time, in scaled states (see `replant.model.state_space`)."""
 
-    Attributes
-    ----------
-    transition : (n, n) array
-    output_taps : (2, n) array
-        Vectors for y[k-1] and y[k].
-    input_taps : (3, n) array
-        Vectors for u[k-lag-2], u[k-lag-1] and u[k-lag].
-    characteristic, scale : (n,) arrays
-        As in `replant.model.state_space.Companion`.
-    lag : int
-        Whole samples of dead time.
-    """
-
-    transition: FloatArray
-    output_taps: FloatArray
-    input_taps: FloatArray
-    characteristic: FloatArray
+    transition: FloatArray  # (n, n)
+    output_taps: FloatArray  # (2, n): for y[k-1] and y[k]
+    input_taps: FloatArray  # (3, n): for u[k-lag-2], u[k-lag-1] and u[k-lag]
+    characteristic: FloatArray  # (n,), and scale (n,): as in `replant.model.state_space.Companion`
     scale: FloatArray
-    lag: int
+    lag: int  # whole samples of dead time
 
 
 class Filter:
-    """What a filter tells about itself; the rest of the package asks for nothing else.
+    """What a filter tells about itself; the rest of the package asks for nothing else."""
 
-    Attributes
-    ----------
-    input_hold : {"zoh", "foh"}
-        What u does between samples.
-    follows_estimate : bool
-        Whether it is made from the estimate, and anew as that moves; it then needs instruments and a start-up.
-    """
-
-    input_hold: str
+    input_hold: str  # "zoh" or "foh": what u does between samples
+    # whether it is made from the estimate, anew as that moves, after a start-up
     follows_estimate: ClassVar[bool] = False
 
     @property

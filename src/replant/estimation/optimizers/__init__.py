@@ -32,16 +32,6 @@ OPTIMIZERS: dict[str, type[Optimizer]] = {
 }
 
 __all__ = [
-    "OPTIMIZERS",
-    "AMSGrad",
-    "AdaDelta",
-    "AdaGrad",
-    "Adam",
-    "Gradient",
-    "IntegralCost",
-    "KalmanTracking",
-    "NAdam",
-    "Optimizer",
-    "RMSProp",
-    "RecursiveLeastSquares",
-]
+    "OPTIMIZERS", "AMSGrad", "AdaDelta", "AdaGrad", "Adam", "Gradient", "IntegralCost", "KalmanTracking", "NAdam",
+    "Optimizer", "RMSProp", "RecursiveLeastSquares",
+]  # fmt: skip

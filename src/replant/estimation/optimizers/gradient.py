@@ -8,13 +8,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from replant.estimation.optimizers.optimizer import Optimizer, rounded
-from replant.numerics.arguments import (
-    FloatArray,
-    between,
-    keep,
-    not_negative,
-    positive,
-)
+from replant.numerics.arguments import FloatArray
 
 
 @dataclass(frozen=True)
@@ -40,9 +34,6 @@ class Gradient(Optimizer):
 
     gain: float
     code: ClassVar[int] = 0
-
-    def __post_init__(self) -> None:
-        keep(self, "gain", positive)
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
@@ -81,10 +72,6 @@ class IntegralCost(Optimizer):
     gain: float
     forgetting_rate: float
     code: ClassVar[int] = 7
-
-    def __post_init__(self) -> None:
-        keep(self, "gain", positive)
-        keep(self, "forgetting_rate", not_negative)
 
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
@@ -127,18 +114,10 @@ class AdaGrad(Optimizer):
     epsilon: float = 1e-8
     code: ClassVar[int] = 3
 
-    def __post_init__(self) -> None:
-        keep(self, "step_size", positive)
-        keep(self, "epsilon", positive)
-
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
         """Return a step size of 0.05: the algorithm shrinks it by itself."""
         return cls(step_size=0.05)
-
-    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
-        """Return [alpha, epsilon]."""
-        return np.array([self.step_size, self.epsilon])
 
 
 @dataclass(frozen=True)
@@ -171,19 +150,10 @@ class RMSProp(Optimizer):
     epsilon: float = 1e-8
     code: ClassVar[int] = 4
 
-    def __post_init__(self) -> None:
-        keep(self, "step_size", positive)
-        keep(self, "rho", between, 0.0, 1.0)
-        keep(self, "epsilon", positive)
-
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
         """Return a step size of ten over the updates to come, between 1e-4 and 1e-3."""
         return cls(step_size=rounded(min(max(10.0 / updates, 1e-4), 1e-3)))
-
-    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
-        """Return [alpha, rho, epsilon]."""
-        return np.array([self.step_size, self.rho, self.epsilon])
 
 
 @dataclass(frozen=True)
@@ -253,20 +223,10 @@ class Adam(Optimizer):
     epsilon: float = 1e-8
     code: ClassVar[int] = 1
 
-    def __post_init__(self) -> None:
-        keep(self, "step_size", positive)
-        keep(self, "beta1", between, 0.0, 1.0)
-        keep(self, "beta2", between, 0.0, 1.0)
-        keep(self, "epsilon", positive)
-
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
         """Return a step size of ten over the updates to come, between 1e-4 and 1e-3."""
         return cls(step_size=rounded(min(max(10.0 / updates, 1e-4), 1e-3)))
-
-    def settings(self, dt: float, unit: FloatArray) -> FloatArray:
-        """Return [alpha, beta1, beta2, epsilon]."""
-        return np.array([self.step_size, self.beta1, self.beta2, self.epsilon])
 
     def begins_with(self, size: int) -> dict[str, Any]:
         """Return the powers of beta1 and beta2 that correct the bias of the moments: one."""

@@ -4,13 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.numerics.arguments import FloatArray, between, finite, iterable, keep, numbers, positive, whole
+from replant.numerics.arguments import (
+    FloatArray,
+    between,
+    finite,
+    iterable,
+    keep,
+    not_negative,
+    numbers,
+    positive,
+    whole,
+)
 
 LARGEST_BATCH = 100_000  # updates a sample at the most: they take some milliseconds, which nothing interrupts [count]
 
@@ -62,13 +72,7 @@ class Replay:
 
 
 def rounded(value: float) -> float:
-    """Return ``value`` to three digits: a setting that one can type again.
-
-    Examples
-    --------
-    >>> rounded(0.000122159)
-    0.000122
-    """
+    """Return ``value`` to three digits: a setting that one can type again."""
     return float(f"{value:.3g}")
 
 
@@ -84,6 +88,11 @@ class Optimizer:
     # whether power and colour of the residual are kept beside it, forgotten by the first of its settings
     keeps_colour: ClassVar[bool] = False
 
+    def __post_init__(self) -> None:
+        for each in fields(self):  # type: ignore[arg-type]
+            if each.name in CHECKS:
+                keep(self, each.name, *CHECKS[each.name])
+
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
         """Return this optimizer for auto-scaled signals, sampling time ``dt`` and about ``updates`` updates to come.
@@ -98,7 +107,7 @@ class Optimizer:
 
     def settings(self, dt: float, unit: FloatArray) -> FloatArray:
         """Return the kernel's settings for the sampling time ``dt`` in s; ``unit`` (T,) is physical over scaled."""
-        raise NotImplementedError
+        return np.array([getattr(self, each.name) for each in fields(self)])  # type: ignore[arg-type]
 
     def begins_with(self, size: int) -> dict[str, Any]:
         """Return the blocks of the memory that are not zero before the first sample, for ``size`` parameters."""
@@ -154,9 +163,8 @@ class RecursiveLeastSquares(Optimizer):
     keeps_colour: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        keep(self, "forgetting_factor", positive)
+        super().__post_init__()
         keep(self, "forgetting_factor", between, 0.0, 1.0, closed="both")
-        keep(self, "initial_covariance", positive)
         if self.time_constant is not None:
             keep(self, "time_constant", positive)
             if self.forgetting_factor != 1.0:
@@ -214,11 +222,6 @@ class KalmanTracking(Optimizer):
     code: ClassVar[int] = 9
     keeps_covariance: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        keep(self, "process_noise", _process_noise)
-        keep(self, "noise_time_constant", positive)
-        keep(self, "initial_covariance", positive)
-
     @classmethod
     def suggested(cls, dt: float, updates: int) -> Self:
         """Return a walk by a tenth of a scaled parameter over the samples to come."""
@@ -251,3 +254,13 @@ def _process_noise(name: str, value: float | Sequence[float]) -> float | tuple[f
     if least < 0.0:
         raise InvalidArgumentError(f"{name} must be at least 0, got {least:g}")
     return noise
+
+
+#: How the settings of optimizers are checked, by name.
+CHECKS: dict[str, tuple[Any, ...]] = {
+    **dict.fromkeys(("gain", "step_size", "epsilon", "forgetting_factor"), (positive,)),
+    **dict.fromkeys(("noise_time_constant", "initial_covariance"), (positive,)),
+    **dict.fromkeys(("rho", "beta1", "beta2"), (between, 0.0, 1.0)),
+    "forgetting_rate": (not_negative,),
+    "process_noise": (_process_noise,),
+}

@@ -94,13 +94,7 @@ class Pass:
 
 
 class AuxiliaryModel:
-    """Runs models of one structure over records.
-
-    >>> model = AuxiliaryModel(Structure(poles=1), dt=1.0)
-    >>> record = Record(np.ones(3), np.zeros(3), np.array([1.0, 1.0, 2.0]))
-    >>> model.run(np.array([1.0, 1.0, 0.0, 0.0]), record).output.round(4)
-    array([0.    , 0.6321, 0.9502])
-    """
+    """Runs models of one structure over records."""
 
     def __init__(
         self, structure: Structure, dt: float, input_hold: str = "zoh", *, margin: float = 0.0, reference: bool = False

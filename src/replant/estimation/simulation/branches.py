@@ -44,10 +44,7 @@ class Branches:
     def run(
         self, coefficients: Sequence[FloatArray], states: FloatArray, records: Sequence[Record], *, on: bool = False
     ) -> tuple[list[FloatArray], list[FloatArray], list[FloatArray]]:
-        """Return of each branch the output (K,), with its initial state's; the slopes (K, C); the responses (K, n).
-
-        ``states`` are the initial states of all, weights of the responses.
-        """
+        """Return of each branch the output (K,) with that of its initial state, the slopes and the responses."""
         outputs, slopes, free = [], [], []
         for model, structure, theta, record in self._each(coefficients, states, records):
             done = model.go_on(theta, record) if on else model.run(theta, record)

@@ -81,21 +81,10 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
 
 
 def simulate(
-    model: TransferFunction,
-    u: FloatArray,
-    y: FloatArray,
-    dt: float,
-    *,
-    input_hold: str = "zoh",
+    model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh",
     t: FloatArray | None = None,
-) -> Simulation:
-    """Run a model from the input alone, with the offset and initial state that fit ``y`` best (least squares).
-
-    >>> g = TransferFunction([2.0], [1.0, 1.0])
-    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
-    >>> simulate(g, u, g.simulate(u, 0.1) + 5.0, 0.1).offset
-    5.0...
-    """
+) -> Simulation:  # fmt: skip
+    """Run a model from the input alone, with the offset and initial state that fit ``y`` best (least squares)."""
     run = FittedRun(model, dt, input_hold)
     output, known = run.take(u, y, t)
     if not (np.isfinite(output).all() and np.isfinite(known).any()):
@@ -136,17 +125,7 @@ class Part(NamedTuple):
 
 
 class FittedRun:
-    """Runs a model over a record that comes batch by batch.
-
-    The offset is fitted to the first batch, the state to the rest of the batch in which its stretch begins.
-
-    >>> g = TransferFunction([2.0], [1.0, 1.0])
-    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
-    >>> run = FittedRun(g, dt=0.1)
-    >>> output, known = run.take(u, g.simulate(u, 0.1) + 5.0)
-    >>> round(run.offset, 6), bool(np.abs(output - known).max() < 1e-9)
-    (5.0, True)
-    """
+    """Runs a model over a record batch by batch, the offset fitted to the first, a state to the rest of its batch."""
 
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
         self._model, self._dt, self._hold = model, dt, input_hold
@@ -215,12 +194,7 @@ def bridged(u: FloatArray, before: float = 0.0) -> tuple[FloatArray, float]:
 
 @quiet
 def triangle_of(*columns: FloatArray) -> FloatArray:
-    """Return R (at most C, C) of columns side by side, each (K,) or (K, c), C together; rows with a NaN are left out.
-
-    >>> np.abs(triangle_of(np.ones(4), np.array([1.0, 3.0, np.nan, 5.0]))).round(4)
-    array([[1.7321, 5.1962],
-           [0.    , 2.8284]])
-    """
+    """Return R (at most C, C) of columns side by side, each (K,) or (K, c), C together, without rows with a NaN."""
     triangle = np.zeros((0, sum(each.shape[1] if each.ndim > 1 else 1 for each in columns)))
     for begin in range(0, len(columns[0]), ROWS):
         block = np.column_stack([each[begin : begin + ROWS] for each in columns])
@@ -232,14 +206,7 @@ def triangle_of(*columns: FloatArray) -> FloatArray:
 
 @quiet
 def weights_of(triangle: FloatArray) -> FloatArray:
-    """Return the weights (C - 1,) of a triangle's columns that explain its last one best.
-
-    Of weights that explain it equally well those are taken whose scaled columns are shortest together; zeros where
-    there is no solution.
-
-    >>> weights_of(triangle_of(np.ones(3), np.array([1.0, 3.0, 5.0]))).round(9)
-    array([3.])
-    """
+    """Return the weights (C - 1,) of a triangle's columns, the shortest that explain its last; zeros if none do."""
     columns = triangle[:, :-1]
     lengths = _lengths(columns)
     # the columns are scaled: the sizes of a response that dies out and of one that grows differ by many decades
@@ -248,10 +215,7 @@ def weights_of(triangle: FloatArray) -> FloatArray:
 
 @quiet
 def common_offset(triangles: Sequence[FloatArray]) -> float:
-    """Return the offset that, together with a state of each part of its own, explains what a model leaves of the parts.
-
-    It is 0 where the states alone explain it as well, as those of an integrator do.
-    """
+    """Return the offset that, beside a state of each part, explains what is left; 0 where the states alone do."""
     size = power = product = 0.0
     for triangle in triangles:
         own, rest = triangle[:, :-2], triangle[:, -2:]
@@ -273,15 +237,7 @@ def _lengths(columns: FloatArray) -> FloatArray:
 
 
 class Score:
-    """Runs a model from the input alone, and keeps the sums that its fits to the measured output are made from.
-
-    >>> g = TransferFunction([2.0], [1.0, 1.0])
-    >>> u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
-    >>> score = Score(g, dt=0.1)
-    >>> output = score.take(u, g.simulate(u, 0.1) + 5.0)
-    >>> round(score.simulated, 6), output[:2].round(6) + score.shift
-    (100.0, array([5., 5.]))
-    """
+    """Runs a model from the input alone, and keeps the sums that its fits to the measured output are made from."""
 
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
         self._run = FittedRun(model, dt, input_hold)

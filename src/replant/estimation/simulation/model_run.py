@@ -75,22 +75,10 @@ def run_model(
 
 
 def model_output(
-    model: TransferFunction,
-    u: FloatArray,
-    y: FloatArray,
-    dt: float,
-    *,
-    input_hold: str = "zoh",
+    model: TransferFunction, u: FloatArray, y: FloatArray, dt: float, *, input_hold: str = "zoh",
     t: FloatArray | None = None,
-) -> Simulation:
-    """Return the output of a model beside a record, offset and initial state fitted to the measured output.
-
-    >>> g = TransferFunction([1.0], [1.0, -1.0])
-    >>> u = np.sin(np.arange(40.0))
-    >>> found = model_output(g, u, g.simulate(u, 0.1), 0.1)
-    >>> found.is_prediction, found.fit > 99.0
-    (True, True)
-    """
+) -> Simulation:  # fmt: skip
+    """Return the output of a model beside a record, offset and initial state fitted to the measured output."""
     span = dt * (u.size - 1) if t is None else float(t[-1] - t[0])
     if not runs_away(model.den, span):
         return simulate(model, u, y, dt, input_hold=input_hold, t=t)
@@ -113,21 +101,14 @@ def model_output(
 
 @quiet
 def runs_away(denominator: FloatArray, span: float) -> bool:
-    """Return whether a model's free response grows more than e-fold within ``span`` s: a simulation means nothing.
-
-    >>> runs_away(np.array([1.0, -1.0]), 20.0), runs_away(np.array([1.0, 1.0, 0.0]), 20.0)
-    (True, False)
-    """
+    """Return whether a model's free response grows more than e-fold within ``span`` s: a simulation means nothing."""
     fastest = float(roots(denominator).real.max())
     return math.isfinite(fastest) and fastest * span > 1.0
 
 
 @quiet
 def prediction_error(structure: Structure, parameters: FloatArray, record: Record, dt: float) -> FloatArray | None:
-    """Return the error (K,) of the output predicted one step ahead, offset and initial state fitted to the record.
-
-    For a model of any stability; that of a stable one is simulated.  None where it leaves float64.
-    """
+    """Return the one-step error (K,), offset and initial state fitted, of any stability; None beyond float64."""
     model = AuxiliaryModel(structure, dt, record.input_hold, margin=SLOWEST / record.span)
     theta, known = np.zeros(model.entries), structure.coefficients
     theta[:known] = parameters[:known]

@@ -242,6 +242,15 @@ class RowRecord:
         whole[self.used] = self.level + output
         return whole
 
+    def explained(self, row: Row, output: FloatArray) -> FloatArray:
+        """Return an output (K,) with NaN where the row is not judged by it: it is bad, or answers to inputs before."""
+        measured = np.zeros(self.record.u.size, bool)
+        for stretch in row.stretches:
+            measured[stretch.rows] = stretch.measured
+        known = np.zeros(self.used.size, bool)
+        known[self.used] = measured
+        return np.where(known, output, np.nan)
+
     def levels(self, row: Row, point: Point) -> tuple[FloatArray, float]:
         """Return the mean of each input, and the output that rests there: the mean where a branch has no rest."""
         middles = self.inputs.mean(axis=0)

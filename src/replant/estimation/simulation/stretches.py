@@ -10,23 +10,13 @@ NONE: IntArray = np.zeros((0, 2), np.int64)
 
 
 def stretches_of(flags: BoolArray, first: int = 0) -> IntArray:
-    """Return where flags (K,) are set, as rows [begin, end), (R, 2); ``first`` is the sample of the first flag.
-
-    Examples
-    --------
-    >>> stretches_of(np.array([False, True, True, False, True]), first=10).tolist()
-    [[11, 13], [14, 15]]
-    """
+    """Return where flags (K,) are set, as rows [begin, end), (R, 2); ``first`` is the sample of the first flag."""
     edges = np.flatnonzero(np.diff(flags.astype(np.int8), prepend=0, append=0))
     return np.asarray(first + edges.reshape(-1, 2), np.int64)
 
 
 def flags_of(stretches: IntArray, first: int, samples: int) -> BoolArray:
-    """Return which samples (K,) of a range lie in stretches.
-
-    >>> flags_of(np.array([[11, 13], [14, 15]]), 12, 4).tolist()
-    [True, False, True, False]
-    """
+    """Return which samples (K,) of a range lie in stretches."""
     begin, end = np.searchsorted(stretches[:, 1], first, "right"), np.searchsorted(stretches[:, 0], first + samples)
     flags = np.zeros(samples, bool)
     for low, high in np.clip(stretches[begin:end] - first, 0, samples).tolist():
@@ -35,13 +25,7 @@ def flags_of(stretches: IntArray, first: int, samples: int) -> BoolArray:
 
 
 def joined(stretches: IntArray, apart: int) -> IntArray:
-    """Return ascending stretches (R, 2) with those joined that are at most ``apart`` samples apart, for a plot.
-
-    Examples
-    --------
-    >>> joined(np.array([[1, 2], [3, 4], [9, 10]]), 1).tolist()
-    [[1, 4], [9, 10]]
-    """
+    """Return ascending stretches (R, 2) with those joined that are at most ``apart`` samples apart, for a plot."""
     if not len(stretches):
         return NONE
     new = np.flatnonzero(stretches[1:, 0] - np.maximum.accumulate(stretches[:-1, 1]) > apart)

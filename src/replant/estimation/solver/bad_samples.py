@@ -16,18 +16,11 @@ import math
 
 import numpy as np
 
+from replant.estimation.engine.recent_samples import IN_A_ROW
 from replant.kernels.schema import Doubt
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.levels import MATTERS
-from replant.numerics.robust import (
-    SECTIONS,
-    never_ties,
-    robust_std,
-    still_runs,
-    tie_share,
-    usual_step,
-    without_spikes,
-)
+from replant.numerics.robust import SECTIONS, never_ties, robust_std, still_runs, tie_share, usual_step, without_spikes
 
 SIGMAS = 6.0
 """Distance of a residual from what its neighbours tell beyond which it is an outlier [robust standard deviations].
@@ -48,7 +41,6 @@ STEPS = 3.0  # the same beside the sensor's usual step, and what a model must mo
 UNEXPLAINED = 0.5  # residual of a gross output that the model does not explain [part of its distance from the median]
 MOST = 0.05  # share of outliers beyond which they are none: heavy tails, or another plant; as MOST_DOUBTED [share]
 FEWEST = 5  # residuals that tell how large one usually is, at the least [samples]
-IN_A_ROW = 5  # outliers in a row that are told apart: each time the largest of neighbours is found [count]
 JUMP = math.sqrt(MATTERS)  # step of the input that a model without a direct path answers too late [part of its range]
 
 BY_CHANCE = 0.01
@@ -65,11 +57,7 @@ HARM = 0.02  # what a model must move for a stuck sensor to do harm: the root of
 
 
 def suspicious(u: FloatArray, y: FloatArray) -> IntArray:
-    """Return the `Doubt` in each output (K,) without a model: missing (NaN), gross, or equal too often to be chance.
-
-    Gross outputs at steps of the input (K,), or of one of several (K, q), may be answers to it.  Where equal ones are
-    most of all, none of them is suspicious.
-    """
+    """Return the `Doubt` in each output (K,) without a model: missing (NaN), gross, or equal too often to be chance."""
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
     known, gross = np.isfinite(y), _gross(y)
     if not _follow(u, gross):
@@ -143,17 +131,14 @@ def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
 
 
 def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray) -> BoolArray:
-    """Return which residuals (K,) stand out of their neighbours; none where they follow steps of the input.
-
-    Beside its neighbours on both sides a residual of the noise model D stands out by D'D e / d'd.
-    """
+    """Return which residuals (K,) stand out of their neighbours, by D'D e / d'd, and follow no steps of the input."""
     known = np.isfinite(error)
     nothing = np.zeros(error.size, bool)
     if int(known.sum()) < max(FEWEST, noise.size):
         return nothing
     left, found = np.where(known, error, 0.0), nothing.copy()
     least = max(LEAST * float(np.std(y[known] - error[known])), STEPS * usual_step(y[known]))
-    for _ in range(IN_A_ROW):
+    for _ in range(IN_A_ROW):  # each time the largest of neighbours is found
         white = np.convolve(left, noise)[: left.size]
         away = np.convolve(white[::-1], noise)[: left.size][::-1] / float(noise @ noise)
         size = np.abs(away)

@@ -105,10 +105,7 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
 
 
 def _scatter(products: FloatArray, begin: int) -> float:
-    """Return the variance of the sums of scores (K, size) over blocks, before and since, beside that of white noise.
-
-    No less than one: what the noise model leaves of the residual's colour makes it larger.
-    """
+    """Return the variance of the sums of scores (K, size) over blocks, over that of white noise; at least one."""
     away = []
     for part in (products[:begin], products[begin:]):
         count = max(BLOCKS * len(part) // len(products), 2)

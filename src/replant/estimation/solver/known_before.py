@@ -45,16 +45,9 @@ class Known:
     @classmethod
     @quiet
     def before(
-        cls,
-        structure: Structure,
-        record: Record,
-        begin: int,
-        mean: FloatArray,
-        information: FloatArray,
-        usual: float,
-        *,
-        filters: bool = True,
-    ) -> Known | None:
+        cls, structure: Structure, record: Record, begin: int, mean: FloatArray, information: FloatArray, usual: float,
+        *, filters: bool = True,
+    ) -> Known | None:  # fmt: skip
         """Return what a model and the information about it tell before a sample of a record; None where they do not."""
         problem = Problem(structure, record)
         first = record.first(begin)
@@ -121,11 +114,7 @@ class Known:
         return Prior(self.mean, forget(self.information, directions), max(self.variance, np.finfo(float).tiny))
 
     def asked_for(self, plant: Refined, size: int, price: float) -> tuple[FloatArray, FloatArray] | None:
-        """Return the model, and the fewest of ``size`` coefficients to forget that an estimate since asks for.
-
-        None for all.  By the quadratic forms that the two estimates, of before and since, stand for: whichever
-        coefficient explains most of how they differ is forgotten next, as long as that is worth its price.
-        """
+        """Return the model, and the fewest coefficients to forget that an estimate since is worth; None for all."""
         before, since = self.information[:size, :size], inverse_of(plant.covariance[:size, :size])
         units = np.diag(before) ** -0.5  # the coefficients have units of their own
         before, since = (each * np.outer(units, units) for each in (before, since))

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.estimation.engine.record_regressors import regressors
+from replant.errors import InvalidArgumentError
+from replant.estimation.engine.state import State
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers.optimizer import rounded
 from replant.estimation.simulation.fitted_run import simulate
@@ -20,6 +21,24 @@ RANK_TOLERANCE = 1e-10  # singular value of the scaled regressor that counts as 
 SLOWEST_CUTOFF = 10.0  # slowest cutoff tried: five time constants are half the record [1 / duration of the record]
 CANDIDATES = 16  # cutoffs tried, evenly spaced in the logarithm [count]
 MOST_SAMPLES = 20_000  # samples looked at for the choice [samples]
+
+
+def regressors(
+    structure: Structure, dt: float, state_filter: StateVariableFilter, preprocess: Preprocess, u: FloatArray,
+    y: FloatArray, t: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    """Return the regressors phi (K, P) and the target s^n/Lambda y (K,), in physical units; NaN where a sample is."""
+    from replant.kernels.step.stages import regressors as kernel
+
+    if t is not None and state_filter.regular_only:
+        raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
+    state = State.for_regressors(structure, dt, state_filter, preprocess)
+    phi, target = np.empty((u.size, structure.size)), np.empty(u.size)
+    if callable(preprocess.input_map):
+        u = preprocess.call_map(u)
+    intervals = np.array([dt]) if t is None or t.size < 2 else np.diff(t, prepend=t[:1] - dt)
+    kernel(*state.arrays, u, y, intervals, np.zeros((0, 2)), phi, phi, target, target)
+    return phi, target
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,19 +68,10 @@ def least_squares(phi: FloatArray, target: FloatArray) -> LeastSquares:
 
 @quiet
 def choose_filter(
-    structure: Structure,
-    dt: float,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    t: FloatArray | None = None,
+    structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray, t: FloatArray | None = None,
     input_hold: str = "zoh",
-) -> StateVariableFilter:
-    """Return the filter whose least-squares model fits a record best when simulated from the input alone.
-
-    The cutoffs tried lie between 10 / duration and 1 / dt.  The simulated fit is compared, not the equation error: a
-    filter with a low cutoff makes the equation error small whatever the model is.
-    """
+) -> StateVariableFilter:  # fmt: skip
+    """Return the filter, its cutoff from 10 / duration to 1 / dt, whose least-squares model simulates a record best."""
     u, y, t = u[:MOST_SAMPLES], y[:MOST_SAMPLES], None if t is None else t[:MOST_SAMPLES]
     accepted, _ = screen(preprocess.map_input(u), y)
     y = np.where(accepted, y, np.nan)

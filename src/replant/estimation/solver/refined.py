@@ -153,11 +153,7 @@ class Refined:
         )  # fmt: skip
 
     def condition(self, size: int) -> float:
-        """Return the condition number of the first ``size`` parameters, comparable with that of a scaled regressor.
-
-        It is the square root of the condition number of their scaled information matrix, which is the ratio of the
-        largest to the smallest singular value of a regressor with that information.
-        """
+        """Return the ratio of the largest to the smallest singular value of a scaled regressor of this information."""
         covariance = compose(self.upper, self.diagonal)[:size, :size]
         scale = np.sqrt(np.diag(covariance))
         if not (np.isfinite(scale).all() and (scale > 0).all()):
@@ -191,13 +187,9 @@ def without_nuisances(structure: Structure, parameters: FloatArray) -> FloatArra
 
 @quiet
 def conclude(
-    structure: Structure,
-    record: Record,
-    known: IntArray,
-    root: Root,
-    projection: Projection | None = None,
+    structure: Structure, record: Record, known: IntArray, root: Root, projection: Projection | None = None,
     prior: Prior | None = None,
-) -> Refined | None:
+) -> Refined | None:  # fmt: skip
     """Return the estimate that an iteration comes to, with its covariance; None if not finite."""
     model, done, noise = root.model, root.done, root.noise
     samples, size = record.count, model.size

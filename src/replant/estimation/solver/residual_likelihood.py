@@ -74,10 +74,7 @@ class Stretch:
 
     @quiet
     def line(self, error: FloatArray, noise: Autoregression, beside: FloatArray) -> FloatArray:
-        """Return the columns (K, P) that make the line along which a residual drifts, zero at its end.
-
-        None (P = 0) where no line pays for itself.
-        """
+        """Return the columns (K, P) of the line along which a residual drifts, zero at its end; P = 0 if none pays."""
         return self._columns(self._drifted(error, noise, beside)[1] if np.isfinite(error).all() else 0)
 
     def _drifted(self, error: FloatArray, noise: Autoregression, beside: FloatArray | None) -> tuple[float, int]:

@@ -17,6 +17,7 @@ from replant.estimation.solver.bad_samples import doubts, filled, suspicious
 from replant.estimation.solver.refined import Refined
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
+from replant.estimation.solver.untold import with_untold
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
@@ -45,11 +46,7 @@ def at_first(record: Record) -> Record:
 
 
 def solve(
-    structure: Structure,
-    record: Record,
-    given: Sequence[FloatArray] = (),
-    *,
-    afresh: bool = False,
+    structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False
 ) -> Solution | None:
     """Solve a record; None where no start leads to a model."""
     answers, doubt = record.answers(structure.delay), suspected(record)
@@ -69,7 +66,9 @@ def solve(
         if (doubt == before).all():
             break
         found = refine(structure, leaving_out(record, doubt), [found.theta])
-    return solution
+    if solution is None:
+        return None
+    return replace(solution, found=with_untold(structure, leaving_out(record, solution.doubt), solution.found))
 
 
 def _first(structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool) -> Refined | None:

@@ -95,18 +95,10 @@ Level: one right root in a thousand is looked for twice.
 
 @quiet
 def refine(
-    structure: Structure,
-    record: Record,
-    given: Sequence[FloatArray] = (),
-    *,
-    afresh: bool = False,
+    structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False,
     filtered: bool = True,
-) -> Refined | None:
-    """Return the refined instrumental-variable estimate of a record; None where no start leads to a model.
-
-    Every start is improved by a few steps, the most promising ones by more.  Then the noise model is found, and the
-    best models are improved with it.
-    """
+) -> Refined | None:  # fmt: skip
+    """Return the refined instrumental-variable estimate of a record; None where no start leads to a model."""
     if not is_long_enough(structure, record):
         return None
     problem = Problem(structure, record)

@@ -62,10 +62,7 @@ class Problem:
         self._basis: tuple[Autoregression, FloatArray, FloatArray] | None = None
 
     def run(self, model: FloatArray, *, filled: bool = True) -> Pass:
-        """Return the pass of a model (T,) over the record: parameters, then nuisances.
-
-        Rows of outputs that were not measured are zero; the filters see the model's output, or the record's guess.
-        """
+        """Return the pass of a model (T,) over the record; zero rows where no output was measured."""
         done = self.run_whole(model, filled=filled).since(self._unknown)
         return done if self._beside is None else done.without(self._beside)
 
@@ -90,10 +87,7 @@ class Problem:
         return bool(magnitudes.max() < a.size * self.fastest)
 
     def bounded(self, model: FloatArray) -> FloatArray:
-        """Return ``model`` (T,) with no pole faster than the bound.
-
-        The numerator and the nuisances stay as they are.
-        """
+        """Return ``model`` (T,) with no pole faster than the bound, numerator and nuisances as they are."""
         if self.is_usable(model):
             return model
         n = self.structure.poles
@@ -106,10 +100,7 @@ class Problem:
         return np.concatenate([np.asarray(a, np.float64), model[n:]])
 
     def from_cutoff(self, cutoff: float, *, by_reference: bool = True) -> FloatArray | None:
-        """Return the estimate behind (s + cutoff)^n, cutoff in rad/s; None if singular.
-
-        By least squares, or where there is a reference and ``by_reference`` by its instruments.
-        """
+        """Return the estimate behind (s + cutoff)^n by least squares or a reference's instruments; None if singular."""
         n = self.structure.poles
         a = np.asarray(np.poly(np.full(n, -cutoff))[1:], np.float64)
         # without a numerator the model's output is no guess of outputs that were not measured: those that were, are
@@ -134,10 +125,7 @@ class Problem:
             self.noise = Autoregression.of_residual(done.error, self.known, self.record.count)
 
     def misfit(self, done: Pass) -> float:
-        """Return J, the part of a pass's whitened residual that the reference explains.
-
-        Without a reference the whole power of the whitened error of the predicted output.
-        """
+        """Return J, what the reference explains of the whitened residual; without one, the power of that of `ahead`."""
         white = self.whiten(done.ahead if self.projection is None else done.error)
         if not np.isfinite(white).all():
             return math.inf
@@ -147,10 +135,7 @@ class Problem:
         return float(np.sum((basis.T @ products(functions, white[:, None])) ** 2))
 
     def _functions(self, projection: Projection) -> tuple[FloatArray, FloatArray]:
-        """Return the whitened functions of the reference (K, L), and what makes them orthonormal, (L, R).
-
-        Kept as long as the noise model is the same: steps are tried many times with one.
-        """
+        """Return the reference's whitened functions (K, L) and what makes them orthonormal, kept per noise model."""
         if self._basis is None or self._basis[0] is not self.noise:
             functions = self.whiten(projection.functions[self._unknown :])
             self._basis = self.noise, functions, orthogonal(products(functions, functions))

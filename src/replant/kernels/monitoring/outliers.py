@@ -54,7 +54,8 @@ samples held against 'load step' instead of 49.
 
 LONG = 1.0 / 4000.0
 """Share of the newest residual in its usual variance [share].
-Origin: not recorded; kept, see sensitivity.
+Derivation: the usual variance follows a growth that goes on: with this share a power from 2.26 times the usual one on
+reaches LIMIT before, with twice it from 2.39 on, with half of it from 2.18 on; GROWN is where none does.
 Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
 """
 
@@ -72,13 +73,6 @@ Level: two standard deviations: 5 % of normal noise is beyond.
 Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
-FADE = 0.9
-"""What is left, after a sample, of a bridged output's distance from the model's [ratio].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved, 46 samples held against 'load step' instead of 49; error of 'stuck, coarse scale' times 0.78;
-doubled, 46 samples held against 'load step' instead of 49; error of 'load step' times 1.4.
-"""
-
 HARM = 4e-4
 """Square by which one sample may move the modelled output: a fiftieth of its size [part of its largest square].
 Origin: tests/online/test_quantised_sensor.py: where crests are cut the first few samples are off by little beside the
@@ -89,13 +83,14 @@ Sensitivity: halved or doubled, nothing changes on these records.
 RESOLVED = 0.01
 """Share of ties (a sample equal to a new one before it) below which the scale is fine, and a tie is not learned
 [share].
-Origin: not recorded; kept, see sensitivity.
+Derivation: at the most a hundredth of the samples is then not learned: standard deviations grow by half a percent.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 COARSE = 0.3
 """Share of ties from which on the scale is coarse [share].
-Origin: not recorded; kept, see sensitivity.
+Derivation: of white normal noise that is rounded to its standard deviation 27 % are ties: the scale is then as coarse
+as the noise.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
@@ -111,28 +106,11 @@ Derivation: at the share COARSE such a run has the chance 7e-5.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-MOVED_RESOLVED = 0.0625
-"""Square by which the modelled output must have moved meanwhile, on a fine scale [variances of the residual].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
 MOVED = 64.0
-"""The same on a coarse scale: eight standard deviations [variances of the residual].
+"""Square by which the modelled output must have moved meanwhile on a coarse scale, where ties are usual: eight standard
+deviations; on a fine one, where they are no chance, one is enough [variances of the residual].
 Derivation: as GATE.
 Sensitivity: halved, nothing changes on these records; doubled, error of 'stuck, coarse scale' times 2.1.
-"""
-
-PART_RESOLVED = 1e-8
-"""The same on a fine scale, where there is hardly any noise [part of the modelled output's largest square].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-PART = 1e-3
-"""The same on a coarse scale [part of the modelled output's largest square].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 STEPS = 3.0
@@ -140,12 +118,6 @@ STEPS = 3.0
 still between two of them [steps of the scale].
 Origin: tests/online/test_quantised_sensor.py.
 Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, error of 'stuck, coarse scale' times 2.8.
-"""
-
-COARSER = 1.01
-"""Growth of the least step seen, with each one that is larger: a scale may change [ratio a step].
-Origin: not recorded; kept, see sensitivity.
-Sensitivity: halved or doubled, nothing changes on these records.
 """
 
 CALM = 200
@@ -272,8 +244,8 @@ def is_stuck(s, y, modelled):
     if abs(moved) < STEPS * s.sensor_step:
         return False
     away = moved / s.output_scale
-    noise = (MOVED_RESOLVED if fine else MOVED) * s.usual_variance  # lately it is that of a stuck sensor
-    if not away * away > max(noise, (PART_RESOLVED if fine else PART) * s.largest_output):
+    usual = max(s.usual_variance, LEAST * s.largest_output)  # lately it is that of a stuck sensor
+    if not away * away > (1.0 if fine else MOVED) * usual:
         return False
     s.stuck_outputs += 1
     s.stuck_last = s.samples
@@ -297,8 +269,8 @@ def stands(s, y, modelled):
     if not equal:
         s.ties = 0
         s.tie_model = modelled
-        least = COARSER * s.sensor_step
-        s.sensor_step = step if step < least or not least > 0.0 else least
+        if step < s.sensor_step or not s.sensor_step > 0.0:
+            s.sensor_step = step
         return known and s.tie_share < COARSE
     s.ties += 1
     if known:
@@ -341,7 +313,6 @@ def observe(s, u, y, interval):
     """
     first = not s.started or s.unknown_input > 0.0
     settled = not first and s.elapsed >= s.learn_from
-    away = s.last_output - model_output(s)
     keep_outputs(s)
     s.used_output = s.last_output
     target = chain.observe(s, u, y, interval)
@@ -355,9 +326,7 @@ def observe(s, u, y, interval):
     if is_outlier(s, error, settled) or math.isnan(y):
         doubt = reason_of(s, y, doubt)
     if doubt != Doubt.NONE:
-        bridged = s.used_output
-        if s.instruments:
-            bridged = modelled + (0.0 if first else FADE * away)
+        bridged = modelled if s.instruments else s.used_output
         target = advance_outputs(s, bridged, interval, first)
         y = bridged
     s.doubt = doubt

@@ -103,8 +103,7 @@ def examine(s, beside, modelled, error, y):
     s.tie_share = if_at_most(ties, 0.0, share + outliers.TIE_SHARE * (tie - share), share)
     beside[TIES] = if_at_most(step, 0.0, ties + 1.0, 0.0)
     s.tie_model = if_at_most(step, 0.0, s.tie_model, modelled)
-    least = outliers.COARSER * s.sensor_step
-    newest = if_less(step, least, step, if_less(0.0, least, least, step))
+    newest = if_less(step, s.sensor_step, step, if_less(0.0, s.sensor_step, s.sensor_step, step))
     s.sensor_step = if_at_most(step, 0.0, s.sensor_step, newest)
     most = if_less(s.tie_share, outliers.COARSE, FEW_TIES, float(outliers.MANY - 1))
     unless_at_most(beside, beside[TIES], if_less(s.tie_share, outliers.RESOLVED, 0.0, most))

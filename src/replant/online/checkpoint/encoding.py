@@ -12,11 +12,12 @@ All numbers are little-endian.  The checksum detects damage, not forgery: it is 
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -120,7 +121,8 @@ def encode_row(plain: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]
 
 def _sealed(content: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]) -> bytes:
     """Return header, arrays and digest."""
-    header = _header(content)
+    header = json.dumps(content, allow_nan=False, separators=(",", ":")).encode("ascii")
+    header += b" " * (-len(header) % 8)
     if len(header) > LONGEST_HEADER or sum(array.nbytes for array in arrays.values()) > LARGEST:
         raise InvalidArgumentError("this is too large for a checkpoint: use a smaller buffer, or less progress")
     parts = [START.pack(MAGIC, VERSION, len(header)), header, *(array.tobytes() for array in arrays.values())]
@@ -135,18 +137,20 @@ def decode(data: bytes | bytearray | memoryview) -> Contents:
     if not isinstance(data, bytes | bytearray | memoryview):
         raise ArgumentTypeError(f"data must be bytes, got {type(data).__name__}")
     header, body = _parts(bytes(data))
-    try:
+    with described():
         return _contents(header, body)
+
+
+@contextlib.contextmanager
+def described() -> Iterator[None]:
+    """Refuse what does not describe an identifier: a forged header fails with almost any exception."""
+    try:
+        yield
     except (DamagedCheckpointError, MemoryError):  # a lack of memory does not mean that the checkpoint is damaged
         raise
-    except Exception as error:  # a forged header fails with almost any exception
+    except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise DamagedCheckpointError(f"it does not describe an identifier of this version ({reason[:120]})") from error
-
-
-def _header(content: dict[str, Any]) -> bytes:
-    text = json.dumps(content, allow_nan=False, separators=(",", ":")).encode("ascii")
-    return text + b" " * (-len(text) % 8)
 
 
 def _type(name: str) -> str:

@@ -54,6 +54,7 @@ def run_online(
     return run_source(request, Arrays(u, y, reference, t), report, startup=startup, irregular=t is not None)
 
 
+@quiet
 def run_source(
     request: Request,
     source: Source,
@@ -97,10 +98,17 @@ def run_source(
             history.end(identifier.parameters, identifier.uncertainty.std)
     bridged.note()
     bridged.note_again()
-    kept = None if history is None else history.history
-    return _result(
-        identifier, request, kept, source, begun, progress, newest, bridged.stretches, finished,
-        irregular=irregular,
+    settings, verdict = identifier.settings, identifier.assess()
+    tested = _Tested(identifier, source.samples, newest)
+    for u, y, t in _pieces(source, irregular=irregular):
+        tested.take(u, y, t, bridged.stretches)
+        progress(TESTING, tested.record.samples)
+    simulation = tested.simulation
+    return Result(
+        model_of(identifier, simulation, tested.score.one_step, verdict), tested.score.one_step, simulation,
+        identifier.samples, identifier.rejected, verdict, time.perf_counter() - begun, settings,
+        None if history is None else history.history, tested.record.overview(tested.score.shift),
+        np.concatenate(tested.left_out), finished, tested.clock.clock,
     )  # fmt: skip
 
 
@@ -208,58 +216,36 @@ def _stretches_among(accepted: BoolArray, doubted: BoolArray, first: int = 0) ->
     return stretches_of(flags, first)
 
 
-@quiet
-def _result(
-    identifier: Identifier,
-    request: Request,
-    history: History | None,
-    source: Source,
-    begun: float,
-    progress: Callable[[str, int], None],
-    newest: int | None,
-    bridged: IntArray,
-    finished: bool,
-    *,
-    irregular: bool,
-) -> Result:
-    """Return the result of an online run; ``begun`` is the value of `time.perf_counter` at its start."""
-    settings = identifier.settings
-    hold = settings.filter.input_hold if settings else "zoh"
-    score = Score(identifier.transfer_function, identifier.dt, hold)
-    preprocess = settings.preprocess if settings else None
-    kept, left_out = Recorder(source.samples, newest), [NONE]
-    clock = ClockRecorder(identifier.dt, source.samples, source.samples if newest is None else KNOTS)
-    for u, y, t in _pieces(source, irregular=irregular):
-        if preprocess is None:  # every sample was rejected
-            preprocess = request.preprocess.resolve(u, y)
-        mapped = preprocess.map_input(u)
+class _Tested:
+    """The second pass: the model beside the record, its fits, and which samples they leave out."""
+
+    def __init__(self, identifier: Identifier, samples: int, newest: int | None) -> None:
+        settings, request = identifier.settings, identifier.request
+        hold = settings.filter.input_hold if settings else "zoh"
+        self.score = Score(identifier.transfer_function, identifier.dt, hold)
+        self.record, self.left_out = Recorder(samples, newest), [NONE]
+        self.clock = ClockRecorder(identifier.dt, samples, samples if newest is None else KNOTS)
+        self._preprocess, self._chosen = request.preprocess, settings.preprocess if settings else None
+
+    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None, bridged: IntArray) -> None:
+        """Take the next samples (K,)."""
+        if self._chosen is None:  # every sample was rejected
+            self._chosen = self._preprocess.resolve(u, y)
+        mapped = self._chosen.map_input(u)
         accepted, _ = screen(mapped, y)
-        used = accepted & ~flags_of(bridged, kept.samples, u.size)
-        left_out.append(stretches_of(~used, kept.samples))
-        measured = np.where(used, y, np.nan)
+        used = accepted & ~flags_of(bridged, self.record.samples, u.size)
+        self.left_out.append(stretches_of(~used, self.record.samples))
         known = screen(mapped, np.zeros(u.size))[0]  # the input of a sample without an output acts all the same
-        modelled = score.take(np.where(known, mapped - float(preprocess.input_offset), np.nan), measured, t)
-        kept.take(u, y, modelled, used, t)
+        driven = np.where(known, mapped - float(self._chosen.input_offset), np.nan)
+        modelled = self.score.take(driven, np.where(used, y, np.nan), t)
+        self.record.take(u, y, modelled, used, t)
         if t is not None:
-            clock.take(t)
-        progress(TESTING, kept.samples)
-    verdict = identifier.assess()
-    simulation = Simulation(kept.output(score.shift), score.offset, score.simulated)
-    return Result(
-        model_of(identifier, simulation, score.one_step, verdict),
-        score.one_step,
-        simulation,
-        identifier.samples,
-        identifier.rejected,
-        verdict,
-        time.perf_counter() - begun,
-        settings,
-        history,
-        kept.overview(score.shift),
-        np.concatenate(left_out),
-        finished,
-        clock.clock,
-    )
+            self.clock.take(t)
+
+    @property
+    def simulation(self) -> Simulation:
+        """Of the newest samples that are kept."""
+        return Simulation(self.record.output(self.score.shift), self.score.offset, self.score.simulated)
 
 
 def _pieces(source: Source, *, irregular: bool) -> Iterator[tuple[FloatArray, FloatArray, FloatArray | None]]:

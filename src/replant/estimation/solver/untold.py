@@ -1,0 +1,123 @@
+r"""Poles that a record does not tell: without them, moved beyond all frequencies, it is as likely within chance.
+
+What lies beyond the frequencies that the input excites, or under the noise, the likelihood tells badly: the estimate
+puts such a pole, or a lightly damped pair, where it fits the noise, and the curvature there says that it is known.  The
+coefficients of A(s) hold the product of all poles, so that they are off by as much as it is.
+
+For each real pole p, and each pair, the model without it is fitted, its poles :math:`A_-`.  Of the K/2 frequencies at
+which noise may look like a pair, the one where it does so most explains by chance less than
+
+.. math:: 2 \ln \frac{K}{2 \alpha}
+
+variances of the residual, with a probability of 1 - alpha.  A pole that explains less may as well be infinitely fast.
+The covariance is then larger along the way there, :math:`[A, B] \propto [A_-, B_-]`, for a pair also along
+:math:`[s A_-, 0]`, by as much as the coefficients are.  What G(s) does where it was excited hardly changes on that way.
+
+Source: Davies (1987), "Hypothesis testing when a nuisance parameter is present only under the alternative", Biometrika
+74; Turkman and Walker (1984), "On the asymptotic distributions of maxima of trigonometric polynomials and random sums
+of exponentials", Advances in Applied Probability 16 (the largest of K/2 ordinates).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from replant.estimation.engine.dimensions import entries_of
+from replant.estimation.engine.record import Record
+from replant.estimation.solver.refined import Refined, without_nuisances
+from replant.estimation.solver.srivc_steps import Problem
+from replant.model.shared_root import cancelled_pole
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.levels import ALPHA
+from replant.numerics.linear_algebra import quiet, roots
+from replant.numerics.projections import without
+
+ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
+
+# fitting what is left of the model explains some of it again, but seldom as much
+WORTH_FITTING = 10.0  # part that a pole has in the output beyond which it is told, no fit being needed [limits]
+
+
+@quiet
+def with_untold(structure: Structure, record: Record, found: Refined) -> Refined:
+    """Return an estimate whose covariance knows of poles that the record does not tell."""
+    problem = Problem(structure, record)
+    if structure.poles < 2 or problem.projection is not None or not problem.is_stable(found.theta):
+        return found
+    if cancelled_pole(structure, found.theta, found.covariance) is not None:
+        return found  # no coefficient is known anyway
+    ways = list(_ways(problem, found))
+    if not ways:
+        return found
+    along = np.column_stack(ways)
+    zeta = problem.run(found.theta).zeta
+    if found.noise.filters:
+        zeta = found.noise_model.whiten_known(zeta, problem.known)
+    # a recursion that goes on from here has the covariance P Q P with P = (sum zeta zeta')^-1
+    scores, colour = zeta.T @ (zeta @ along), found.colour
+    power = Autoregression.of_covariances(colour.covariances).power
+    if not power > 0.0:
+        return found
+    colour.squares[:] += max(float(colour.count) - found.theta.size, 1.0) / power * scores @ scores.T
+    larger = replace(found, covariance=found.covariance + along @ along.T)
+    return larger if larger.is_finite and np.isfinite(colour.squares).all() else found
+
+
+def _ways(problem: Problem, found: Refined) -> Iterator[FloatArray]:
+    """Yield directions (T,) along which poles that are not told may move."""
+    structure, done = problem.structure, problem.run(found.theta)
+    noise, limit = found.noise_model, 2.0 * math.log(0.5 * problem.record.count / ALPHA)
+
+    def white(signals: FloatArray) -> FloatArray:
+        return noise.whiten_known(signals, problem.known)
+
+    error, columns = white(done.error), white(done.zeta)
+    variance = float(error @ error) / max(problem.record.count - found.theta.size, 1)
+    poles = roots(np.append(1.0, found.theta[structure.denominator]))
+    for pole in poles[poles.imag >= 0.0]:
+        gone = {int(np.abs(poles - each).argmin()) for each in (pole, pole.conjugate())}
+        left = np.delete(poles, list(gone))
+        if left.size == 0:
+            continue
+        size = float(abs(pole)) ** (poles.size - left.size)
+        other, start = _smaller(structure, found.theta, left, size)
+        smaller = Problem(other, problem.whole)
+        smaller.noise = noise
+        first = smaller.run(start)
+        part = without((white(first.error) - error)[:, None], columns)[:, 0]
+        if not float(part @ part) < WORTH_FITTING * limit * variance:
+            continue
+        model, fitted, _ = smaller.polish(start, whitened=bool(found.noise.filters))
+        rest = white(fitted.error)
+        if float(rest @ rest - error @ error) < limit * variance:
+            yield from _towards(structure, other, model, float(abs(pole)))
+
+
+def _smaller(structure: Structure, theta: FloatArray, left: ComplexArray, size: float) -> tuple[Structure, FloatArray]:
+    """Return the structure and the model (T,) with the poles that are left, of the same gain at low frequencies."""
+    b = theta[structure.numerator]
+    zeros = min(structure.zeros, left.size - (not structure.feedthrough))
+    other = replace(structure, poles=left.size, zeros=zeros)
+    rest = theta[structure.coefficients : structure.size] / size
+    parameters = np.concatenate([np.poly(left).real[1:], b[b.size - zeros - 1 :] / size, rest])
+    return other, without_nuisances(other, parameters)
+
+
+def _towards(structure: Structure, other: Structure, model: FloatArray, speed: float) -> Iterator[FloatArray]:
+    """Yield the directions (T,) in which poles of this speed move on to leave ``model``, as long as the model is."""
+    a, b = np.append(1.0, model[other.denominator]), model[other.numerator]
+    gone = structure.poles - other.poles
+    for power in range(gone):
+        way = np.zeros(entries_of(structure, refined=True))
+        way[structure.poles - a.size - power : structure.poles - power] = a * speed ** (gone - power)
+        if power == 0:
+            way[structure.coefficients - b.size : structure.coefficients] = b * speed**gone
+            way[structure.coefficients : structure.size] = model[other.coefficients : other.size] * speed**gone
+        yield way

@@ -1,0 +1,233 @@
+"""Search over the structures of several inputs, one input at a time, judged by the evidence of one input's search.
+
+All numbers of poles, zeros and dead times of q inputs are too many to try.  The search begins at the smallest structure
+of each input.  In turn it changes one input alone: its dead time along the grid, a pole or a zero more or fewer, each
+with the dead times beside it.  It ends where no change of one input raises the evidence.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from replant.errors import InvalidArgumentError
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.row import Point, Row, evaluate
+from replant.estimation.solver.row_start import start
+from replant.estimation.solver.solve import leaving_out, suspected
+from replant.fitting.row_fit import fit_row, ready_row
+from replant.fitting.row_solve import covariance_of, likeliest
+from replant.fitting.samples import Samples
+from replant.fitting.search_result import ALPHA, BETWEEN, WORTH, Candidate, SearchResult, top_of_parabola
+from replant.fitting.structure_evidence import Evidence, grown, least_known
+from replant.kernels.schema import Doubt
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.linear_algebra import chi2_quantile, quiet
+
+Structures = tuple[Structure, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Options:
+    """What may be tried of one input, ascending."""
+
+    poles: tuple[int, ...]
+    zeros: tuple[int, ...] | None  # None: all below the number of poles
+    delays: tuple[float, ...]
+
+    def sizes(self) -> list[tuple[int, int]]:
+        """Return all numbers of poles and zeros."""
+        return [(n, m) for n in self.poles for m in (range(n) if self.zeros is None else self.zeros) if m < n]
+
+    def beside(self, size: tuple[int, int]) -> Iterator[tuple[int, int]]:
+        """Yield the sizes with a pole, a zero or both more or fewer."""
+        n, m = size
+        poles, sizes = list(self.poles), set(self.sizes())
+        place = poles.index(n)
+        more = poles[place + 1 : place + 2]
+        fewer = poles[max(place - 1, 0) : place]
+        for each in [*((k, m) for k in more), *((k, m + 1) for k in more), (n, m + 1), (n, m - 1)]:
+            if each in sizes:
+                yield each
+        yield from ((k, min(m, k - 1)) for k in fewer if (k, min(m, k - 1)) in sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """Structures fitted to a record of K samples."""
+
+    structures: Structures
+    row: Row
+    point: Point
+    likelihood: float  # logarithm of that of all samples
+    price: float  # ln(K) / 2 for every number that was fitted
+    fit: float  # in percent, of the simulated output
+
+    @property
+    def evidence(self) -> float:
+        """The log-likelihood less the price."""
+        return self.likelihood - self.price
+
+    def candidate(self, span: float) -> Candidate:
+        """Return the trial as the caller of a search sees it."""
+        covariance, uncertainty, begin = covariance_of(self.row, self.point), 0.0, 0
+        for structure, theta in zip(self.structures, self.row.branches(self.point.theta), strict=True):
+            rows = slice(begin, begin + theta.size)
+            uncertainty = max(uncertainty, least_known(structure, theta, covariance[rows, rows], span))
+            begin += theta.size
+        return Candidate(self.structures, self.fit, self.likelihood, -2.0 * self.evidence, uncertainty)
+
+
+class _Search:
+    """Tries structures on one record, and keeps what came of them."""
+
+    def __init__(
+        self, record: Record, inputs: FloatArray, options: Sequence[Options], say: Callable[[int], None]
+    ) -> None:
+        self.record, self.inputs, self.options, self._say = record, inputs, options, say
+        self.tried: dict[Structures, Trial | None] = {}
+        self._evidence = Evidence(record, at_rest=False)
+        # a trial behind by more than chance makes of all its parameters cannot win
+        self._reach = chi2_quantile(1.0 - ALPHA, sum(max(each.poles) * 2 + 1 for each in options))
+
+    def found(self) -> tuple[Trial, Trial]:
+        """Return the best trial of the grid, and the one that is chosen: its dead times may lie between the grid's."""
+        first = tuple(Structure(*each.sizes()[0], each.delays[0]) for each in self.options)
+        best = self._try(first)
+        if best is None:
+            raise InvalidArgumentError("no structure of the grid explains this record: do the inputs move the output?")
+        while True:
+            before = best
+            for i in range(len(self.options)):
+                best = self._along_delays(best, i)
+                for size in self.options[i].beside((best.structures[i].poles, best.structures[i].zeros)):
+                    best = max(best, self._of_size(best, i, size), key=lambda trial: trial.evidence)
+            if best is before:
+                return self._on_grid(best)
+
+    def _of_size(self, best: Trial, i: int, size: tuple[int, int]) -> Trial:
+        """Return the best trial of another number of poles and zeros of an input, or the one that is given."""
+        trial = self._try(_with(best.structures, i, Structure(*size, best.structures[i].delay)), best)
+        if trial is None or trial.evidence < best.evidence - self._reach:
+            return best
+        return self._along_delays(trial, i)
+
+    def _along_delays(self, trial: Trial, i: int) -> Trial:
+        """Return the best trial of the dead times of an input: along the grid, then between its points."""
+        delays, structure = self.options[i].delays, trial.structures[i]
+        begin = self._nearest(structure, i)
+        best = self._at(trial, i, delays[begin]) or trial
+        for steps in (range(begin - 1, -1, -1), range(begin + 1, len(delays))):
+            last = trial
+            for k in steps:
+                other = self._at(last, i, delays[k])
+                if other is None or (other.evidence < last.evidence and other.evidence < best.evidence - self._reach):
+                    break
+                best, last = max(best, other, key=lambda each: each.evidence), other
+        return max(trial, best, self._between(best, i), key=lambda each: each.evidence)
+
+    def _between(self, best: Trial, i: int) -> Trial:
+        """Return the likeliest trial between the neighbours of a point of the grid."""
+        delays, k = self.options[i].delays, self._nearest(best.structures[i], i)
+        low, high = delays[max(k - 1, 0)], delays[min(k + 1, len(delays) - 1)]
+        found = {delay: self._at(best, i, delay) for delay in {low, delays[k], high}}
+        trials = {delay: trial for delay, trial in found.items() if trial is not None}
+        for _ in range(BETWEEN if high > low else 0):
+            delay, gain = top_of_parabola({at: trial.likelihood for at, trial in trials.items()}, low, high)
+            if gain < WORTH or delay in trials:
+                break
+            trial = self._at(trials[min(trials, key=lambda at: abs(at - delay))], i, delay)
+            if trial is None:
+                break
+            trials[delay] = trial
+        return max(trials.values(), key=lambda trial: trial.likelihood)
+
+    def _on_grid(self, best: Trial) -> tuple[Trial, Trial]:
+        """Return the trial with the grid's dead times, and the best one where these stay unless others are paid for."""
+        on_grid = best
+        for i, each in enumerate(self.options):
+            nearest = each.delays[self._nearest(best.structures[i], i)]
+            on_grid = self._at(on_grid, i, nearest) or on_grid
+            stays = self._at(best, i, nearest) or best
+            paid = best.likelihood - stays.likelihood > 0.5 * math.log(self.record.u.size)
+            best = best if paid else stays
+        return on_grid, best
+
+    def _nearest(self, structure: Structure, i: int) -> int:
+        return int(np.argmin(np.abs(np.array(self.options[i].delays) - structure.delay)))
+
+    def _at(self, trial: Trial, i: int, delay: float) -> Trial | None:
+        return self._try(_with(trial.structures, i, replace(trial.structures[i], delay=delay)), trial)
+
+    def _try(self, structures: Structures, beside: Trial | None = None) -> Trial | None:
+        if structures not in self.tried:
+            self.tried[structures] = self._fitted(structures, beside)
+            self._say(len(self.tried))
+        return self.tried[structures]
+
+    @quiet
+    def _fitted(self, structures: Structures, beside: Trial | None) -> Trial | None:
+        """Return the trial begun beside another one, and afresh where it has other poles."""
+        row = Row(structures, self.record, self.inputs)
+        size = sum(each.size for each in structures)
+        if row.count <= size + row.nuisances:
+            return None
+        white, begins = Autoregression.white(1.0, row.count), []
+        if beside is None or any(a.poles != b.poles for a, b in zip(structures, beside.structures, strict=True)):
+            begins = start(structures, self.record, self.inputs)
+        if beside is not None and all(a.poles <= b.poles for a, b in zip(beside.structures, structures, strict=True)):
+            parts = zip(beside.structures, beside.row.branches(beside.point.theta), structures, strict=True)
+            theta = np.concatenate([grown(less, theta, more, row.dt) for less, theta, more in parts])
+            begins = [*begins, evaluate(row, theta, white)] if row.is_stable(theta) else begins
+        if not begins:
+            return None
+        point = likeliest(row, begins, lambda noise: []).point
+        error, explained = np.zeros(self.record.u.size), np.zeros(self.record.u.size, bool)
+        for stretch, residual in zip(row.stretches, point.residual, strict=True):
+            error[stretch.rows], explained[stretch.rows] = residual, stretch.measured
+        if not (np.isfinite(error).all() and explained.any()):
+            return None
+        numbers = sum(each.size + each.poles + bool(each.delay) for each in structures)
+        return Trial(structures, row, point, *self._evidence.judged(error, explained, numbers))
+
+
+def _with(structures: Structures, i: int, other: Structure) -> Structures:
+    return (*structures[:i], other, *structures[i + 1 :])
+
+
+def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[int, int], None]) -> SearchResult:
+    """Return the structures with the most evidence that changes of one input at a time lead to."""
+    smallest = [Structure(*each.sizes()[0], max(each.delays)) for each in options]
+    orders: Any = [tuple(getattr(each, name) for each in smallest) for name in ("poles", "zeros", "delay")]
+    ready, _ = ready_row(given, *orders)
+    count = sum(len(each.sizes()) + len(each.delays) for each in options)
+
+    def say(done: int) -> None:
+        progress(min(done, count - 1), count)
+
+    record = leaving_out(ready.record, suspected(ready.record, ready.inputs))
+    for _ in range(2):
+        sweep = _Search(record, ready.inputs, options, say)
+        on_grid, chosen = sweep.found()
+        orders = [tuple(getattr(each, name) for each in chosen.structures) for name in ("poles", "zeros", "delay")]
+        best = fit_row(given, *orders)
+        bad = np.zeros(ready.used.size, bool)
+        bad[best.outliers] = bad[best.stuck] = True
+        measured = ready.record.is_measured & ~bad[ready.used]
+        again = leaving_out(ready.record, np.where(measured, Doubt.NONE, Doubt.MISSING))
+        if (again.is_measured == record.is_measured).all():
+            break
+        record = again  # and again, without what this model finds bad
+    progress(count, count)
+    candidates = {
+        key: trial.candidate(record.span)
+        for key, trial in sweep.tried.items()
+        if trial is not None and all(each.delay in of.delays for each, of in zip(key, options, strict=True))
+    }
+    return SearchResult(best, candidates[on_grid.structures], tuple(candidates.values()))

@@ -1,0 +1,145 @@
+"""What a search finds: candidates, and the one chosen; and what its walks share."""
+
+from __future__ import annotations
+
+import html
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from replant.fitting.fit_result import FitResult
+from replant.fitting.row_fit import RowFit
+from replant.model.structure import Structure
+
+ALPHA = 1e-2
+"""Chance that a better likelihood is no more than chance [probability].
+Level: 1 %.
+"""
+
+# a dead time that lies a seventh of its standard deviation from the likeliest costs as much
+WORTH = 0.01  # gain that a dead time between two points of the grid must promise to be tried [log-likelihood]
+# halving as often would find it to a 256th of a sample; tops of parabolas come as near in fewer steps
+BETWEEN = 8  # dead times tried between two points of the grid, at the most [count]
+SHOWN = 6  # candidates within chance of the best that are shown, at the most [count]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Candidate:
+    """One structure of the grid.
+
+    Attributes
+    ----------
+    structure : Structure or tuple of Structure
+        Of several inputs one each.
+    fit : float
+        Fit in percent of the simulated output over all samples, with offset and initial state estimated; of an unstable
+        model, which would run away, of the output predicted one step ahead.  Minus infinity where there is no model,
+        or where the structure was left early: beside a smaller one, or a dead time next to it, it could not win.
+    likelihood : float
+        Logarithm of the likelihood of all samples.
+    criterion : float
+        Bayesian information criterion: N ln(K) less twice the log-likelihood, N numbers fitted to K samples.  Smaller
+        is better.
+    uncertainty : float
+        Largest standard deviation of a coefficient, as a part of its size.
+    """
+
+    structure: Structure | tuple[Structure, ...]
+    fit: float = -math.inf
+    likelihood: float = -math.inf
+    criterion: float = math.inf
+    uncertainty: float = math.inf
+
+    def __repr__(self) -> str:
+        size = f"{self.of_inputs('poles')} poles, {self.of_inputs('zeros')} zeros, {self.of_inputs('delay')} s"
+        return f"{size}: fit {self.fit:.1f} %" if self.was_tried else f"{size}: left early"
+
+    @property
+    def structures(self) -> tuple[Structure, ...]:
+        """The structure of each input."""
+        return self.structure if isinstance(self.structure, tuple) else (self.structure,)
+
+    def of_inputs(self, name: str) -> str:
+        """Return poles, zeros or dead time of each input in words.
+
+        Parameters
+        ----------
+        name : {"poles", "zeros", "delay"}
+        """
+        return ", ".join(f"{getattr(each, name):g}" for each in self.structures)
+
+    @property
+    def was_tried(self) -> bool:
+        """Whether there is a model of this structure."""
+        return math.isfinite(self.fit)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SearchResult:
+    """The result of a search.
+
+    Attributes
+    ----------
+    best : FitResult or RowFit
+        The fit of the chosen structure to the whole record, its dead time found between the points of the grid.
+    chosen : Candidate
+    candidates : tuple of Candidate
+        All of the grid, in its order; of several inputs those that were tried.
+    """
+
+    best: Any  # FitResult or RowFit: which, the record tells
+    chosen: Candidate
+    candidates: tuple[Candidate, ...]
+
+    @property
+    def delays(self) -> tuple[float, ...]:
+        """Dead time from each input in s, found between the points of the grid."""
+        structures = self.best.model.structures if isinstance(self.best, RowFit) else (self.best.structure,)
+        return tuple(each.delay for each in structures)
+
+    @property
+    def likely(self) -> tuple[Candidate, ...]:
+        """Those worth reading, that of most evidence first: those within chance of it, and the best of each order."""
+        tried = sorted((each for each in self.candidates if each.was_tried), key=lambda each: each.criterion)
+        best = {each.of_inputs("poles"): each for each in reversed(tried)}
+        chance = [each for each in tried[:SHOWN] if each.criterion <= tried[0].criterion - 2.0 * math.log(ALPHA)]
+        worth = {id(each) for each in (*chance, *best.values(), self.chosen)}
+        return tuple(each for each in tried if id(each) in worth)
+
+    @property
+    def rest(self) -> str:
+        """What is to be said of the others, in one line; empty where there are none."""
+        more = len(self.candidates) - len(self.likely)
+        early = sum(not each.was_tried for each in self.candidates)
+        if not more:
+            return ""
+        return f"{more} more explain{'s' if more == 1 else ''} less" + (
+            f", {early} of them left early" if early else ""
+        )
+
+    def __repr__(self) -> str:
+        rows = [f"{each!r}, {0.5 * (self.chosen.criterion - each.criterion):+.1f} evidence" for each in self.likely]
+        of = f"<SearchResult of {len(self.candidates)} structures: {self.best.model!r}"
+        return "\n  ".join([of, *rows, *([self.rest] if self.rest else [])]) + ">"
+
+    def _repr_html_(self) -> str:
+        picture = self.best._repr_html_() if isinstance(self.best, FitResult) else ""
+        return f"<pre>{html.escape(repr(self))}</pre>{picture}"
+
+
+def top_of_parabola(values: Mapping[float, float], low: float, high: float) -> tuple[float, float]:
+    """Return where the parabola through the best of some values and its neighbours is highest, and by how much."""
+    best = max(values, key=lambda place: values[place])
+    near = sorted((place for place in values if place != best), key=lambda place: abs(place - best))
+    if len(near) < 2:
+        return (0.5 * (best + (near[0] if near else low + high - best)), math.inf)
+    across = [place for place in near if (place < best) != (near[0] < best)]  # on the other side
+    others = near[0], across[0] if across else near[1]
+    slopes = [(values[place] - values[best]) / (place - best) for place in others]
+    bend = (slopes[1] - slopes[0]) / (others[1] - others[0])
+    if not -math.inf < bend < 0.0:
+        return best, 0.0
+    tilt = slopes[0] - bend * (others[0] - best)
+    top = min(max(-0.5 * tilt / bend, low - best), high - best)
+    return best + top, top * (tilt + bend * top)

@@ -1,0 +1,120 @@
+"""Functions of `estimation` by example: a few numbers each, as one would try them by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from replant.estimation.engine.dimensions import room_for
+from replant.estimation.engine.record import Record, gaps_of
+from replant.estimation.optimizers.optimizer import rounded
+from replant.estimation.settings import filter_for
+from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
+from replant.estimation.simulation.fitted_run import FittedRun, Score, simulate, triangle_of, weights_of
+from replant.estimation.simulation.model_run import model_output, runs_away
+from replant.estimation.simulation.stretches import flags_of, joined, stretches_of
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+
+
+def test_room_for() -> None:
+    assert [room_for(samples, 30_000) for samples in (0, 1023, 1024, 20_000, 10**6)] == [
+        1024,
+        1024,
+        2048,
+        30000,
+        30000,
+    ]
+
+
+def test_gaps_of() -> None:
+    np.testing.assert_allclose(gaps_of(np.array([1.0, 1.0, 9.0, 1.0, 9.0, 9.0, 9.0]), 1.0), np.array([2]), atol=1e-8)
+
+
+def test_record_restored() -> None:
+    record = Record(np.array([0.0, 1.0, 4.0, 4.0]), np.zeros(4), np.array([1.0, 1.0, 3.0, 1.0]))
+    restored, places = record.restored
+    assert (restored.u.tolist(), restored.measured.tolist(), places.tolist()) == (
+        [0.0, 1.0, 2.0, 3.0, 4.0, 4.0],
+        [True, True, False, False, True, True],
+        [0, 1, 4, 5],
+    )
+
+
+def test_record_unknown() -> None:
+    record = Record(np.zeros(9), np.zeros(9), np.array([0.1]))
+    assert [record.unknown(delay) for delay in (0.0, 0.3, 0.32, 5.0)] == [0, 3, 4, 9]
+
+
+def test_rounded() -> None:
+    assert rounded(0.000122159) == 0.000122
+
+
+def test_filter_for() -> None:
+    assert filter_for("zoh") == "auto"
+    assert repr(filter_for("foh")) == "RefinedFilter(input_hold='foh')"
+
+
+def test_auxiliarymodel() -> None:
+    model = AuxiliaryModel(Structure(poles=1), dt=1.0)
+    record = Record(np.ones(3), np.zeros(3), np.array([1.0, 1.0, 2.0]))
+    np.testing.assert_allclose(
+        model.run(np.array([1.0, 1.0, 0.0, 0.0]), record).output.round(4), np.array([0.0, 0.6321, 0.9502]), atol=1e-8
+    )
+
+
+def test_fittedrun() -> None:
+    g = TransferFunction([2.0], [1.0, 1.0])
+    u = np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    run = FittedRun(g, dt=0.1)
+    output, known = run.take(u, g.simulate(u, 0.1) + 5.0)
+    assert (round(run.offset, 6), bool(np.abs(output - known).max() < 1e-9)) == (5.0, True)
+
+
+def test_triangle_of() -> None:
+    np.testing.assert_allclose(
+        np.abs(triangle_of(np.ones(4), np.array([1.0, 3.0, np.nan, 5.0]))).round(4),
+        np.array([[1.7321, 5.1962], [0.0, 2.8284]]),
+        atol=1e-8,
+    )
+
+
+def test_weights_of() -> None:
+    np.testing.assert_allclose(
+        weights_of(triangle_of(np.ones(3), np.array([1.0, 3.0, 5.0]))).round(9), np.array([3.0]), atol=1e-8
+    )
+
+
+def test_model_output() -> None:
+    g = TransferFunction([1.0], [1.0, -1.0])
+    u = np.sin(np.arange(40.0))
+    found = model_output(g, u, g.simulate(u, 0.1), 0.1)
+    assert (found.is_prediction, found.fit > 99.0) == (True, True)
+
+
+def test_runs_away() -> None:
+    assert (runs_away(np.array([1.0, -1.0]), 20.0), runs_away(np.array([1.0, 1.0, 0.0]), 20.0)) == (True, False)
+
+
+def test_stretches_of() -> None:
+    assert stretches_of(np.array([False, True, True, False, True]), first=10).tolist() == [[11, 13], [14, 15]]
+
+
+def test_flags_of() -> None:
+    assert flags_of(np.array([[11, 13], [14, 15]]), 12, 4).tolist() == [True, False, True, False]
+
+
+def test_joined() -> None:
+    assert joined(np.array([[1, 2], [3, 4], [9, 10]]), 1).tolist() == [[1, 4], [9, 10]]
+
+
+def test_simulate() -> None:
+    g, u = TransferFunction([2.0], [1.0, 1.0]), np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    assert abs(simulate(g, u, g.simulate(u, 0.1) + 5.0, 0.1).offset - 5.0) < 1e-9
+
+
+def test_score() -> None:
+    g, u = TransferFunction([2.0], [1.0, 1.0]), np.repeat([0.0, 1.0, -1.0, 1.0], 10)
+    score = Score(g, dt=0.1)
+    output = score.take(u, g.simulate(u, 0.1) + 5.0)
+    assert abs(score.simulated - 100.0) < 1e-6
+    np.testing.assert_allclose(output[:2].round(6) + score.shift, [5.0, 5.0])
