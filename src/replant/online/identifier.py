@@ -179,8 +179,9 @@ class Identifier(Lifecycle):
         self._request = Request(
             structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess, startup, history
         )
-        self._turn, self._background = Turn(), truth("background", background)
-        if self._background:
+        self._turn = Turn()
+        if truth("background", background):
+            self._background = True
             self._start_background()
         self._begin_again()
 

@@ -249,7 +249,9 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     check_start(attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
     state, job = _state(attributes, header[ARRAYS], body, has_job=header.get(BACKGROUND, False))
     # a callable map is not stored
-    attributes |= {STATE: state, "_mapped": False, "_background": BACKGROUND in header, "_job": job}
+    attributes |= {STATE: state, "_mapped": False}
+    if BACKGROUND in header:
+        attributes |= {"_background": True, "_job": job}
     progress = {name: from_plain(plain) for name, plain in header[PROGRESS].items()}
     return Contents(attributes, _checked(progress))
 
