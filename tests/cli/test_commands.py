@@ -107,7 +107,10 @@ def test_out_writes_plots(capsys, log: Path, tmp_path: Path, command: str) -> No
     assert code == 0
     plots = {"run": {"fit.png", "parameters.png"}, "fit": {"fit.png"}}[command]
     assert {path.name for path in (tmp_path / "plots").iterdir()} == {*plots, "report.html"}
-    assert all((tmp_path / "plots" / name).read_bytes().startswith(b"\x89PNG") for name in plots)
+    for name in plots:
+        drawn = (tmp_path / "plots" / name).read_bytes()
+        assert drawn.startswith(b"\x89PNG")
+        assert len(drawn) > 10_000
     assert all(name in out.replace("\n", "") for name in (*plots, "report.html"))
 
 

@@ -135,6 +135,7 @@ def test_a_mistake_is_one_line(capsys: Any, log: Path, words: str, asked: list[A
     assert words in err
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path) -> None:
     saved, other = tmp_path / "matrix.json", written(tmp_path / "second.csv", 1)
     asked = ("-i", "Q1", "-o", "T2", "-o", "T1", "-p", 1, "--save", saved, "--validate", other)

@@ -83,7 +83,7 @@ def test_the_full_trace_is_that_of_update_many(capsys: pytest.CaptureFixture[str
     np.testing.assert_array_equal(error, expected.errors)
 
 
-@pytest.mark.usefixtures("short_memory")
+@pytest.mark.usefixtures("short_memory", "unrendered")
 def test_plots_and_report_show_the_whole_of_a_log_that_is_not_held(
     capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
 ) -> None:
@@ -91,7 +91,7 @@ def test_plots_and_report_show_the_whole_of_a_log_that_is_not_held(
     pytest.importorskip("pyarrow", reason="pip install 'replant[parquet]'")
     run(log, "--out", tmp_path / "out", "--full-trace", tmp_path / "trace.pq")
     capsys.readouterr()
-    assert (tmp_path / "out" / "fit.png").stat().st_size > 10_000
+    assert (tmp_path / "out" / "fit.png").exists()
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "5,000 samples" in page
     assert "of the newest 800 samples" in page

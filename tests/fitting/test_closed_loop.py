@@ -151,7 +151,10 @@ def test_the_report_and_json_of_an_unstable_model() -> None:
 # --- reference and noise model
 
 
-@pytest.mark.parametrize("plant", [UNSTABLE, INTEGRATOR], ids=["unstable", "integrator"])
+@pytest.mark.parametrize(
+    "plant",
+    [pytest.param(UNSTABLE, id="unstable"), pytest.param(INTEGRATOR, id="integrator", marks=pytest.mark.slow)],
+)
 def test_under_a_load_a_reference_takes_the_bias_away(plant: rp.TransferFunction) -> None:
     """The mean of 12 records within four of its standard deviations, and J as chi-square has it.
 

@@ -122,7 +122,7 @@ def test_any_entry_of_another_kind_gives_a_model_or_a_reason(path: tuple[Any, ..
 @every(
     ("changes", "words"),
     [
-        ({"schema_version": 3}, "install a newer replant"),
+        ({"schema_version": 4}, "install a newer replant"),
         ({"schema_version": 0}, "must be 1 or more"),
         ({"schema_version": True}, "'schema_version' must be a whole number"),
         ({"dt": "0.1"}, "'dt' must be a number"),

@@ -57,7 +57,7 @@ def test_three_inputs_with_zeros_are_told_apart() -> None:
 @every(
     "pole, correlation, runs",
     [(0.0, 0.0, 3), (0.0, 0.0, 12), (0.0, 0.9, 12), (0.9, 0.0, 12), (0.9, 0.9, 12), (0.9, 0.9, 3)],
-    quick=2,
+    quick=1,
 )
 def test_the_joint_covariance_is_that_of_the_errors(pole: float, correlation: float, runs: int) -> None:
     """The sum of e' C^-1 e over runs is chi-square; the noise model is estimated too, hence a third on top."""

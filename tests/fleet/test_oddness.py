@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +21,7 @@ from replant.fleet.page import write_page
 from replant.fleet.statistics import figures_of, limit_of, located
 from replant.fleet.store import FAILED, Movement, Row, table_of
 from replant.verdict.verdict import Verdict
-from support.browsing import chromium, contrast, new_page
+from support.browsing import TEXTS, chromium, contrast, new_page
 from support.cases import every
 
 TWO = rp.Structure(2)
@@ -280,20 +281,26 @@ def test_the_page_has_all_rigs_and_needs_no_other_file(tmp_path: Path) -> None:
     assert "natural frequency 0.5" in text
 
 
-def test_an_odd_rig_leads_to_its_row_and_its_reason_is_read_on_a_telephone(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    """The system's Chromium; not for longer than a module: its loop would stand in the way of others."""
+    with chromium() as launched:
+        yield launched
+
+
+def test_an_odd_rig_leads_to_its_row_and_its_reason_is_read_on_a_telephone(browser, tmp_path: Path) -> None:
     rows = [*fleet(0, 40), row("slow", 2.0, 6.0, 0.4, SURE, np.random.default_rng(0))]
     page = write_page(saved(tmp_path / "now", rows))
-    with chromium() as browser:
-        shown = new_page(browser, viewport={"width": 400, "height": 700})
-        shown.goto(page.as_uri())
-        shown.fill("#search", "rig0003")  # the row is not shown then
-        shown.click(".oddities a >> text=slow")
-        meant = shown.locator("tr.meant")
-        meant.wait_for()
-        assert meant.locator("th").inner_text() == "slow"
-        why = meant.locator("td.long").bounding_box()
-        assert why["x"] >= 0.0
-        assert why["x"] + why["width"] <= 400.0
+    shown = new_page(browser, viewport={"width": 400, "height": 700})
+    shown.goto(page.as_uri())
+    shown.fill("#search", "rig0003")  # the row is not shown then
+    shown.click(".oddities a >> text=slow")
+    meant = shown.locator("tr.meant")
+    meant.wait_for()
+    assert meant.locator("th").inner_text() == "slow"
+    why = meant.locator("td.long").bounding_box()
+    assert why["x"] >= 0.0
+    assert why["x"] + why["width"] <= 400.0
 
 
 def test_the_page_of_a_fleet_without_a_trusted_rig_is_written(tmp_path: Path) -> None:
@@ -301,7 +308,7 @@ def test_the_page_of_a_fleet_without_a_trusted_rig_is_written(tmp_path: Path) ->
     assert "Too few rigs are trusted" in page.read_text(encoding="utf-8")
 
 
-def test_ten_thousand_rows_are_searched_and_sorted(tmp_path: Path) -> None:
+def test_ten_thousand_rows_are_searched_and_sorted(browser, tmp_path: Path) -> None:
     rows = fleet(0, 50)
     now = saved(tmp_path / "now", rows)
     table = now.table()
@@ -309,39 +316,35 @@ def test_ten_thousand_rows_are_searched_and_sorted(tmp_path: Path) -> None:
     names = pyarrow.array([f"rig{k:05}" for k in range(10_000)])
     parquet.write_table(many.set_column(0, "rig", names), now.folder / "rigs.parquet")
     page = write_page(now)
-    with chromium() as browser:
-        shown = new_page(browser)
-        mistakes: list[str] = []
-        shown.on("pageerror", lambda error: mistakes.append(str(error)))
-        shown.goto(page.as_uri())
-        assert shown.locator("#body tr").count() == 100
-        assert shown.locator("#shown").inner_text() == "1 to 100 of 10,000"
-        shown.locator("#search").fill("RIG0123")
-        assert shown.locator("#shown").inner_text() == "1 to 10 of 10"
-        shown.locator("#search").fill("")
-        shown.locator("#head button", has_text="gain").click()
-        column = [each["name"] for each in data_of(page)["columns"]].index("gain")
-        cells = shown.locator(f"#body tr td:nth-child({column + 1})").all_inner_texts()
-        assert [float(cell) for cell in cells] == sorted(float(cell) for cell in cells)
-        shown.locator("#on").click()
-        assert shown.locator("#shown").inner_text() == "101 to 200 of 10,000"
-        assert mistakes == []
+    shown = new_page(browser)
+    mistakes: list[str] = []
+    shown.on("pageerror", lambda error: mistakes.append(str(error)))
+    shown.goto(page.as_uri())
+    assert shown.locator("#body tr").count() == 100
+    assert shown.locator("#shown").inner_text() == "1 to 100 of 10,000"
+    shown.locator("#search").fill("RIG0123")
+    assert shown.locator("#shown").inner_text() == "1 to 10 of 10"
+    shown.locator("#search").fill("")
+    shown.locator("#head button", has_text="gain").click()
+    column = [each["name"] for each in data_of(page)["columns"]].index("gain")
+    cells = shown.locator(f"#body tr td:nth-child({column + 1})").all_inner_texts()
+    assert [float(cell) for cell in cells] == sorted(float(cell) for cell in cells)
+    shown.locator("#on").click()
+    assert shown.locator("#shown").inner_text() == "101 to 200 of 10,000"
+    assert mistakes == []
 
 
 @every("scheme", ["light", "dark"], quick=1)
 @every("width", [1280, 400], quick=1)
-def test_the_page_can_be_read(tmp_path: Path, scheme: str, width: int) -> None:
-    from support.browsing import TEXTS
-
+def test_the_page_can_be_read(browser, tmp_path: Path, scheme: str, width: int) -> None:
     page = write_page(
         saved(tmp_path / "now", [*fleet(0, 30), row("slow", 2.0, 6.0, 0.4, SURE, np.random.default_rng(0))])
     )
-    with chromium() as browser:
-        shown = new_page(browser, viewport={"width": width, "height": 800}, color_scheme=scheme)
-        shown.goto(page.as_uri())
-        faint = [text for text, colour, behind, _ in shown.evaluate(TEXTS) if contrast(colour, behind) < 4.5]
-        assert faint == []
-        assert shown.evaluate("document.documentElement.scrollWidth") <= width
+    shown = new_page(browser, viewport={"width": width, "height": 800}, color_scheme=scheme)
+    shown.goto(page.as_uri())
+    faint = [text for text, colour, behind, _ in shown.evaluate(TEXTS) if contrast(colour, behind) < 4.5]
+    assert faint == []
+    assert shown.evaluate("document.documentElement.scrollWidth") <= width
 
 
 def test_three_odd_rigs_of_twenty_do_not_hide_each_other() -> None:

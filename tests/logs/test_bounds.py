@@ -264,11 +264,11 @@ def both(file: Any, make: Callable[[str], object]) -> None:
 
 
 HDF5: dict[str, Callable[[Any], object]] = {
-    "filter": lambda file: both(file, lambda name: inflating(file, name, 700)),
     "groups": lambda file: groups(file, 3000),
     "unwritten": lambda file: both(file, lambda name: file.create_dataset(name, (10**11,), "f8", chunks=(1 << 20,))),
     "unwritten, whole": lambda file: both(file, lambda name: file.create_dataset(name, (10**11,), "f8")),
     "columns": lambda file: file.create_dataset("u", (1 << 18, 1 << 18), "i1", chunks=(1, 1)),
+    "filter": lambda file: both(file, lambda name: inflating(file, name, 700)),
 }
 
 

@@ -102,4 +102,7 @@ def test_the_process_that_reads_parquet_imports_no_pandas(tmp_path: Path, monkey
     (tmp_path / "pandas.py").write_text(f"import pathlib; pathlib.Path({str(tmp_path / 'imported')!r}).touch()")
     monkeypatch.setattr(isolated, "BEGIN", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {isolated.BEGIN}")
     np.testing.assert_array_equal(read_columns(tmp_path / "log.parquet").column("y"), [*U[1:], np.nan])
+    dates = pa.array(np.arange(3), pa.timestamp("s"))
+    pq.write_table(pa.table({"t": dates, "y": [1.0, 2.0, 3.0]}), tmp_path / "log.parquet")
+    assert read_columns(tmp_path / "log.parquet").column("t").tolist() == [0.0, 1.0, 2.0]
     assert not (tmp_path / "imported").exists()

@@ -118,11 +118,11 @@ def test_what_is_out_of_the_ordinary_is_each_member_s_own_over_a_long_record() -
     check_twins(defaults, *disturbed(*records()))
 
 
+@pytest.mark.slow
 @every(
     ("samples", "cuts"),
     [(330, (1, 2, 150, 151, 170, 280)), (650, (1, 2, 300, 301, 333, 550)), (650, tuple(range(100, 600, 47)))],
     ids=["few", "odd", "short"],
-    quick=1,
 )
 def test_what_is_out_of_the_ordinary_is_each_member_s_own_in_chunks_of_any_size(
     samples: int, cuts: tuple[int, ...]
@@ -132,9 +132,10 @@ def test_what_is_out_of_the_ordinary_is_each_member_s_own_in_chunks_of_any_size(
 
 @pytest.mark.parametrize("stretch", [pytest.param(1, marks=pytest.mark.slow), 64])
 def test_how_many_samples_members_take_at_once_changes_nothing(stretch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever is out of the ordinary in them, in chunks of one sample and of many."""
     monkeypatch.setattr(state_lanes, "STRETCH", stretch)
     monkeypatch.setattr(company, "PIECE", 100 * stretch)
-    check_twins(defaults, *disturbed(*records(2, 120)))
+    check_twins(defaults, *disturbed(*records(2, 120)), (1, 2, 50, 51, 97))
 
 
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -148,7 +149,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 
 
-@every("which", SETTINGS, quick=2)
+@every("which", SETTINGS, quick=1)
 def test_every_setting_gets_the_same_bits(which: str) -> None:
     u, y = records(3, 120)
     y[40:50, 2], y[70:, 3] = np.nan, 0.0

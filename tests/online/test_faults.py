@@ -178,7 +178,7 @@ def failing(y: np.ndarray, fault: str) -> np.ndarray:
 
 
 @every("kind", ["default", "forgetting", "tracking"], quick=1)
-@every("fault", ["stuck", "off", "at its rail", "saturated"], quick=2)
+@every("fault", ["stuck", "off", "at its rail", "saturated"], quick=1)
 @every(("speed", "dt"), [(20.0, 1e-3), (2.0, 0.02)], ids=["1 kHz", "50 Hz"], quick=1)
 def test_a_dead_sensor_is_said_and_not_learned(kind: str, fault: str, speed: float, dt: float) -> None:
     """Not trusted after two seconds of rig time; the parameters hold for as long as it lasts, and after it."""
@@ -250,7 +250,7 @@ def jumped(name: str, entry: int, factor: float, at_sample: int, samples: int, d
     return u, y + noise * np.random.default_rng(5).standard_normal(samples), parameters, dt
 
 
-@every(("name", "entry"), JUMPS, quick=2)
+@every(("name", "entry"), JUMPS, quick=1)
 @every("factor", [0.5, 1.5], quick=1)
 @every("kind", ["default", "forgetting"], quick=1)
 def test_a_jump_by_half_is_noticed_and_learned(name: str, entry: int, factor: float, kind: str) -> None:

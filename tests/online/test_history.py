@@ -61,7 +61,7 @@ def of(history: int, u: np.ndarray, y: np.ndarray, poles: int = 1) -> rp.Identif
     return ident
 
 
-@every("history", [0, 1, 100, 199, 200, 1000, 5000], quick=4)
+@every("history", [0, 1, 100, 199, 200, 1000, 5000], quick=2)
 def test_no_more_raw_samples_are_kept_than_wanted(history: int) -> None:
     u, y = record(6000)
     ident = of(history, u, y)

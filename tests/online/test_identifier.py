@@ -381,7 +381,7 @@ def test_a_rejected_sample_changes_its_count_alone(u: float, y: float, many: boo
 
 
 @every("spike", [1e308, -1e308, 1e151], quick=1)
-@every("preprocess", [rp.Preprocess(), rp.Preprocess("square"), rp.Preprocess("square", "mean")], quick=2)
+@every("preprocess", [rp.Preprocess("square", "mean"), rp.Preprocess("square"), rp.Preprocess()], quick=1)
 def test_a_spike_is_counted_and_leaves_the_estimate_alone(spike: float, preprocess: rp.Preprocess) -> None:
     """With the spike in or the sample missing: the same estimate, during start-up and after it."""
     u, y = record(G1, seed=3, samples=200, dt=0.05, noise=0.05)

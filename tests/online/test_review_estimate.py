@@ -29,7 +29,7 @@ def record(kind: str, gain: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return u, y + scale * noise(kind, seed)
 
 
-@every(("kind", "gain"), [("white", 0.75), ("white", 1.3), ("coloured", 0.75), ("coloured", 1.3)], quick=2)
+@every(("kind", "gain"), [("white", 0.75), ("white", 1.3), ("coloured", 0.75), ("coloured", 1.3)], quick=1)
 def test_a_change_that_hardly_shows_in_the_residual_is_learned(kind: str, gain: float) -> None:
     """An estimate that remembers 12,000 samples would need as many again to come half of the way."""
     u, y = record(kind, gain, 1)

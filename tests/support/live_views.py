@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import numpy as np
 
 import replant as rp
@@ -13,10 +15,11 @@ from support.live_fakes import DT, PLANT, REQUEST, record
 FIRST_ORDER = rp.Structure(1)
 
 
-def viewed(samples: int, structure: rp.Structure = FIRST_ORDER, t: np.ndarray | None = None) -> View:
+@functools.cache
+def viewed(samples: int, structure: rp.Structure = FIRST_ORDER, t: tuple[float, ...] | None = None) -> View:
     u, y = record(max(samples, 1))
     identifier = rp.Identifier(**{**vars(REQUEST), "structure": structure})
-    identifier.update_many(u[:samples], y[:samples], t)
+    identifier.update_many(u[:samples], y[:samples], None if t is None else np.array(t))
     before = identifier.to_bytes()
     found = make_view(
         identifier, SessionInfo(at=samples * DT, source="fake://", rate=20.0), EstimateHistory(structure.size)

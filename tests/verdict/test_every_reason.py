@@ -412,7 +412,7 @@ def is_said(row: str, verdict: Verdict) -> bool:
     return any(all(piece in reason for piece in pieces(row)) for reason in verdict.reasons)
 
 
-@every("row", PAIRS, quick=12)
+@every("row", PAIRS, quick=8)
 def test_it_is_said_where_it_is_the_cause_and_not_where_it_looks_alike(row: str) -> None:
     cause, alike = (each() for each in PAIRS[row])
     assert is_said(row, cause), cause.reasons

@@ -283,6 +283,8 @@ def fit_matrix(u: Any, y: Any, dt: float | None, t: Any, poles: Any, zeros: Any,
     """Return the fit of each output (K, p) by itself; orders are those of all outputs, or a tuple for each."""
     inputs = np.asarray(array_of_reals("u", u), np.float64)
     inputs = inputs[:, None] if inputs.ndim == 1 else inputs
+    if inputs.ndim != 2:
+        raise InvalidArgumentError(f"u must have a column for each input, shape (K, m), got {shown(inputs.shape)}")
     columns, rows = outputs_of(y), []
     for number, column in enumerate(columns):
         orders = [of_output(name, given, number, len(columns)) for name, given in

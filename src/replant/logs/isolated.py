@@ -21,6 +21,7 @@ import weakref
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib.abc import MetaPathFinder
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -272,7 +273,7 @@ def main() -> None:
     function, name, libraries, absent = sys.argv[1:5]
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # some libraries print what they cannot read
-    sys.modules.update(dict.fromkeys(filter(None, absent.split(","))))  # type: ignore[arg-type]
+    sys.meta_path.insert(0, _Without(absent.split(",")))
     read, path = reader(function), Path(name)
     for library in libraries.split(","):
         with contextlib.suppress(ImportError):  # which the reader says
@@ -281,6 +282,18 @@ def main() -> None:
     with contextlib.suppress(BrokenPipeError):
         _serve(read, path, out)
     os._exit(0)  # nothing of a damaged file is to be put in order
+
+
+class _Without(MetaPathFinder):
+    """Some modules are not there: None in `sys.modules` says so too, but Cython takes it for the module."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self._names = frozenset(names)
+
+    def find_spec(self, name: str, path: object = None, target: object = None) -> None:
+        """Refuse them; others are found as ever."""
+        if name in self._names:
+            raise ModuleNotFoundError(f"{name} is not imported here", name=name)
 
 
 def _serve(read: Reader, path: Path, out: BinaryIO) -> None:

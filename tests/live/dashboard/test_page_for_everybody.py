@@ -15,6 +15,7 @@ from support.cases import every
 from support.dashboard_feed import Feed
 from support.dashboard_pages import Page
 
+pytestmark = pytest.mark.slow  # that it works is shown in test_page.py
 CUT_OFF = """[...document.querySelectorAll("main *, header *")]
   .filter(element => element.getBoundingClientRect().right > innerWidth + 1).length"""
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
@@ -24,7 +25,6 @@ FOCUS = """() => {
 }"""
 
 
-@pytest.mark.slow
 def test_everything_can_be_done_by_keyboard_and_is_seen_to_be(opened: Page, feed: Feed) -> None:
     met: dict[str, tuple[str, float]] = {}
     for _ in range(6):
@@ -67,7 +67,7 @@ def test_everything_has_a_name_for_who_does_not_see(opened: Page) -> None:
     assert opened.page.locator("h1").count() == 1
 
 
-@every(("width", "scheme"), list(itertools.product([1280, 820, 400], ["light", "dark"])), quick=2)
+@every(("width", "scheme"), list(itertools.product([1280, 820, 400], ["light", "dark"])))
 def test_it_can_be_read_and_fits(browser, dashboard: Dashboard, feed: Feed, width: int, scheme: str) -> None:
     opened = Page(
         browser, dashboard.url, width, 860 if width == 400 else 800, color_scheme=scheme, reduced_motion="reduce"
@@ -94,7 +94,6 @@ def test_it_can_be_read_and_fits(browser, dashboard: Dashboard, feed: Feed, widt
     assert opened.complaints == []
 
 
-@pytest.mark.slow
 def test_a_narrow_page_has_room_for_fingers(browser, dashboard: Dashboard, feed: Feed) -> None:
     opened = Page(browser, dashboard.url, 400, 860)
     for control in opened.page.locator(".actions > button, .actions summary").all():
@@ -103,7 +102,6 @@ def test_a_narrow_page_has_room_for_fingers(browser, dashboard: Dashboard, feed:
     opened.close()
 
 
-@pytest.mark.slow
 def test_from_light_to_dark_without_reloading(opened: Page) -> None:
     before = opened.pixels("output")
     opened.page.emulate_media(color_scheme="dark")

@@ -12,6 +12,7 @@ from support.cases import every
 from support.dashboard_feed import PLANT, Feed
 from support.dashboard_pages import Page
 
+pytestmark = pytest.mark.slow  # that it works is shown in test_page.py
 TIME = ("output", "residual", "input")
 REASON = "the input could explain another 3 % of the output's power, unexplained by the model: too few poles or zeros"
 BOXES = """[...document.querySelectorAll("#plane text")].map(text => {
@@ -148,7 +149,6 @@ def test_labels_of_the_damping_do_not_overlap(opened: Page, feed: Feed, pole: co
         assert across <= 0 or along <= 2, (one, other)  # some of the line's height is above and below its letters
 
 
-@pytest.mark.slow
 def test_the_words_of_a_verdict_are_those_of_the_report(opened: Page, feed: Feed) -> None:
     for status, words in VERDICTS.items():
         told(opened, feed, verdict=status, excited=True, status="running")

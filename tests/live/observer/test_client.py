@@ -114,21 +114,22 @@ def pid(observer: Observer) -> int | None:
     return observer._process.pid if observer._alive else None
 
 
-def test_killed_ten_times_it_is_started_again_each_time_and_keeps_its_history(
-    mortal: Observer, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("times", [2, pytest.param(10, marks=pytest.mark.slow)])
+def test_killed_it_is_started_again_each_time_and_keeps_its_history(
+    mortal: Observer, capfd: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch, times: int
 ) -> None:
     monkeypatch.setattr(observing, "PAUSES", (0.01, 0.02))
     mortal._pause = 0.01
     for samples in (1000, 2000):
         before = seen(mortal, identifier(samples))
-    for _ in range(10):
+    for _ in range(times):
         killed = wait_for(lambda: pid(mortal))
         os.kill(killed, signal.SIGKILL)
         wait_for(lambda: pid(mortal) not in (None, killed))  # noqa: B023 - called in this round only
     after = seen(mortal, identifier(3000))
     np.testing.assert_array_equal(after.history.t[: before.history.t.size], before.history.t)
     assert after.samples == 3000
-    assert after.counters[observing.RESTARTS] == 10  # seen at the terminal and on the page
+    assert after.counters[observing.RESTARTS] == times  # seen at the terminal and on the page
     said = capfd.readouterr().err.splitlines()
     assert len(said) == 1  # once a minute
     assert "(signal 9); it is started again in" in said[0]

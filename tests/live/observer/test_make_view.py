@@ -107,7 +107,7 @@ def test_a_long_window_is_thinned_and_loses_no_peak() -> None:
 
 def test_stamps_with_jitter_are_simulated_as_they_came() -> None:
     t = DT * (np.arange(1, 1501) + 0.3 * np.random.default_rng(0).uniform(-1, 1, 1500))
-    found = viewed(900, t=t[:900])
+    found = viewed(900, t=tuple(t[:900]))
     assert np.isfinite(found.simulated)
     assert np.ptp(np.diff(found.window.t)) > 0.1 * DT
     np.testing.assert_allclose(found.window.t - found.window.t[-1], t[:900] - t[899], atol=1e-9)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import builtins
-import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -13,39 +12,11 @@ import pytest
 
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.streams import open_source
+from support.boards import Board
 from support.wires import Reading, csv, wait_until
 
 pytest.importorskip("serial", reason="pyserial is not installed")
-pty = pytest.importorskip("pty", reason="this system has no pseudo-terminals")
-tty = pytest.importorskip("tty", reason="this system has no pseudo-terminals")
-
-
-class Board:
-    """A microcontroller at the other end of a cable, whose device file is a link that outlives it."""
-
-    def __init__(self, device: Path) -> None:
-        self.device = device
-        self.plug_in()
-
-    def plug_in(self) -> None:
-        self.end, port = pty.openpty()
-        tty.setraw(port)
-        self.port = port
-        self.device.symlink_to(os.ttyname(port))
-
-    def pull_out(self) -> None:
-        self.device.unlink()
-        os.close(self.port)
-        os.close(self.end)
-
-    def send(self, data: bytes) -> None:
-        rest = memoryview(data)
-        while rest:
-            rest = rest[os.write(self.end, rest[:1024]) :]
-
-    @property
-    def url(self) -> str:
-        return f"serial://{self.device}?baud=115200"
+pytest.importorskip("pty", reason="this system has no pseudo-terminals")
 
 
 @pytest.fixture

@@ -17,6 +17,7 @@ import replant as rp
 from replant.estimation.engine.state import REASONS
 from replant.live.streams import open_source
 from replant.live.streams.opening import SCHEMES
+from support.boards import Board
 from support.broker import MOSQUITTO, Broker
 from support.places import ROOT
 from support.wires import Device, Reading, opened
@@ -48,8 +49,6 @@ def test_the_arduino_sketch(tmp_path: Path, read: Callable[..., Reading]) -> Non
         pytest.skip("no C++ compiler to compile the sketch with")
     pytest.importorskip("serial", reason="pyserial is not installed")
     pytest.importorskip("pty", reason="this system has no pseudo-terminals")
-    from live.streams.test_serial_port import Board
-
     sketch, program = tmp_path / "sketch.cpp", tmp_path / "sketch"
     sketch.write_text('#include <cstdint>\n#include "Arduino.h"\n' + block("cpp", "arduino.md"))
     subprocess.run([compiler, "-Wall", "-Werror", f"-I{BOARD}", "-o", str(program), str(sketch)], check=True)
