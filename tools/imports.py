@@ -18,6 +18,7 @@ from architecture import Package
 OUTSIDE = {
     "numerics.operating_system",
     "online.checkpoint.files",
+    "online.second_process",
     "fitting.inspect",
     "fitting.model_file",
     "logs",

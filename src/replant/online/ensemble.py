@@ -372,7 +372,7 @@ class Ensemble(Shared):
 def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None) -> list[Identifier]:
     """Return the ensemble's own members."""
     if isinstance(identifiers, Identifier):
-        _refuse_reference([identifiers])
+        _refuse_others([identifiers])
         number = 1 if members is None else count("members", members, 1, _numbers(identifiers))
         return [identifiers.clone() for _ in range(number)]
     if members is not None:
@@ -390,7 +390,7 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
     others = {one.names for one in each} - {each[0].names}
     if others:
         raise InvalidArgumentError(f"all members must have the same parameters, got {each[0].names} and {others.pop()}")
-    _refuse_reference(each)
+    _refuse_others(each)
     return [one.clone() for one in each]
 
 
@@ -399,7 +399,9 @@ def _numbers(identifier: Identifier) -> int:
     return sum(array.size for array in identifier._state.arrays) + OBJECT
 
 
-def _refuse_reference(identifiers: Sequence[Identifier]) -> None:
+def _refuse_others(identifiers: Sequence[Identifier]) -> None:
+    if any(one._background for one in identifiers):
+        raise InvalidArgumentError("an ensemble knows no background: give it identifiers with background=False")
     if any(one.reference for one in identifiers):
         raise InvalidArgumentError("an ensemble knows no reference: give it identifiers whose samples came without r")
 

@@ -26,18 +26,22 @@ from replant.numerics.arguments import (
     FloatArray,
     number,
     record,
+    truth,
     vector,
 )
 from replant.numerics.limits import stamps_of
 from replant.online.kept_model import model_of
 from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
 from replant.online.row_identifier import RowIdentifier
+from replant.online.second_process import start
 from replant.online.trace import Trace
 from replant.online.turns import Turn, changes, reads
 
 NAN, INFINITE = math.nan, math.inf  # naN and infinity, looked up at every sample [number]
 # attributes that others lead to
-DERIVED = {"_begun_with", "_gate", "_kernel", "_mapped", "_solved", "_step", "_steps", "_turn"}
+DERIVED = {
+    "_begun_with", "_forced_waits", "_gate", "_kernel", "_mapped", "_place", "_solved", "_step", "_steps", "_turn",
+}  # fmt: skip
 # some 10 ms, beside which a call of the kernel, some 10 us, does not count
 PIECE = 8192  # updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates]
 
@@ -86,11 +90,16 @@ class Identifier(Lifecycle):
         Raw samples kept after the start-up, from 0 to 30000.  Solving again and verdict are by these; `finish` solves a
         record that is no longer.  Below 200 the verdict is made from running sums, and says what is not checked; with
         too few for a model of what came since a change, nothing is solved again, and after one nothing is learned.
+    background : bool
+        Compute what takes long after the start-up in a second Python, and take it up a fixed number of samples later:
+        5 % of the record, at least 20.  See Notes.
 
     Raises
     ------
     InvalidArgumentError, ArgumentTypeError
         For an argument that cannot be used; the message names it.
+    SystemRefusedError
+        With ``background``, where there is no shared memory, or no second Python can be started.
 
     Notes
     -----
@@ -110,6 +119,14 @@ class Identifier(Lifecycle):
     first model has no lasting effect.  Each time that it has grown by a quarter, later every 5000 samples, it is asked
     whether the plant has changed within it.  Such a solution takes some tens of milliseconds, every other update about
     a microsecond.
+
+    With ``background`` a solution that was begun at sample n is taken up at a count m that n decides; a new estimate
+    then learns the samples since n.  Where it is not there at m, `update` waits for it: `forced_waits` counts that.  So
+    the bits do not depend on how fast the machine is, or whether the second Python is ended.  A change is followed
+    later by as many samples.  One second Python serves all identifiers of a process, and ends with it; to start it
+    takes a second, at construction.  Where the record is as long as ``history``, its oldest m - n are left out.  What
+    reads, copies or saves leaves pending work alone, and a checkpoint holds it: saved and continued equals not
+    interrupted.  `finish`, `freeze`, `resume` and `reset` drop it; after `finish` and `resume` it is due again.
 
     References
     ----------
@@ -153,6 +170,7 @@ class Identifier(Lifecycle):
         preprocess: Preprocess = Preprocess(),  # noqa: B008 - frozen
         startup: int = 500,
         history: int = STORED,
+        background: bool = False,
     ) -> None:
         wanted: tuple[Any, Any, Any] = poles, zeros, delay
         structure = Structure.wanted(structure, *wanted)
@@ -162,6 +180,9 @@ class Identifier(Lifecycle):
             structure, dt, filter, scaling, optimizer, replay, instruments, normalize, preprocess, startup, history
         )
         self._turn = Turn()
+        if truth("background", background):
+            self._background = True
+            self._start_background()
         self._begin_again()
 
     #: That of ``__init__``: what makes several inputs an identifier of their own kind takes the same.
@@ -255,6 +276,19 @@ class Identifier(Lifecycle):
         self.__dict__.update(attributes)
         self._turn, self._solved, self._begun_with = Turn(), {}, NAN
         self._work_on(self._state, regular=self._regular)
+        if self._background:
+            self._start_background()
+            if self._job is not None:
+                self._go_on_with_job(self._job, whole=True)
+
+    def _start_background(self) -> None:
+        self._make_place()
+        start()
+
+    @property
+    def forced_waits(self) -> int:
+        """How often a result of ``background`` was not there when it was due, since construction or `replant.load`."""
+        return self._forced_waits
 
     def update(self, u: float, y: float, t: float | None = None, r: float | None = None) -> float:
         """Take one sample; return its a-priori output error y - theta' phi, in the unit of y.

@@ -15,6 +15,7 @@ from replant.estimation.settings import LONGEST_STARTUP
 from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.numerics.arguments import FloatArray, IntArray
+from replant.online import background, second_process
 from replant.online.change_response import look
 from replant.online.estimate import Estimate
 from replant.online.revision import next_revision, revise, solve_whole
@@ -51,8 +52,13 @@ class Lifecycle(Estimate):
     _mapped: bool  # whether the input map is a function
     _kernel: Kernel
     _steps: Callable[..., int]
+    _background = False  # whether what is due is computed by a second process
+    _job: background.Job | None = None  # what that is doing
+    _place: second_process.Place | None = None  # the memory shared with it
+    _forced_waits = 0
 
     def _begin_again(self) -> None:
+        self._drop_job()
         self._settings = None
         self._solved, self._begun_with = {}, math.nan
         self._dropped = self._resolve_at = 0
@@ -112,7 +118,10 @@ class Lifecycle(Estimate):
     def _enter(self) -> None:
         self._gate[0] = SHUT
         while self._state.attention:
-            self._as_one(Lifecycle._attend)
+            if self._background and self._settings is not None and self._state.held_at != BELIEVED:
+                self._attend_in_background()
+            else:
+                self._as_one(Lifecycle._attend)
 
     def _leave(self) -> None:
         self._gate[0] = OPEN
@@ -178,18 +187,79 @@ class Lifecycle(Estimate):
 
     def _plan(self) -> None:
         """Set the sample at which the kernels next ask for attention."""
+        self._state.attention_at = self._next_stop()
+        self._state.attention = False  # last: interrupted, this is done again
+
+    def _next_stop(self) -> int:
         state, now = self._state, self._state.samples
-        state.attention = False
         if self._settings is None:
             # the start-up may end, or the provisional model change
             there = measured(state)
             missing = min(self._hold, next_provisional(self._request, there)) - there
-            state.attention_at = min(now + max(missing, 1), max(state.recent_size, now + 1))
-            return
+            return min(now + max(missing, 1), max(state.recent_size, now + 1))
+        if self._job is not None:
+            return self._job.next_stop(now)
         dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
         self._resolve_at, state.look_at = dues
         dues.append(state.room_until(self._most))
-        state.attention_at = min((due for due in dues if due), default=0)
+        return min((due for due in dues if due), default=0)
+
+    def _attend_in_background(self) -> None:
+        """Do what is due, as `_attend`, without a copy of the state: begin a job, go on with it, or take it up.
+
+        Interrupted anywhere, it is done again.
+        """
+        state, settings = self._state, self._settings
+        assert settings is not None
+        background.note_alarm(state, settings)
+        if self._job is None and state.samples in (self._resolve_at, state.look_at):
+            self._make_place()
+            self._job = background.Job.of(state)
+        if self._job is not None:
+            if state.samples >= self._job.until:
+                self._take_up(self._job)
+            else:
+                self._go_on_with_job(self._job)
+        self._plan()
+
+    def _go_on_with_job(self, job: background.Job, *, whole: bool = False) -> None:
+        if self._settings is not None and self._place is not None:
+            job.go_on(self._state, self._settings, self._resolve_at, self._most, self._place, whole=whole)
+
+    def _take_up(self, job: background.Job) -> None:
+        """Go on with what a job has led to."""
+        state, settings = self._state, self._settings
+        assert settings is not None
+        self._forced_waits += job.wait()
+        found = job.outcome(state, settings, self._resolve_at, self._most)
+        if not found.only_planned or state.alarm != job.numbers.alarm:
+            self._as_one(Lifecycle._go_on_from, job, found)
+            return
+        for slot in background.PLANNED:
+            if getattr(found.state, slot.name) != getattr(job.numbers, slot.name):
+                setattr(state, slot.name, getattr(found.state, slot.name))
+        vars(self).update(_job=None, _resolve_at=found.due)
+
+    def _go_on_from(self, job: background.Job, found: background.Outcome) -> None:
+        assert self._settings is not None
+        self._work_on(
+            background.caught_up(job, found.state, self._state, self._settings, regular=self._regular),
+            regular=self._regular,
+        )
+        self._job, self._resolve_at = None, found.due
+        self._plan()
+
+    def _drop_job(self) -> None:
+        """Forget what is being computed: what was due then is due again."""
+        if self._job is not None:
+            self._job = None
+            self._plan()
+
+    def _make_place(self) -> None:
+        """Start the second process, and make memory shared with it, where there is none that nothing is written to."""
+        if self._place is None or not self._place.is_mine or self._place.is_busy:
+            self._place = second_process.Place(self._request.history)
+        second_process.start(wait=False)
 
     @property
     def _most(self) -> int:
@@ -224,7 +294,8 @@ class Lifecycle(Estimate):
                 self._solved[measured(old)] = None if solution is None else solution.found
                 self._wait_longer(is_full=is_full)
                 return
-        state, self._begun_with = begin(old, settings, kept, solution, request.history)
+        at_once = self._background  # to lengthen the ring later would take longer than a sample
+        state, self._begun_with = begin(old, settings, kept, solution, request.history, at_once=at_once)
         if at_any_rate:
             state.finished_at, state.gap_at = state.samples, 0
         self._settings, self._solved = settings, {}
@@ -241,6 +312,7 @@ class Lifecycle(Estimate):
             self._solved = {}
 
     def _finish(self) -> None:
+        self._drop_job()
         if self._settings is None:
             if self._state.samples:
                 self._end_startup(at_any_rate=True)
@@ -256,6 +328,7 @@ class Lifecycle(Estimate):
             raise InvalidArgumentError(
                 "freezing needs a model, and the samples for the first one are still being collected: try again later"
             )
+        self._drop_job()
         self._state.adapt = adapt
         self._state.change_began, self._state.cusum = self._state.samples, 0.0
         if not adapt:

@@ -153,13 +153,13 @@ def settled(request: Request, kept: RecentSamples) -> Settings:
 
 
 def begin(
-    old: State, settings: Settings, kept: RecentSamples, solution: Solution | None, most: int
+    old: State, settings: Settings, kept: RecentSamples, solution: Solution | None, most: int, *, at_once: bool = False
 ) -> tuple[State, float]:
     """Return the state that has learned the samples of a start-up, and the error of the last one.
 
-    It keeps ``most`` raw samples; kernels that do not ask for room have all of it at once.
+    It keeps ``most`` raw samples; it has room for all of them ``at_once``, or where its kernels do not ask for room.
     """
-    room = room_for(len(kept), most) if settings.optimizer.keeps_covariance else most
+    room = room_for(len(kept), most) if settings.optimizer.keeps_covariance and not at_once else most
     state, error = State.of_settings(settings, room), math.nan
     if len(kept) > 0:
         if solution is not None:

@@ -41,6 +41,7 @@ from replant.kernels.schema import (
     SumsSlots,
 )
 from replant.kernels.slot_tables import NEVER
+from replant.online.background import Job
 
 #: The slots whose values follow from the settings alone, besides the offsets of the blocks.
 DECIDED = [slot for slot in (*StateSlots.integers, *StateSlots.scalars, *StateSlots.blocks) if slot.writer == LAYOUT]
@@ -124,11 +125,13 @@ def check_settings(settings: Settings, request: Request, *, reference: bool) -> 
         raise DamagedCheckpointError(f"its settings and its request differ in {wrong}")
 
 
-def check_state(state: State, settings: Settings, resolve_at: int, most: int = STORED) -> None:
-    """Check that the kernels can work on a state."""
+def check_state(
+    state: State, settings: Settings, resolve_at: int, most: int = STORED, *, has_job: bool = False
+) -> None:
+    """Check that the kernels can work on a state; where there is a job, `check_job` checks what it waits for."""
     _check_decided(state, State.laid_out(settings, len(state.recent)), settings)
     _check_positions(state)
-    _check_due(state, resolve_at, most)
+    _check_due(state, resolve_at, most, has_job=has_job)
     for what, sound in (
         ("times", _times_are_sound(state)),
         ("numbers", _numbers_are_sound(state)),
@@ -136,6 +139,15 @@ def check_state(state: State, settings: Settings, resolve_at: int, most: int = S
     ):
         if not sound:
             raise DamagedCheckpointError(f"its state holds {what} that are not valid")
+
+
+def check_job(job: Job, state: State) -> None:
+    """Check that a job began before this state, and is waited for."""
+    stop = job.next_stop(state.samples)
+    if not (state.examines_output and job.begun <= state.samples <= job.until and len(state.recent) > 1):
+        raise DamagedCheckpointError("its pending job belongs to other samples")
+    if not (state.attention or (state.attention_at == stop and state.samples < job.until)):
+        raise DamagedCheckpointError("it does not wait for its pending job")
 
 
 def _check_decided(state: State, fresh: State, settings: Settings | None) -> None:
@@ -172,10 +184,10 @@ def _check_positions(state: State) -> None:
         raise DamagedCheckpointError("its state points outside of its arrays")
 
 
-def _check_due(state: State, resolve_at: int, most: int) -> None:
+def _check_due(state: State, resolve_at: int, most: int, *, has_job: bool) -> None:
     if type(resolve_at) is not int or not 0 <= resolve_at < NEVER:
         raise DamagedCheckpointError("its time of solving the record again is not valid")
-    if state.attention:  # it was interrupted before it could do what was due
+    if state.attention or has_job:  # it was interrupted before it could do what was due, or does it
         return
     dues = [due for due in (resolve_at, state.look_at) if due]
     if any(due <= state.samples for due in dues):

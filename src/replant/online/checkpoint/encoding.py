@@ -2,8 +2,9 @@
 
     magic (8), version (uint32), length of the header (uint32),
     header: JSON in ASCII, padded by blanks to a multiple of 8: every value that is not an array, and for each array its
-        name, type, shape and number of stored rows,
-    the arrays, one after the other: rows at the end whose bits are all zero are not stored, nor are work arrays,
+        name, type, shape and number of stored rows; with ``background`` also whether a job is pending,
+    the arrays, one after the other: rows at the end whose bits are all zero are not stored, nor are work arrays; after
+        those of the state the numbers that it had when a pending job began,
     SHA-256 of all bytes above (32).
 
 All numbers are little-endian.  The checksum detects damage, not forgery: it is no signature.
@@ -16,7 +17,7 @@ import hashlib
 import json
 import math
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -26,9 +27,11 @@ from replant.errors import ArgumentTypeError, DamagedCheckpointError, InvalidArg
 from replant.estimation.engine.state import State
 from replant.estimation.settings import Request, Settings
 from replant.kernels.schema import STATE_ARRAYS, StateSlots
+from replant.online.background import NUMBERS, Job, state_of
 from replant.online.checkpoint.before import BEFORE, from_before, with_work, without_work, work_of
 from replant.online.checkpoint.content_check import (
     check_collected,
+    check_job,
     check_settings,
     check_start,
     check_state,
@@ -63,6 +66,8 @@ STATE = "_state"  # the attribute that is stored as arrays
 ROW = "row"  # the header's entry of an identifier of several inputs, in the place of its attributes
 #: The header's entries.
 HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
+BACKGROUND = "background"  # whether a job is pending; only where there may be one
+OF_JOB = "job_"  # before the names of its arrays
 
 #: The arrays of an identifier, in their order, and their types.
 TYPES = {"ints": "<i8"}
@@ -79,13 +84,16 @@ class Contents:
 
 def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> bytes:
     """Return the bytes of an identifier with these attributes; equal identifiers give equal bytes."""
-    arrays = {name: getattr(attributes[STATE], name) for name in STATE_ARRAYS}
-    arrays["reals"] = without_work(arrays["reals"], *work_of(arrays["ints"]))
-    written = {name: len(array) for name, array in arrays.items()}
-    written["buffer"] = attributes[STATE].buffer_filled  # searching a large buffer for its used rows would be slow
-    kept = {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
+    arrays, kept = _written(attributes[STATE], STATE_ARRAYS)
+    job, background = attributes.get("_job"), {}
+    if attributes.get("_background"):
+        background = {BACKGROUND: job is not None}
+    if job is not None:
+        for both, some in zip((arrays, kept), _written(job.numbers, NUMBERS), strict=True):
+            both.update({OF_JOB + name: array for name, array in some.items()})
     return _sealed(
-        {
+        background
+        | {
             LAYOUT: layout_of_state(),
             ATTRIBUTE: {name: to_plain("", attributes[name]) for name in ATTRIBUTES},
             PROGRESS: {name: to_plain(f"progress[{name!r}]", value) for name, value in _checked(progress).items()},
@@ -93,6 +101,15 @@ def encode(attributes: Mapping[str, Any], progress: Progress | None = None) -> b
         },
         {name: np.asarray(array, _type(name)) for name, array in kept.items()},
     )
+
+
+def _written(state: State, names: Sequence[str]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return arrays of a state in the order in which they are stored, and their rows in use."""
+    arrays = {name: getattr(state, name) for name in names}
+    arrays["reals"] = without_work(arrays["reals"], *work_of(arrays["ints"]))
+    written = {name: len(array) for name, array in arrays.items()}
+    written["buffer"] = state.buffer_filled  # searching a large buffer for its used rows would be slow
+    return arrays, {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
 
 
 def encode_row(plain: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]], progress: Progress | None) -> bytes:
@@ -137,7 +154,7 @@ def described() -> Iterator[None]:
 
 
 def _type(name: str) -> str:
-    return TYPES.get(name, FLOAT)
+    return TYPES.get(name.removeprefix(OF_JOB), FLOAT)
 
 
 def _checked(progress: Progress | None) -> dict[str, int | float | str]:
@@ -216,7 +233,7 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     """Return the content that header and arrays describe; settings are checked first, then sizes, then numbers."""
     if ROW in header:
         return _row(header, body)
-    if set(header) != set(HEADER):
+    if set(header) - {BACKGROUND} != set(HEADER) or type(header.get(BACKGROUND, False)) is not bool:
         raise DamagedCheckpointError("its header has other entries")
     attributes = {name: from_plain(plain) for name, plain in header[ATTRIBUTE].items()}
     for name, value in attributes.items():
@@ -230,7 +247,11 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     if header[LAYOUT] != layout_of_state():
         raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
     check_start(attributes["_request"], attributes["_hold"], reference=attributes["_reference"])
-    attributes |= {STATE: _state(attributes, header[ARRAYS], body), "_mapped": False}  # a callable map is not stored
+    state, job = _state(attributes, header[ARRAYS], body, has_job=header.get(BACKGROUND, False))
+    # a callable map is not stored
+    attributes |= {STATE: state, "_mapped": False}
+    if BACKGROUND in header:
+        attributes |= {"_background": True, "_job": job}
     progress = {name: from_plain(plain) for name, plain in header[PROGRESS].items()}
     return Contents(attributes, _checked(progress))
 
@@ -253,27 +274,44 @@ def _row(header: dict[str, Any], body: memoryview) -> Contents:
     return Contents({ROW: header[ROW], ARRAYS: arrays}, _checked(header[PROGRESS]))
 
 
-def _state(attributes: dict[str, Any], declared: list[Any], body: memoryview) -> State:
-    """Return the arrays of an identifier, checked."""
+def _state(
+    attributes: dict[str, Any], declared: list[Any], body: memoryview, *, has_job: bool
+) -> tuple[State, Job | None]:
+    """Return the arrays of an identifier and the job that is pending, checked."""
     settings: Settings | None = attributes["_settings"]
     request, reference, resolve_at = attributes["_request"], attributes["_reference"], attributes["_resolve_at"]
     if settings is not None:
         check_settings(settings, request, reference=reference)
-    *_, (_, _, _, rows), (_, _, (room, *_), samples) = declared  # of buffer and raw samples; no row in use is all zero
+    *_, (_, _, _, rows), (_, _, (room, *_), samples) = declared[
+        : len(STATE_ARRAYS)
+    ]  # of buffer and raw samples; no row in use is all zero
     sizes = sizes_of(settings, request, room if type(room) is int else 0, reference=reference)
-    arrays = _arrays(declared, body, sizes.shapes)
+    shapes = {name: sizes.shapes[name] for name in STATE_ARRAYS}
+    of_job = {OF_JOB + name: sizes.shapes[name] for name in NUMBERS} if has_job else {}
+    arrays = _arrays(declared, body, shapes | of_job)
     begins = sizes.begins
-    arrays["reals"] = with_work(arrays["reals"], begins[StateSlots.backup], begins[StateSlots.past])
+    for name in ("reals", OF_JOB + "reals")[: 1 + has_job]:
+        arrays[name] = with_work(arrays[name], begins[StateSlots.backup], begins[StateSlots.past])
+    numbers = [arrays.pop(name) for name in of_job]
     state = State(**arrays)
     if not 0 <= state.buffer_filled <= rows:
         raise DamagedCheckpointError("its buffer holds fewer samples than its state says")
     if settings is not None:
-        check_state(state, settings, resolve_at, request.history)
-        return state
+        if not has_job:
+            check_state(state, settings, resolve_at, request.history)
+            return state, None
+        begun = state_of(numbers, state.recent)
+        check_state(begun, settings, resolve_at, request.history, has_job=True)
+        job = Job.of(begun)
+        check_state(state, settings, resolve_at, request.history, has_job=True)
+        check_job(job, state)
+        return state, job
     if not 0 <= min(state.samples, len(state.recent)) <= samples:
         raise DamagedCheckpointError("it has collected fewer samples than its state says")
     check_collected(state, request, resolve_at, reference=reference)
-    return state
+    if has_job:
+        raise DamagedCheckpointError("it has a model in work, and no record yet")
+    return state, None
 
 
 def _arrays(declared: list[Any], body: memoryview, shapes: dict[str, tuple[int, ...]]) -> dict[str, Any]:

@@ -1,0 +1,210 @@
+"""A second Python: the process that does what is due, and the memory that it shares with the first.
+
+`background` says what is asked of it.  It serves all identifiers of a process, and ends when its standard input does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import weakref
+from collections.abc import Callable, Sequence
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replant.errors import SystemRefusedError
+
+try:
+    from multiprocessing.shared_memory import SharedMemory
+except ImportError:  # a Python that was built without
+    SharedMemory = None  # type: ignore[assignment,misc]
+
+# what is called with the folders to import from; these at the end, so that no module of the user hides one of Python
+BEGIN = "import sys; sys.path += sys.argv[1:]; from replant.online.background import serve; serve()"
+PREFIX = 24  # before the arrays: whether there is a result, where the text is, and how long [bytes]
+NUMBERS_ROOM = 2**18  # room for the numbers of a state, and the text; a state of ten poles takes half [bytes]
+FREE, PENDING, DONE, FAILED = range(4)
+Shapes = Sequence[tuple[int, ...]]
+_starting = threading.Lock()
+_worker: Worker | None = None
+
+
+class Place:
+    """Memory that both processes share, for one job at a time."""
+
+    def __init__(self, history: int) -> None:
+        size = NUMBERS_ROOM + 48 * history
+        try:
+            memory = SharedMemory(create=True, size=size)
+        except (OSError, TypeError) as error:
+            raise SystemRefusedError(
+                f"background=True needs shared memory, which the system refuses ({error})"
+            ) from error
+        self._owner = os.getpid()
+        self._end = weakref.finalize(self, _give_back, memory, self._owner)
+        assert memory.buf is not None
+        self.name, self.buffer = memory.name, memory.buf
+        there = Path("/dev/shm", memory.name.lstrip("/"))  # where Linux shows it
+        if there.exists():
+            with there.open("r+b") as file:
+                try:
+                    os.posix_fallocate(file.fileno(), 0, size)  # else writing to it would end the process
+                except OSError as error:
+                    raise SystemRefusedError(
+                        f"background=True needs {size} bytes of shared memory, which the system refuses ({error})"
+                    ) from error
+
+    @property
+    def is_mine(self) -> bool:
+        """Whether it belongs to this process, and not to the one that this was forked from."""
+        return self._owner == os.getpid()
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether the second Python may still write to it."""
+        return self.buffer[0] == PENDING
+
+
+def _give_back(memory: Any, owner: int) -> None:
+    with contextlib.suppress(OSError, BufferError):
+        if os.getpid() == owner:
+            memory.unlink()
+        memory.close()
+
+
+def write(buffer: memoryview, shapes: Shapes, text: bytes) -> bool:
+    """Write what goes with the arrays, behind them; return whether there is room."""
+    at = PREFIX + 8 * sum(math.prod(shape) for shape in shapes)
+    if at + len(text) > len(buffer):
+        return False
+    buffer[8:PREFIX] = np.array([at, len(text)]).tobytes()
+    buffer[at : at + len(text)] = text
+    return True
+
+
+def read(buffer: memoryview) -> bytes:
+    """Return what goes with the arrays."""
+    at, length = np.frombuffer(buffer[8:PREFIX], np.int64).tolist()
+    return bytes(buffer[at : at + length])
+
+
+def fits(buffer: memoryview, shapes: Shapes) -> bool:
+    """Return whether there is room for arrays of these shapes."""
+    return PREFIX + 8 * sum(math.prod(shape) for shape in shapes) <= len(buffer)
+
+
+def views(buffer: memoryview, shapes: Shapes) -> list[Any]:
+    """Return the arrays in shared memory: raw samples, oldest first, then the numbers."""
+    found, at = [], PREFIX
+    for shape, kind in zip(shapes, (np.float64, np.int64, *(np.float64,) * (len(shapes) - 2)), strict=True):
+        found.append(np.frombuffer(buffer, kind, math.prod(shape), at).reshape(shape))
+        at += 8 * math.prod(shape)
+    return found
+
+
+# --- the second Python
+
+
+class Worker:
+    """The second Python; it serves all identifiers of its owner, and ends with it."""
+
+    def __init__(self) -> None:
+        self._owner = os.getpid()
+        folders = [entry for entry in sys.path if isinstance(entry, str)]
+        if not sys.executable or getattr(sys, "frozen", False):
+            raise SystemRefusedError(
+                "background=True needs a second Python, and there is none to start in this program"
+            )
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-W", "ignore", "-c", BEGIN, *folders], bufsize=0,
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+            )  # fmt: skip
+        except OSError as error:
+            raise SystemRefusedError(
+                f"background=True needs a second Python, and {sys.executable} did not start ({error.strerror or error})"
+            ) from error
+        self._end = weakref.finalize(self, _end, self._process, self._owner)
+        self._is_ready = False
+
+    def lives(self) -> bool:
+        """Return whether it is there for this process, and not for the one that this was forked from."""
+        return self._owner == os.getpid() and self._process.poll() is None
+
+    def wait(self) -> None:
+        """Wait until it has imported what it needs."""
+        assert self._process.stdout is not None
+        if not self._is_ready and not self._process.stdout.read(1):
+            raise SystemRefusedError(
+                f"background=True needs a second Python, and {sys.executable} ended as it imported replant"
+            )
+        self._is_ready = True
+
+    def send(self, place: Place) -> None:
+        """Let it begin."""
+        assert self._process.stdin is not None
+        with contextlib.suppress(OSError):  # it has ended, which is seen when the result is due
+            self._process.stdin.write(place.name.encode() + b"\n")
+
+    def forget(self) -> None:
+        """Leave it to the process that this one was forked from."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        self._process.returncode = 0
+
+
+def worker() -> Worker | None:
+    """Return the second Python, if one was started."""
+    return _worker
+
+
+def start(*, wait: bool = True) -> None:
+    """Start the second Python where none lives; ``wait`` until it is ready."""
+    global _worker
+    with _starting:
+        if _worker is None or not _worker.lives():
+            _worker = Worker()
+        if wait:
+            _worker.wait()
+
+
+def _end(process: subprocess.Popen[bytes], owner: int) -> None:
+    if os.getpid() != owner:
+        return
+    process.kill()
+    process.wait()
+    for pipe in (process.stdin, process.stdout):
+        if pipe is not None:
+            pipe.close()
+
+
+def _begin_child() -> None:
+    global _worker, _starting
+    if _worker is not None:
+        _worker.forget()
+    _worker, _starting = None, threading.Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_begin_child)
+
+
+def serve(answer: Callable[[memoryview], int]) -> None:
+    """Do what is asked for, until who asks has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one who asks
+    resource_tracker.register = lambda *_: None  # who asks gives the memory back
+    sys.stdout.write("+")
+    sys.stdout.flush()
+    for name in iter(sys.stdin.readline, ""):
+        memory = SharedMemory(name.strip())
+        assert memory.buf is not None
+        memory.buf[0] = answer(memory.buf)
+        memory.close()
