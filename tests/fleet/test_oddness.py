@@ -98,7 +98,7 @@ def test_of_a_rig_that_differs_in_everything_the_two_that_differ_most_are_named(
 def test_an_uncertain_rig_is_not_an_odd_one() -> None:
     rng = np.random.default_rng(1)
     sure, unsure = (row(name, 2.0 * math.exp(0.4), 12.0, 0.4, 0.0 * SURE + std, rng) for name, std in
-                    (("sure", 0.01), ("unsure", 0.4)))  # fmt: skip
+                    (("sure", 0.01), ("unsure", 0.2)))  # fmt: skip
     found = oddness_of(table_of([*fleet(0), unsure, sure], TWO), TWO)
     assert found.odd[-2:].tolist() == [False, True]
     assert found.distance[-2] < found.distance[-1]

@@ -132,7 +132,7 @@ export function connect() {
   };
   socket.onclose = event => {
     state.open = false;
-    if (event.code === 1000) {
+    if ([1000, 1001, 1012].includes(event.code)) {  // as it closes itself, or as the server does that stops
       showLink("ended", "ended");
       say("The workbench has ended; the session is kept. Start it again with replant open: this page then comes back.");
     } else showLink("reconnecting", "reconnecting");
