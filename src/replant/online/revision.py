@@ -166,8 +166,8 @@ def renew(old: State, settings: Settings) -> State | None:
 def _is_better(solution: Solution, settings: Settings, present: FloatArray) -> bool:
     """Return whether a solution takes the present estimate's place.
 
-    It does if it is certain, or explains its record better beyond chance; without a reference, of two models of which
-    one runs away the other one is taken.
+    It does if it is certain, or explains its record better beyond chance.  Without a reference, of two models of which
+    one runs away the other one is taken, unless that one is certain and explains the record better: an integrator.
     """
     structure, found, record = settings.structure, solution.found, solution.record
     models = found.theta, present
@@ -175,8 +175,10 @@ def _is_better(solution: Solution, settings: Settings, present: FloatArray) -> b
         not settings.reference and runs_away(np.append(1.0, each[structure.denominator]), record.span)
         for each in models
     ]
-    if found.acceptable or away[0] != away[1]:
-        return away[0] <= away[1]
+    if away[0] < away[1] or (found.acceptable and away[0] == away[1]):
+        return True
+    if away[0] > away[1] and not found.acceptable:
+        return False
     errors = [prediction_error(structure, each[: structure.size], record, settings.dt) for each in models]
     new, old = (np.array([math.inf]) if each is None else each for each in errors)
     return found.settled and likelihood_ratio(new, old) > -math.log(ALPHA)
