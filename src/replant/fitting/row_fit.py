@@ -129,6 +129,10 @@ def ready_row(given: Samples, poles: Any, zeros: Any, delay: Any) -> tuple[RowRe
     stamps = None if given.t is None else increasing(given.t, output.size)
     ready = RowRecord.of(columns, output, dt, stamps, given.input_hold, given.begins)
     record = ready.record
+    with np.errstate(over="ignore", invalid="ignore"):
+        powers = np.append(np.sum(ready.inputs**2, axis=0), np.sum(record.y[record.is_measured] ** 2))
+    if not np.isfinite(powers).all():
+        raise InvalidArgumentError("the squares of u or y leave float64: give them in larger units")
     size = sum(each.size + each.poles for each in structures) + 1
     if record.count <= size:
         raise InvalidArgumentError(
