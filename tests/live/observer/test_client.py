@@ -181,10 +181,10 @@ def test_a_start_that_fails_is_tried_again(
 def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, capfd: pytest.CaptureFixture) -> None:
     """In the process itself: a state that cannot be read, twice, between two that can."""
     seen(mortal, identifier(1000))
-    process, before = mortal._process.pid, mortal.last
+    process = mortal._process.pid
     for _ in range(2):
         mortal._process.outbox.put(Handover(SessionInfo(at=7.0), (), b"no state at all"))
-    doubted = wait_for(lambda: mortal.poll() == [] and mortal.last is not before and mortal.last)
+    doubted = wait_for(lambda: mortal.poll() == [] and mortal.last.at == 7.0 and mortal.last)
     assert (doubted.verdict, doubted.excited, doubted.at) == ("unknown", False, 7.0)
     assert "the estimate could not be judged" in doubted.reasons[0]
     again = seen(mortal, identifier(1500))
