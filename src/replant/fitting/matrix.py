@@ -12,7 +12,7 @@ from replant.fitting import model_file, model_json
 from replant.fitting.model import Model
 from replant.fitting.model_file import AnyPath
 from replant.fitting.row_fit import RowFit, fit_row
-from replant.fitting.row_model import RowModel
+from replant.fitting.row_model import RowModel, number_of
 from replant.fitting.samples import Samples
 from replant.fitting.validation import Validation
 from replant.model import interop
@@ -115,13 +115,7 @@ class MatrixModel:
         InvalidArgumentError
             If there is no such output.
         """
-        names = list(self.output_names)
-        number = names.index(which) if which in names else which
-        if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(names):
-            raise InvalidArgumentError(
-                f"which must be one of {', '.join(names)}, or its number from 0, got {shown(which)}"
-            )
-        return self.rows[number]
+        return self.rows[number_of(which, self.output_names)]
 
     def simulate(self, u: Any, t: Any = None) -> FloatArray:
         """Return the outputs (K, p) from the inputs alone, in absolute units; see `RowModel.simulate`.

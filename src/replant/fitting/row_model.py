@@ -86,19 +86,15 @@ class RowModel(RowFields):
         InvalidArgumentError
             If there is no such input.
         """
-        names = list(self.input_names)
-        number = names.index(which) if which in names else which
-        if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(names):
-            raise InvalidArgumentError(
-                f"which must be one of {', '.join(names)}, or its number from 0, got {shown(which)}"
-            )
+        number = number_of(which, self.input_names)
         rows = self.places[number]
         return Model(
             self.structures[number], self.parameters[rows], self.dt,
             covariance=None if self.covariance is None else self.covariance[rows, rows],
             noise=self.noise, input_hold=self.input_hold,
             input_level=float(self.input_levels[number]), output_level=self.output_level,
-            input_name=names[number], output_name=self.output_name, verdict=self.verdict, provenance=self.provenance,
+            input_name=self.input_names[number], output_name=self.output_name, verdict=self.verdict,
+            provenance=self.provenance,
         )  # fmt: skip
 
     @quiet
@@ -314,3 +310,11 @@ def one_step_percent(row: Row, point: Point) -> float:
     left = np.concatenate([each.y[each.measured] for each in row.stretches])
     spread = float(np.linalg.norm(left - left.mean()))
     return 100.0 * (1.0 - math.sqrt(point.cost) / spread) if spread > 0.0 else math.nan
+
+
+def number_of(which: int | str, names: tuple[str, ...]) -> int:
+    """Return the place of a signal that is given by its name or by its number from 0."""
+    number = names.index(which) if which in names else which
+    if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(names):
+        raise InvalidArgumentError(f"which must be one of {', '.join(names)}, or its number from 0, got {shown(which)}")
+    return number
