@@ -183,7 +183,6 @@ class Evidence:
         wider = np.maximum(noise.powers[np.minimum(known, noise.order)] / power, 1.0)
         return -0.5 * (white**2 / variance + np.log(2.0 * math.pi * variance * wider)), noise.order
 
-
     def _noise(self, error: FloatArray, explained: BoolArray) -> Autoregression:
         power = float(error[explained] @ error[explained])
         if power > self._least * error.size:

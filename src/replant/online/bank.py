@@ -16,16 +16,19 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.dimensions import RECENT
-from replant.estimation.settings import STORED
+from replant.estimation.filters import RefinedFilter
+from replant.estimation.settings import AUTO, STORED
 from replant.fitting.model import Model
+from replant.fitting.structure_evidence import numbers_of
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, IntArray, record, whole
 from replant.numerics.levels import ALPHA
-from replant.online.bank_weights import Weights, numbers_of
+from replant.online.bank_weights import EVENTS, MOST, Lead, Weights
 from replant.online.change_response import AGAIN
+from replant.online.estimate import Estimate
 from replant.online.trace import Trace
 from replant.online.turns import Shared, Turn, changes, reads
 from replant.verdict import Assessment
@@ -33,36 +36,12 @@ from replant.verdict import Assessment
 if TYPE_CHECKING:
     from replant.online.checkpoint.encoding import Progress
     from replant.online.checkpoint.files import AnyPath
-    from replant.online.identifier import Identifier
 
-MOST = 10  # structures: a handful; replant fit searches more [count]
-LOOKED = 512  # samples between two looks at the weights: a call of a member for them takes a fifth of a millisecond [samples]
-EVENTS = 100  # changes of the lead kept, the newest [count]
+# a call of a member then takes some ten times as long as its overhead
+LOOKED = 512  # samples between two looks at the weights [samples]
 LEAST = 4  # samples of a record that the weights begin with, at the least [count for each unknown]
 #: What the members of a bank choose from the data, so that their predictions compare.
 CHOSEN = "scaling", "optimizer", "replay", "instruments", "normalize", "background"
-
-
-@dataclass(frozen=True)
-class Lead:
-    """An event: another structure is served.
-
-    Attributes
-    ----------
-    taken : int
-        Samples given so far.
-    structure : Structure
-        Of the model that is served from then on.
-    weight : float
-        Its weight.
-    status : str
-        Its verdict.
-    """
-
-    taken: int
-    structure: Structure
-    weight: float
-    status: str
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -121,11 +100,12 @@ class Bank(Shared):
 
     Notes
     -----
-    A member has the same bits as an identifier of its structure alone.  What is served, as `model` and `transfer_function`,
-    is that of one member: of those whose weight is at least 1e-4, the most probable one that is trusted, and where none
-    is, the most probable one.  It is chosen each time that the record has grown by half, later every 5000 samples,
-    and where another member has become ten thousand times as probable as the one before, which is looked for every 512
-    samples; in between it stays.  A sample that no member explains is an outlier, and counts for nobody.
+    A member has the same bits as an identifier of its structure alone.  What is served, as `model` and
+    `transfer_function`, is that of one member: of those whose weight is at least 1e-4, the most probable one that is
+    trusted, and where none is, the most probable one.  It is chosen each time that the record has grown by half, later
+    every 5000 samples, and where another member has become ten thousand times as probable as the one before, which is
+    looked for every 512 samples; in between it stays.  A sample that no member explains is an outlier, and counts for
+    nobody.
 
     References
     ----------
@@ -144,7 +124,7 @@ class Bank(Shared):
     (2, 'trusted', True)
     """
 
-    def __init__(self, members: Sequence[Identifier]) -> None:
+    def __init__(self, members: Sequence[Any]) -> None:
         self._turn, self._members = Turn(), tuple(members)
         self._begin_again()
 
@@ -152,9 +132,10 @@ class Bank(Shared):
         first = max(each.request.first_hold for each in self._members)
         vars(self).update(
             _weights=Weights.of(self.structures), _held=[], _chunk=None, _taken=0, _due=first, _stop=min(first, LOOKED),
-            _origin=0, _likeliest=0, _lead=0, _leads=(),
+            _origin=0, _ready=0, _likeliest=0, _lead=0, _leads=(), _adapts=True,
         )  # fmt: skip
 
+    _members: tuple[Any, ...]  # identifiers
     _weights: Weights  # after all samples but those of `_held`
     _held: list[list[float]]  # errors of single samples since then
     _chunk: tuple[Any, ...] | None  # u, y, t and r that are being taken
@@ -162,9 +143,11 @@ class Bank(Shared):
     _due: int  # samples at which members are judged again
     _stop: int  # samples at which the weights are looked at
     _origin: int  # accepted samples before the change that the most probable member believes in
+    _ready: int  # members that had begun by then
     _likeliest: int
     _lead: int
     _leads: tuple[Lead, ...]
+    _adapts: bool
 
     @changes
     def reset(self) -> None:
@@ -197,7 +180,7 @@ class Bank(Shared):
         return {name: value for name, value in vars(self).items() if name not in ("_turn", "_members")}
 
     @classmethod
-    def _with(cls, members: Sequence[Identifier], state: dict[str, Any]) -> Bank:
+    def _with(cls, members: Sequence[Any], state: dict[str, Any]) -> Bank:
         (made := cls.__new__(cls)).__setstate__({"_members": tuple(members)} | state)
         return made
 
@@ -252,10 +235,10 @@ class Bank(Shared):
         errors += [member.update(u, y, t, r) for member in others]
         self._held.append(errors)
         vars(self).update(_chunk=None, _taken=self._taken + 1)
-        lead = self._lead
+        error: float = errors[self._lead]
         if self._taken >= self._stop:
             self._look()
-        return errors[lead]
+        return error
 
     def _drop_refused(self) -> None:
         """Forget samples that the first member has refused, as the others would: nobody has taken them."""
@@ -328,16 +311,16 @@ class Bank(Shared):
         origin, is_due = self._changed_at(), self._taken >= self._due
         weights, length = self._weights, self._taken - origin
         is_known = length >= LEAST * max(numbers_of(each) for each in self.structures)
-        ready = [member.settings is not None for member in self._members]
-        is_short = length <= RECENT or ready != weights.joined.astype(bool).tolist()
-        if is_known and (origin != self._origin or (is_due and is_short)):
+        ready = sum(member.settings is not None for member in self._members)
+        has_changed = origin != self._origin or ready != self._ready
+        if self._adapts and is_known and (has_changed or (is_due and length <= RECENT)):
             weights, is_due = weights.begun(self._members, origin), True
-            self._origin = origin
+            self._origin, self._ready = origin, ready
         due = self._due
         if is_due:
             due = self._taken + min(max(math.ceil((AGAIN - 1.0) * length), 1), RECENT // 2)
         likeliest, chosen = weights.likeliest(self._likeliest), {}
-        if is_due or likeliest != self._likeliest:
+        if self._adapts and (is_due or likeliest != self._likeliest):
             chosen = self._chosen(weights)
         stop = min(due, (self._taken // LOOKED + 1) * LOOKED)
         vars(self).update(_weights=weights, _due=due, _stop=stop, _likeliest=likeliest, **chosen)
@@ -348,7 +331,7 @@ class Bank(Shared):
         return state.changed_at if self._weights.joined[self._likeliest] and state.change.is_of_plant else 0
 
     def _chosen(self, weights: Weights) -> dict[str, Any]:
-        """Return who leads from now on, and the events."""
+        """Return who leads from now on, and the events, where that changes."""
         shares, found = weights.shares, None
         for i in np.argsort(-shares, kind="stable").tolist():
             if not weights.joined[i] or shares[i] < ALPHA:
@@ -374,25 +357,33 @@ class Bank(Shared):
 
     @changes
     def freeze(self) -> None:
-        """Stop adapting, all members: estimates stay; weights go on.
+        """Stop adapting: estimates and lead stay; weights go on, and members without a model are left out.
 
         Raises
         ------
         InvalidArgumentError
-            While a member is still starting.
+            During start-up, when there is no estimate yet.
         """
-        if any(member.settings is None for member in self._members):
-            raise InvalidArgumentError(
-                "freezing needs a model, and some members still collect the samples for their first: try again later"
-            )
-        for member in self._members:
-            member.freeze()
+        self._members[self._lead].freeze()
+        self._adapt(False)
 
     @changes
     def resume(self) -> None:
-        """Adapt again after `freeze`."""
+        """Adapt again after `freeze`.
+
+        Raises
+        ------
+        InvalidArgumentError
+            During start-up, when there is no estimate yet.
+        """
+        self._members[self._lead].resume()
+        self._adapt(True)
+
+    def _adapt(self, adapt: bool) -> None:
+        self._adapts = adapt
         for member in self._members:
-            member.resume()
+            if member.settings is not None:
+                (member.resume if adapt else member.freeze)()
 
     @property
     def structures(self) -> tuple[Structure, ...]:
@@ -401,7 +392,7 @@ class Bank(Shared):
 
     @property
     @reads
-    def members(self) -> tuple[Identifier, ...]:
+    def members(self) -> tuple[Any, ...]:
         """Copies of the members, identifiers in the same state."""
         return tuple(member.clone() for member in self._members)
 
@@ -425,8 +416,9 @@ class Bank(Shared):
         return self._leads
 
     @property
-    def _served(self) -> Identifier:
-        return self._members[self.lead]
+    def _served(self) -> Estimate:
+        served: Estimate = self._members[self.lead]
+        return served
 
     @property
     def structure(self) -> Structure:
@@ -476,7 +468,8 @@ class Bank(Shared):
     @property
     def model(self) -> Model:
         """What is worth keeping of it; see `Identifier.model`."""
-        return self._served.model
+        model: Model = self._members[self.lead].model
+        return model
 
     @property
     def samples(self) -> int:
@@ -515,8 +508,8 @@ def _joined(traces: Sequence[Trace]) -> Trace:
     if len(traces) == 1:
         return first
     time = None if first.time is None else np.concatenate([each.time for each in traces if each.time is not None])
-    parts = (np.concatenate([getattr(each, name) for each in traces]) for name in ("parameters", "errors"))
-    return Trace(first.names, first.start, *parts, time)
+    parameters, errors = (np.concatenate([getattr(each, name) for each in traces]) for name in ("parameters", "errors"))
+    return Trace(first.names, first.start, parameters, errors, time)
 
 
 def is_bank(structure: Any) -> bool:
@@ -524,7 +517,7 @@ def is_bank(structure: Any) -> bool:
     return isinstance(structure, list | tuple)
 
 
-def asked_for(structures: Sequence[Any], given: dict[str, Any]) -> list[dict[str, Any]]:
+def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the arguments of each member, checked."""
     for name in ("poles", "zeros", "delay"):
         if given.get(name):
@@ -532,6 +525,11 @@ def asked_for(structures: Sequence[Any], given: dict[str, Any]) -> list[dict[str
     for name in CHOSEN:
         if name in given:
             raise InvalidArgumentError(f"the members of a list of structures take no {name}: leave it out")
+    chosen = given.get("filter", AUTO)
+    if chosen != AUTO and not isinstance(chosen, RefinedFilter):
+        raise InvalidArgumentError(
+            "the members of a list of structures take the refined filter alone: leave out filter"
+        )
     wrong = next((each for each in structures if not isinstance(each, Structure)), None)
     if wrong is not None:
         raise ArgumentTypeError(f"structure must hold Structures, got {shown(wrong)}: write Structure(poles=2)")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,15 +12,11 @@ from replant.errors import DamagedCheckpointError
 from replant.kernels.schema import LAGS
 from replant.kernels.step.bank import KNOWN
 from replant.numerics.arguments import FloatArray, number
-from replant.online.bank import EVENTS, MOST, Bank, Lead
-from replant.online.bank_weights import Weights
+from replant.online.bank_weights import EVENTS, MOST, Lead, Weights
 from replant.online.checkpoint.encoding import ARRAYS, BANK, Progress, described, encode_other
 from replant.verdict.verdict import STATUSES
 
-if TYPE_CHECKING:
-    from replant.online.identifier import Identifier
-
-COUNTS = "_taken", "_due", "_stop", "_origin", "_likeliest", "_lead"
+COUNTS = "_taken", "_due", "_stop", "_origin", "_ready", "_likeliest", "_lead"
 ARRAYS_OF_WEIGHTS = tuple(each.name for each in fields(Weights) if each.name != "least")
 
 
@@ -30,17 +26,22 @@ def bytes_of(members: Sequence[bytes], state: dict[str, Any], progress: Progress
     arrays = {f"member.{i}": np.frombuffer(each, np.int64) for i, each in enumerate(members)}
     arrays |= {name: getattr(weights, name) for name in ARRAYS_OF_WEIGHTS}
     plain = {name: state[name] for name in COUNTS} | {"members": len(members), "least": weights.least}
+    plain["adapts"] = state["_adapts"]
     leads = [[each.taken, list(vars(each.structure).values()), each.weight, each.status] for each in state["_leads"]]
     return encode_other(BANK, plain | {"leads": leads}, arrays, progress)
 
 
-def restored(attributes: dict[str, Any], member_of: Callable[[bytes], Identifier]) -> Bank:
-    """Return the bank in the content of a checkpoint, checked."""
+#: Members of a bank, and what it keeps beside them.
+Parts = tuple[list[Any], dict[str, Any]]
+
+
+def restored(attributes: dict[str, Any], member_of: Callable[[bytes], Any]) -> Parts:
+    """Return the parts of the bank in the content of a checkpoint, checked."""
     with described():
         return _restored(attributes[BANK], attributes[ARRAYS], member_of)
 
 
-def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray], member_of: Callable[[bytes], Identifier]) -> Bank:
+def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray], member_of: Callable[[bytes], Any]) -> Parts:
     count = plain["members"]
     if type(count) is not int or not 2 <= count <= MOST:
         raise DamagedCheckpointError("its members are not valid")
@@ -54,21 +55,21 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray], member_of: C
     if plain["_taken"] != members[0].taken or plain["_stop"] <= plain["_taken"]:
         raise DamagedCheckpointError("its samples are not those of its members")
     fresh = Weights.of([each.structure for each in members])
-    given = {name: arrays[name] for name in ARRAYS_OF_WEIGHTS}
+    given: dict[str, Any] = {name: arrays[name] for name in ARRAYS_OF_WEIGHTS}
     for name, array in given.items():
         usual = getattr(fresh, name)
         if array.shape != usual.shape or array.dtype.kind != usual.dtype.kind:
             raise DamagedCheckpointError(f"its {name} have the shape {array.shape}, and its members need {usual.shape}")
     orders, known, joined = given["orders"], given["counts"][KNOWN], given["joined"]
-    if not (0 <= orders.min() and orders.max() <= LAGS and 0 <= known <= LAGS and np.isin(joined, (0, 1)).all()):
+    if not (orders.min() >= 0 and orders.max() <= LAGS and 0 <= known <= LAGS and np.isin(joined, (0, 1)).all()):
         raise DamagedCheckpointError("its weights are not valid")
     if len(plain["leads"]) > EVENTS:
         raise DamagedCheckpointError("its events are not valid")
     kept = {tuple(vars(each).values()): each for each in structures}
     leads = tuple(_lead(kept, *each) for each in plain["leads"])
     weights = Weights(least=number("least", plain["least"]), **given)
-    state = {"_weights": weights, "_leads": leads, "_held": [], "_chunk": None}
-    return Bank._with(members, state | {name: plain[name] for name in COUNTS})
+    state = {"_weights": weights, "_leads": leads, "_held": [], "_chunk": None, "_adapts": bool(plain["adapts"])}
+    return members, state | {name: plain[name] for name in COUNTS}
 
 
 def _lead(structures: dict[Any, Any], taken: int, structure: list[Any], weight: float, status: str) -> Lead:

@@ -14,13 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
-from replant.estimation.engine.record import Record
 from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import prediction_error
 from replant.fitting.structure_evidence import FINEST, Evidence, numbers_of
 from replant.kernels.schema import LAGS
@@ -28,18 +27,40 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
-
-if TYPE_CHECKING:
-    from replant.online.identifier import Identifier
+from replant.online.estimate import Estimate
 
 FORGETTING = 1.0 - 1.0 / RECENT
-"""Factor by which what a sample told of the structures is forgotten with the next [number].
-Derivation: the weights remember as many samples as the verdict looks at; half is forgotten after 6931 samples.  Evidence
-that grows by a nat in a thousand samples still tells two structures apart, as with a tenth of the memory it would not.
+"""Factor by which what a sample told of the structures is forgotten with the next one [number].
+Derivation: the weights remember as many samples as the verdict looks at, and forget half of it within 6931 samples.
+With a tenth of the memory two structures must differ by ten times as much, as the price of a number hardly falls.
 Sensitivity: not measured.
 """
 
+MOST = 10  # structures: a handful; replant fit searches more [count]
+EVENTS = 100  # changes of the lead kept, the newest [count]
 SIZE = LAGS + 1
+
+
+@dataclass(frozen=True)
+class Lead:
+    """An event: another structure is served.
+
+    Attributes
+    ----------
+    taken : int
+        Samples given so far.
+    structure : Structure
+        Of the model that is served from then on.
+    weight : float
+        Its weight.
+    status : str
+        Its verdict.
+    """
+
+    taken: int
+    structure: Structure
+    weight: float
+    status: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +106,7 @@ class Weights:
         return best
 
     def take(self, errors: FloatArray) -> tuple[Weights, FloatArray]:
-        """Take the a-priori errors (K, M) of the next samples; return what follows, and the weights (K, M) after each."""
+        """Take the a-priori errors (K, M) of the next samples; return what follows, and the weights (K, M)."""
         from replant.kernels.step.bank import weigh
 
         written = ("logs", "past", "sums", "models", "variances", "orders", "numbers", "counts")
@@ -96,7 +117,7 @@ class Weights:
         )  # fmt: skip
         return new, shares_of(logs)
 
-    def begun(self, members: Sequence[Identifier], since: int) -> Weights:
+    def begun(self, members: Sequence[Estimate], since: int) -> Weights:
         """Return the weights by the evidence of the newest samples, of those that came after so many accepted ones."""
         runs = {i: run for i, each in enumerate(members) if (run := _Run.of(each, since)) is not None}
         if not runs:
@@ -125,7 +146,7 @@ class _Run:
 
     @classmethod
     @quiet
-    def of(cls, member: Identifier, since: int) -> _Run | None:
+    def of(cls, member: Estimate, since: int) -> _Run | None:
         """Return it over samples that came after so many accepted ones; None where there is none."""
         if member._settings is None:
             return None

@@ -62,7 +62,8 @@ class Identifier(Lifecycle):
     Parameters
     ----------
     structure : Structure or list of Structure
-        Or ``poles``, ``zeros`` and ``delay`` in its place.  Those of a list learn side by side, see `replant.online.bank`.
+        Or ``poles``, ``zeros`` and ``delay`` in its place.  Those of a list learn side by side, see
+        `replant.online.bank.Bank`.
     dt : float
         Sampling time in s.
     poles, zeros : int or tuple of int
@@ -271,7 +272,7 @@ class Identifier(Lifecycle):
         from replant.online.row_saving import restored as row
 
         if BANK in attributes:
-            return bank(attributes, cls.from_bytes)
+            return Bank._with(*bank(attributes, cls.from_bytes))
 
         if ROW in attributes:
             return RowIdentifier._with(row(attributes))

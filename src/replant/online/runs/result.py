@@ -23,6 +23,7 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, IntArray
+from replant.online.bank_weights import Lead
 from replant.online.runs.thinning import Overview
 from replant.verdict import Assessment, Simulation
 
@@ -188,6 +189,10 @@ class Result:
         Whether an online run ended with `Identifier.finish`.
     clock : Clock or None
         When the samples were taken; None for a regular clock.
+    weights : tuple
+        Of structures that learned side by side: each, and its probability.
+    leads : tuple of Lead
+        Which of them was served, and since when.
     """
 
     model: Model
@@ -203,6 +208,8 @@ class Result:
     left_out: IntArray = field(default_factory=NONE.copy)
     finished: bool = False
     clock: Clock | None = None
+    weights: tuple[tuple[Structure, float], ...] = ()
+    leads: tuple[Lead, ...] = ()
 
     def clock_of(self, dt: float) -> Clock:
         """Return the clock of the record, whose sampling time is ``dt`` s."""
