@@ -245,8 +245,8 @@ def update_estimate(arrays, s, apart, shared, work, estimate, target):
         error = keep_and_write(s, drawn[s.batch_size - 1], estimate, target)
         learn_each_its_own(arrays, s, apart, work, estimate)
     finite = 0.0
+    for i in range(memory.size):  # which is known before theta is
+        finite += 0.0 * memory[i]
     for i in range(theta.size):
         finite += 0.0 * (theta[i] * unit[i])
-    for i in range(memory.size):
-        finite += 0.0 * memory[i]
     return error, finite
