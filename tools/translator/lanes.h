@@ -31,6 +31,10 @@ INLINE lanes min_l(lanes a, lanes b) { return _mm512_min_pd(b, a); }
 INLINE lanes if_less(lanes a, lanes b, lanes c, lanes d) { return CHOOSE(a, _CMP_LT_OQ, b, c, d); }
 INLINE lanes if_at_most(lanes a, lanes b, lanes c, lanes d) { return CHOOSE(a, _CMP_LE_OQ, b, c, d); }
 INLINE lanes lanes_root(lanes a) { return _mm512_sqrt_pd(a); }
+INLINE lanes gathered(const double *p, const int64_t *places, int64_t further)
+{
+    return _mm512_i64gather_pd(_mm512_loadu_si512(places), p + further, 8);
+}
 INLINE bool all_within(lanes a, double limit)
 {
     return _mm512_cmp_pd_mask(_mm512_abs_pd(a), _mm512_set1_pd(limit), _CMP_LE_OQ) == 255;
@@ -53,6 +57,15 @@ INLINE lanes lanes_root(lanes a)
 #endif
     for (int lane = 0; lane < LANES; lane++)
         each[lane] = sqrt(each[lane]);
+    memcpy(&a, each, sizeof each);
+    return a;
+}
+INLINE lanes gathered(const double *p, const int64_t *places, int64_t further)
+{
+    double each[LANES];
+    for (int lane = 0; lane < LANES; lane++)
+        each[lane] = p[places[lane] + further];
+    lanes a;
     memcpy(&a, each, sizeof each);
     return a;
 }
