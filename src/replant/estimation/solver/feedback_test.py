@@ -126,7 +126,7 @@ def _own_past(signal: bytes, most: int, samples: bytes) -> tuple[FloatArray, Flo
         upper = _triangle(past)
         left = np.maximum(power - np.cumsum(upper[:-1, -1] ** 2), 1e-14 * power)
         best = int(np.argmin(rows.size * np.log(left) + 2.0 * np.arange(lags + 1)))
-    return past[:, : best + 1], np.linalg.pinv(upper[: best + 1, : best + 1], RANK)
+    return past[:, : best + 1], np.asarray(np.linalg.pinv(upper[: best + 1, : best + 1], RANK))
 
 
 def _triangle(columns: FloatArray) -> FloatArray:

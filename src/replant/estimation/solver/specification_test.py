@@ -42,7 +42,7 @@ from replant.estimation.solver.feedback_test import LONGEST, PER_COLUMN, Feedbac
 from replant.estimation.solver.refined import Refined
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
-from replant.numerics.autoregression import Autoregression, likelihood_ratio
+from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import pseudo_inverse, quiet
 from replant.numerics.projections import lengths_of, orthogonal, products, without
@@ -60,13 +60,6 @@ Origin: 184 loops under autoregressive noise: right models have shares of 0 to 0
 Sensitivity: halved, some of these right models are given up; doubled, feedback is the reason of any difference.
 """
 
-INNOVATION_LEFT = 2.0 / 3.0
-"""Innovation of a filtered model that runs away, beside the plain one's, below which it is taken though no feedback is
-seen [ratio of powers].
-Origin: 0.47 to 0.55 in loops round an integrator under a load, 0.8 to 0.93 on open logs and field records.
-Sensitivity: halved, none of these loops is taken for one; doubled, every open log is.
-"""
-
 LEAST_LEFT = 0.02  # share of an ordinate that the fit leaves at least: below it is rounding of the leverage [share]
 
 
@@ -82,8 +75,7 @@ def is_right(structure: Structure, record: Record, plain: Refined, filtered: Ref
     noise = filtered.noise_model
     whole = _whole(record, noise.order)
     if away[1]:  # a plant that is not stable is in feedback; there is no simulated error to compare
-        gain = likelihood_ratio(run_f.error, run_p.error) / record.count
-        return is_answered(record, noise, run_f.error) or -2.0 * gain < math.log(INNOVATION_LEFT)
+        return is_answered(record, noise, run_f.error)
     statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
     if _chance(statistic, degrees, ordinates) >= FALSE_ALARM:
         return True
