@@ -144,7 +144,7 @@ def test_keyboard_moves_and_zooms(browser, long_report) -> None:
     page.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_text_stands_out(browser, long_report, scheme: str) -> None:
     page = opened(browser, long_report, scheme=scheme)
     texts = page.evaluate(TEXTS)
@@ -218,7 +218,7 @@ def test_the_other_pages_print_with_no_figure_in_two(browser, other_page, tmp_pa
     page.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", pytest.param("dark", marks=pytest.mark.slow)])
 def test_telephone_needs_no_scrolling_sideways(browser, long_report, scheme: str) -> None:
     page = opened(browser, long_report, width=400, scheme=scheme)
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
