@@ -33,7 +33,7 @@ def made(name: str, **arguments: object) -> rp.Identifier:
 
 
 @every("name", PLANTS, quick=1)
-@every(("where", "size"), [("output", 2.0), ("output", 0.3), ("input", 3.0)], quick=2)
+@every(("where", "size"), [("output", 2.0), ("output", 0.3), ("input", 3.0)], quick=1)
 @every("forgetting", [1.0, 0.999], quick=1)
 def test_a_step_of_a_disturbance_leaves_the_plant_as_it_is(
     name: str, where: str, size: float, forgetting: float
