@@ -129,6 +129,8 @@ class Program:
             return f"fetch_early(&{codes[0]}.p[({codes[1]}) * {codes[0]}.n1 + {codes[2]}])", "v"
         if name == "all_within":
             return f"all_within({codes[0]}, {codes[1]})", "b"
+        if name == "gathered":
+            return f"gathered({codes[0]}.p, {codes[1]}.p, {codes[2]})", "l"
         if name in ("if_less", "if_at_most"):
             each = (code if kind == "l" else f"broadcast({code})" for code, kind in values)
             return f"{name}({', '.join(each)})", "l"

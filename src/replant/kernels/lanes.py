@@ -62,5 +62,10 @@ def store(matrix, row, column, vector):
     _compiled(matrix, row, column, vector)
 
 
+def gathered(cube, places, further):
+    """Return the numbers of an array that lie at `LANES` places, all so much further on, as a vector."""
+    return _compiled(cube, places, further)
+
+
 def prefetch(matrix, row, column):
     """Ask the memory for one element of a matrix, a number or a vector, ahead of its use."""
