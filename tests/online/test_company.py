@@ -12,8 +12,8 @@ import pytest
 
 import replant as rp
 from replant.estimation.engine import state_lanes
-from replant.kernels.lanes import LANES
 from replant.kernels import schema as at
+from replant.kernels.lanes import LANES
 from replant.online import company
 from support.builders import G2
 from support.cases import every

@@ -18,8 +18,8 @@ from replant.estimation.engine import vector_blocks
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.kernels import schema as at
 from replant.kernels.lanes import LANES
-from replant.online.company import LEAST
 from replant.online import company
+from replant.online.company import LEAST
 from support.builders import G2, identifier
 from support.cases import every, examples
 
