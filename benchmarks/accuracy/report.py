@@ -11,21 +11,20 @@ _HEAD = """# Accuracy, measured
 
 *How accurate are the estimates and their standard deviations, measured?*
 
-`make accuracy` repeats every run, and writes this page and its tables. "default" is `Identifier(structure, dt)`, in one
-pass; "offline SRIVC" is refined instrumental variables on the whole record. [Which method, when](methods.md).
+`make accuracy` writes this page and its tables. "default" is `Identifier(structure, dt)`, in one pass; "offline SRIVC"
+is `fit`, on the whole record. [Which method, when](methods.md).
 
-{kept} of {all} promises are kept: where a line does not say how many, all of it. The figure is that nearest to its
-limit.
+{kept} of {all} promises are kept: all of a line, unless it says how many. The figure is that nearest to its limit.
 """
 
 _TAIL = """
 ## The tables
 
 * {download}`experiments.csv <accuracy/experiments.csv>`: records, and numbers of runs.
-* {download}`promises.csv <accuracy/promises.csv>`: each promise with all its limits. "beside": with a harder or
-  an easier input than promised.
-* {download}`figures.csv <accuracy/figures.csv>`: every figure; std over the runs, printed_std by the method itself,
-  coverage of its 95 % intervals, least_std by Cramer and Rao.
+* {download}`promises.csv <accuracy/promises.csv>`: each promise with its limits. "beside": with another input than
+  promised.
+* {download}`figures.csv <accuracy/figures.csv>`: every figure; std over the runs, printed_std by the method, least_std
+  by Cramer and Rao.
 * {download}`loops.csv <accuracy/loops.csv>`: plants under a controller. The anchor knows the controller.
 """
 

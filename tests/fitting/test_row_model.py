@@ -16,14 +16,14 @@ from replant.numerics.arguments import FloatArray
 from support.cases import every
 
 SCHEMA = json.loads(files("replant.fitting").joinpath("schema/model-2.json").read_text())
-DT = 0.05
+DT, SAMPLES = 0.05, 2400
 FAST, SLOW = rp.TransferFunction([20.0], [1.0, 11.0, 10.0]), rp.TransferFunction([0.2], [1.0, 0.1], delay=0.3)
 STRUCTURES = rp.Structure(2), rp.Structure(1, delay=0.3)
 
 
 def record(seed: int, noise: float = 0.2, *plant: rp.TransferFunction, offset: float = 5.0) -> tuple[FloatArray, Any]:
     rng = np.random.default_rng(seed)
-    u = rng.choice([-1.0, 1.0], (400, 2)).repeat(10, axis=0)
+    u = rng.choice([-1.0, 1.0], (SAMPLES // 10, 2)).repeat(10, axis=0)
     y = np.sum([g.simulate(column.copy(), DT) for g, column in zip(plant or (FAST, SLOW), u.T, strict=True)], axis=0)
     return u, offset + y + noise * rng.standard_normal(y.size)
 
@@ -131,8 +131,7 @@ def test_two_records_give_one_model_with_an_offset_each() -> None:
 
 def test_a_signal_that_should_be_an_input_is_named() -> None:
     u, y = record(5)
-    rest = np.random.default_rng(9).choice([-1.0, 1.0], 400).repeat(10)
-    fan = np.random.default_rng(8).choice([-1.0, 1.0], 400).repeat(10)
+    rest, fan = (np.random.default_rng(seed).choice([-1.0, 1.0], SAMPLES // 10).repeat(10) for seed in (9, 8))
     y = y + rp.TransferFunction([2.0], [1.0, 1.0]).simulate(fan, DT)
     columns = {"Q2": u[:, 1], "fan": fan, "rest": rest}
     log = rp.Log(u[:, 0], y, DT, input_name="Q1", others=columns, more_inputs=("Q2",))

@@ -157,13 +157,13 @@ class TestVerdict:
         assert "does not move" not in self.status(u, noisy(0, row_of(u, FAST, SLOW)))[1]
 
     def test_inputs_that_move_together(self) -> None:
-        u = toggling(1, correlation=0.9999)
+        u = toggling(1, correlation=0.9999, samples=2000)
         status, reasons = self.status(u, noisy(1, row_of(u, FAST, FAST)), poles=(2, 2))
         assert status == "inconsistent"
         assert "inputs u1 and u2 move together" in reasons
         status, reasons = self.status(u, row_of(u, FAST, FAST), poles=(2, 2))
         assert status == "trusted"  # without noise they are told apart
-        u = toggling(1, correlation=0.9)
+        u = toggling(1, correlation=0.9, samples=2000)
         assert self.status(u, noisy(1, row_of(u, FAST, FAST)), poles=(2, 2))[0] == "trusted"
 
     def test_an_input_that_explains_nothing(self) -> None:
@@ -175,7 +175,7 @@ class TestVerdict:
 
     def test_a_pole_too_few(self) -> None:
         plant = rp.TransferFunction([4.0], [1.0, 0.8, 4.0]), SLOW
-        u = toggling(3)
+        u = toggling(3, samples=2000)
         y = noisy(3, row_of(u, *plant))
         status, reasons = self.status(u, y, poles=(1, 1), delay=(0.0, 0.3))
         assert status == "inconsistent"

@@ -118,7 +118,9 @@ def test_an_executor_that_is_given_stays_open(logs: Path, tmp_path: Path) -> Non
 # --- workers that die
 
 
-@pytest.mark.parametrize("deaths", [0, 1, 2])
+@pytest.mark.parametrize(
+    "deaths", [pytest.param(0, marks=pytest.mark.slow), 1, pytest.param(2, marks=pytest.mark.slow)]
+)
 def test_tasks_of_workers_that_died_are_done_by_new_ones(tmp_path: Path, deaths: int) -> None:
     tasks = [(str(tmp_path), number, deaths) for number in range(6)]
     with workers("processes:1") as found:
@@ -126,6 +128,7 @@ def test_tasks_of_workers_that_died_are_done_by_new_ones(tmp_path: Path, deaths:
     assert done == {number: number for number in range(6)}
 
 
+@pytest.mark.slow
 def test_a_task_that_kills_every_worker_ends_the_run(tmp_path: Path) -> None:
     tasks = [(str(tmp_path), 0, 99)]
     with workers("processes:1") as found, pytest.raises(SystemRefusedError, match=r"died .* without a task done"):
@@ -175,6 +178,7 @@ def wait_for(happened: Callable[[], object]) -> None:
         time.sleep(0.005)
 
 
+@pytest.mark.slow
 def test_a_run_whose_coordinator_is_killed_leaves_no_worker_and_goes_on(
     logs: Path, expected: list[bytes], tmp_path: Path
 ) -> None:

@@ -58,7 +58,7 @@ def test_an_error_ends_the_processes_without_another_word(capfd: pytest.CaptureF
 
 
 def test_every_setting_is_run_on_every_record() -> None:
-    records = [(each.u, each.y, DT) for each in (recorded(0), recorded(1))]
+    records = [(each.u, each.y, DT) for each in (recorded(0, 300), recorded(1, 300))]
     found = rp.fleet.sweep({"poles": [1, 2], "zeros": [0]}, records, "threads:2")
     assert [(dict(each.settings)["poles"], each.record) for each in found] == [(1, 0), (1, 1), (2, 0), (2, 1)]
     alone = rp.run(*records[1], poles=2)

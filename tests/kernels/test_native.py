@@ -61,6 +61,7 @@ def use(clone: Path, code: str = USE, **more: str) -> subprocess.CompletedProces
     return subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
 
 
+@pytest.mark.slow  # it compiles
 def test_an_edit_of_a_kernel_takes_effect_and_is_said_once(clone: Path, quick_compiler: dict[str, str]) -> None:
     """Also where threads begin at once: the first of them makes the library for all."""
     assert (use(clone).stdout, use(clone).stderr) == ("[2.]\n", "")

@@ -8,7 +8,7 @@ import pytest
 from replant.estimation.engine.dimensions import Dimensions
 from replant.estimation.engine.state import State
 from replant.kernels import schema as at
-from replant.kernels.slot_tables import Block, Choice, Flag, Integer, Nested, Part, Real, Table
+from replant.kernels.slot_tables import Block, Choice, Flag, Integer, Nested, Numbers, Part, Real, Table
 from support.cases import every
 
 TABLES = (at.StateSlots, at.ColourSlots, at.PathSlots)
@@ -61,7 +61,7 @@ def test_scalars_and_blocks_fill_reals_without_overlap(order: int, ring: int, me
 
 
 def test_sizes_are_sums_of_products_of_the_dimensions() -> None:
-    numbers = {"T": 3, "M": 4, "N": 5}
+    numbers = Numbers(T=3, M=4, N=5)
     assert Block("2, T", "", "").sizes(numbers) == (2, 3)
     assert Block("T + M", "", "").sizes(numbers) == (7,)
     assert Block("4 * N * N", "", "").size(numbers) == 100

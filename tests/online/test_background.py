@@ -115,17 +115,18 @@ def test_saved_and_continued_equals_not_interrupted(
 ) -> None:
     """While the samples are copied, while the result is computed, and at any time else."""
     (u, y), ident, pending = record, identifier(), 0
-    for k in range(0, SAMPLES, 3):
-        ident.update_many(u[k : k + 3], y[k : k + 3])
+    ways = (
+        lambda one: rp.Identifier.from_bytes(one.to_bytes()),
+        copy.deepcopy,
+        lambda one: pickle.loads(pickle.dumps(one)),
+    )
+    for k in range(0, SAMPLES, 7):
+        ident.update_many(u[k : k + 7], y[k : k + 7])
         if ident._job is not None:
             pending += 1
-            again = (
-                rp.Identifier.from_bytes(ident.to_bytes()),
-                copy.deepcopy(ident),
-                pickle.loads(pickle.dumps(ident)),
-            )
-            assert {each.to_bytes() for each in again} == {ident.to_bytes()}
-            ident = again[pending % 3]
+            again = ways[pending % 3](ident)
+            assert again.to_bytes() == ident.to_bytes()
+            ident = again
     assert pending > 10
     assert ident.to_bytes() == whole.to_bytes()
 

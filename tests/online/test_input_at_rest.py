@@ -122,7 +122,7 @@ def test_ten_million_idle_samples_change_nothing(name: str) -> None:
 
 def test_when_the_input_moves_again_learning_goes_on() -> None:
     ident = converged(rp.RecursiveLeastSquares(time_constant=50.0))
-    idle(ident, 200_000, 1.0)
+    idle(ident, 100_000, 1.0)
     rested, before = ident._state.rested, ident.parameters
     u, y = record(PLANT, seed=4, samples=20_000, dt=DT, hold=8, noise=0.02)
     u, y = u + 1.0, y + 1.0

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
 
 import replant as rp
+from replant.estimation.engine.record import Record
+from replant.estimation.solver.solve import Solution, solve
 from replant.numerics.arguments import FloatArray
+from replant.online import startup
 from replant.online.startup import next_provisional
 from support.cases import every
 
@@ -67,6 +71,40 @@ def test_nothing_later_depends_on_it() -> None:
             assert np.isfinite(watched.covariance).all() == watched.has_model
         if k in (100, 400, 600):
             assert watched.to_bytes() == left_alone.to_bytes()
+
+
+def test_none_is_solved_for_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+
+    def counted(structure: rp.Structure, record: Record, *given: Any) -> Solution | None:
+        sizes.append(record.count)
+        return solve(structure, record, *given)
+
+    monkeypatch.setattr(startup, "solve", counted)
+    u, y = noisy(7)
+    ident = started()
+    trace = ident.update_many(u, y)
+    assert sizes == [500]
+    assert ident.settings is not None
+    assert trace.parameters.any()
+    assert len(sizes) > 5
+
+
+@every("seed, noise, startup", [(8, 0.05, 300), (9, 0.5, 60)])
+def test_a_trace_that_is_read_late_is_what_one_read_at_once_is(seed: int, noise: float, startup: int) -> None:
+    """With outputs that are missing, and an input that was misread, so that samples go again when the start-up ends."""
+    u, y = noisy(seed, 900, noise)
+    y[np.random.default_rng(seed).random(y.size) < 0.1] = np.nan
+    u[0] = 1e5
+    ends = [0, 70, 71, 200, 520, 900]
+    late, at_once = (rp.Identifier(rp.Structure(poles=2), DT, startup=startup) for _ in range(2))
+    traces = [late.update_many(u[a:b], y[a:b]) for a, b in itertools.pairwise(ends)]
+    for trace, (a, b) in zip(traces, itertools.pairwise(ends), strict=True):
+        one = at_once.update_many(u[a:b], y[a:b])
+        for name in ("start", "parameters", "errors"):
+            np.testing.assert_array_equal(getattr(trace, name), getattr(one, name))
+    assert late.rejected["input leap"] == 1
+    assert late.to_bytes() == at_once.to_bytes()
 
 
 def test_a_continued_start_up_has_the_same_model() -> None:

@@ -51,7 +51,7 @@ def measured(name: str, samples: int, noise: float) -> tuple[rp.Identifier, np.n
 
 @every("scale", SCALES, quick=1)
 @every(
-    ("name", "noise"), [("slow", 0.0), ("slow", 0.003), ("settles", 0.0), ("settles", 0.003), ("demo", 1e-3)], quick=2
+    ("name", "noise"), [("slow", 0.0), ("slow", 0.003), ("settles", 0.0), ("settles", 0.003), ("demo", 1e-3)], quick=1
 )
 def test_what_is_rounded_is_not_stuck(name: str, noise: float, scale: str) -> None:
     """A number that comes twice by chance, and an output that has settled between two steps: none is bridged."""

@@ -123,23 +123,23 @@ def test_more_samples_than_are_kept() -> None:
 
 @every("value", [np.nan, np.inf, -np.inf, 2.0 * LARGEST])
 def test_one_that_cannot_be_used_is_held_at_the_last_and_counted(value: float) -> None:
-    u, y, _, r = measured()
+    u, y, _, r = measured(400)
     spoiled = r.copy()
-    spoiled[[500, 501, 700]] = value
+    spoiled[[200, 201, 300]] = value
     ident = made()
     ident.update_many(u, y, r=spoiled)
-    r[[500, 501, 700]] = r[[499, 499, 699]]
+    r[[200, 201, 300]] = r[[199, 199, 299]]
     np.testing.assert_array_equal(ident.recent_reference, r)
-    assert (ident.samples, ident.rejected["no reference"]) == (SAMPLES, 3)
+    assert (ident.samples, ident.rejected["no reference"]) == (400, 3)
 
 
 @pytest.mark.parametrize(("value", "reason"), [(np.nan, "not finite"), (np.inf, "not finite"), (1e200, "too large")])
 def test_before_the_first_one_that_can_be_used_the_sample_is_rejected(value: float, reason: str) -> None:
-    u, y, _, r = measured()
+    u, y, _, r = measured(300)
     r[[0, 1, 40]] = value
     ident = made()
     ident.update_many(u, y, r=r)
-    assert (ident.samples, ident.rejected[reason], ident.rejected["no reference"]) == (SAMPLES - 2, 2, 1)
+    assert (ident.samples, ident.rejected[reason], ident.rejected["no reference"]) == (298, 2, 1)
     r[40] = r[39]
     np.testing.assert_array_equal(ident.recent_reference, r[2:])
 
@@ -153,7 +153,7 @@ def test_a_sample_that_is_rejected_leaves_none_behind() -> None:
     assert ident.recent_reference[-1] == r[299]
 
 
-@every("taken", [1, STARTUP - 1, STARTUP, 700])
+@every("taken", [1, STARTUP - 1, STARTUP, 300])
 @every("first", [False, True])
 def test_with_every_sample_or_with_none(first: bool, taken: int) -> None:
     u, y, _, r = measured()

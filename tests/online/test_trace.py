@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -34,6 +39,16 @@ def test_the_index_is_the_sum_of_squared_distances_held_before_each_sample() -> 
 def test_the_index_follows_a_plant_that_changes() -> None:
     trace = rp.Trace(("a0",), np.zeros(1), np.array([[1.0], [2.0]]), np.zeros(2))
     np.testing.assert_array_equal(trace.index([[3.0], [5.0]]), [(0 - 3.0) ** 2 + (1 - 5.0) ** 2])
+
+
+@every("twin", [copy.copy, copy.deepcopy, replace, lambda trace: pickle.loads(pickle.dumps(trace))])
+def test_a_trace_of_a_start_up_is_copied_with_its_estimates(twin: Callable[[rp.Trace], rp.Trace]) -> None:
+    whole, ident = (rp.Identifier(poles=1, dt=0.05, startup=40) for _ in range(2))
+    trace, other = whole.update_many(U, Y), twin(ident.update_many(U, Y))
+    assert trace.parameters[:39].any()
+    for name in ("names", "start", "parameters", "errors"):
+        np.testing.assert_array_equal(getattr(other, name), getattr(trace, name))
+    assert repr(other) == repr(trace)
 
 
 @every("cut", [0, 1, 25, 60])

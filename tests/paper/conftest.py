@@ -13,5 +13,5 @@ def results() -> dict[str, TableResult]:
 
 @pytest.fixture(scope="session")
 def actuator() -> Actuator:
-    """Return the experiment on the first 6 s of the rig."""
-    return reproduce_actuator(measure_rig(6_000))
+    """Return the experiment on the first 4 s of the rig."""
+    return reproduce_actuator(measure_rig(4_000))

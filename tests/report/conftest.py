@@ -16,6 +16,7 @@ from replant.online.runs.result import History, Result
 from replant.online.runs.run import run_online
 from replant.report.result_page import write_report
 from support.builders import with_model
+from support.cases import examples
 
 DT = 0.05
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 4.0])
@@ -143,16 +144,17 @@ def bad_report(bad: tuple[str, Case], tmp_path_factory: pytest.TempPathFactory) 
 
 @pytest.fixture(scope="session")
 def long_report(long_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The report of a million samples."""
+    """The report of the long record."""
     path = tmp_path_factory.mktemp("million") / "report.html"
     return write_report(path, long_case.result, long_case.log, title="A million samples")
 
 
 @pytest.fixture(scope="session")
 def long_case() -> Case:
-    """A record of a million samples, with a hole and a spike of one sample."""
-    u = steps(1_000_000)
+    """A record of a million samples, in `make test` of a fifth of it, with a hole and a spike of one sample."""
+    u = steps(examples(1_000_000, 200_000))
     y = PLANT.simulate(u, DT) + 0.02 * np.random.default_rng(2).standard_normal(u.size)
-    y[400_000:400_300] = np.nan
-    y[700_001] = 9.5
+    hole = 4 * u.size // 10
+    y[hole : hole + 300] = np.nan
+    y[7 * u.size // 10 + 1] = 9.5
     return Case(with_covariance(identify(u, y, replay=None)), as_log(u, y, "million.csv"))

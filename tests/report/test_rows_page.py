@@ -40,6 +40,7 @@ def charts(page: str) -> list[dict[str, object]]:
     return [chart for section in json.loads(found[1]).values() for chart in section]
 
 
+@pytest.mark.usefixtures("unrendered")
 def test_a_page_of_one_output_has_each_input(outputs: list[Output], tmp_path: Path) -> None:
     page = write_rows(tmp_path / "report.html", outputs[:1], command="replant fit", python="fit()").read_text()
     for words in ("Q1 [%] → T1 [degC]", "Q2 [%] → T1 [degC]", "Trusted", "1 outlier", "replant fit", "heaters.csv"):

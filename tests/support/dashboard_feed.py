@@ -18,6 +18,7 @@ PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 40.0])
 STRUCTURE = rp.Structure(poles=2, zeros=1)
 CHUNK = 20  # samples between two views
 WINDOW = 1000  # samples that a view shows
+SETTLED = 4000  # samples after which the plant is found
 
 
 def record(samples: int = 40_000, seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -46,6 +47,7 @@ class Feed:
     def __init__(self, plant_record: tuple[np.ndarray, np.ndarray] | None = None) -> None:
         self.u, self.y = plant_record or record()
         self.hub = Hub(command=self.obey, report=self.report)
+        self._settled: tuple[rp.Identifier, list[tuple[float, list[float], list[float]]]] | None = None
         self.forget()
         self._start()
 
@@ -60,6 +62,18 @@ class Feed:
         self.adapting = True
         self.taken = 0
         self.history: list[tuple[float, list[float], list[float]]] = []
+
+    def settle(self) -> None:
+        """Go on from where the plant is found, unless it is; that is learned once."""
+        if self.taken < SETTLED:
+            if self._settled is None:
+                self._start()
+                while self.taken < SETTLED:
+                    self.advance(200)
+                self._settled = self.identifier.clone(), self.history
+            self.adapting, self.taken = True, SETTLED
+            self.identifier, self.history = self._settled[0].clone(), list(self._settled[1])
+        self.advance()
 
     def obey(self, name: str) -> None:
         self.commands.append(name)

@@ -42,6 +42,7 @@ def look(made: tuple[Path, list[str]], tool: str, *options: str) -> None:
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("file", FILES)
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_no_compiler_warns(made: tuple[Path, list[str]], compiler: str, file: str) -> None:

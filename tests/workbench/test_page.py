@@ -92,6 +92,7 @@ def test_a_search_an_online_pass_and_a_stop(browser, motor: Path) -> None:
         assert at.complaints == []
 
 
+@pytest.mark.slow
 def test_nothing_is_lost_by_a_reload_a_second_page_or_a_restart(browser, motor: Path, state: Path) -> None:
     with opened([motor]) as served:
         one = Workbench(browser, served.url)
@@ -141,7 +142,6 @@ def test_hostile_names_and_values_stay_words(browser, tmp_path: Path) -> None:
         assert at.complaints == []
 
 
-@pytest.mark.slow
 @pytest.mark.slow
 def test_from_a_log_to_a_saved_model_without_a_mouse(browser, motor: Path, tmp_path: Path) -> None:
     with opened([motor]) as served:

@@ -126,9 +126,12 @@ class Program:
             return None
         codes, name = [code for code, _ in values], function.__name__
         if name == "prefetch":
-            return f"fetch_early(&{codes[0]}.p[({codes[1]}) * {codes[0]}.n1 + {codes[2]}])", "v"
+            word = "fetch_lanes" if isinstance(values[0][1], Array) and values[0][1].element == "l" else "fetch_early"
+            return f"{word}(&{codes[0]}.p[({codes[1]}) * {codes[0]}.n1 + {codes[2]}])", "v"
         if name == "all_within":
             return f"all_within({codes[0]}, {codes[1]})", "b"
+        if name == "gathered":
+            return f"gathered({codes[0]}.p, {codes[1]}.p, {codes[2]})", "l"
         if name in ("if_less", "if_at_most"):
             each = (code if kind == "l" else f"broadcast({code})" for code, kind in values)
             return f"{name}({', '.join(each)})", "l"

@@ -23,14 +23,26 @@ To add a number, add a line.  Dimensions of blocks:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from enum import IntEnum
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from replant.kernels.slot_tables import Array, Block, Choice, Fields, Flag, Integer, Nested, Part, Real, Table, sizes
+from replant.kernels.slot_tables import (
+    Array,
+    Block,
+    Choice,
+    Fields,
+    Flag,
+    Integer,
+    Nested,
+    Numbers,
+    Part,
+    Real,
+    Table,
+    sizes,
+)
 
 Ints = np.ndarray[Any, np.dtype[np.int64]]
 
@@ -438,22 +450,31 @@ class StateSlots(Table):
     sums = Nested(SumsSlots, "of outputs and errors")
 
     @property
-    def dimensions(self) -> Mapping[str, int]:
+    def dimensions(self) -> Numbers:
         """What the shapes of the blocks are made of."""
-        return dimensions(
-            order=self.order, entries=self.entries, memory_size=self.memory_size, settings_size=self.settings_size,
-            ring_size=self.ring_size, path_size=self.path_size, has_reference=self.has_reference,
-        )  # fmt: skip
+        return _dimensions_of(self.ints[:LAID_OUT].tobytes())
 
     def begin_of(self, block: Block) -> int:
         """Return where in ``reals`` a block begins."""
         return int(self.ints[block.index])
 
 
-@lru_cache(maxsize=256)  # asked for with each block that is looked at
-def dimensions(**slots: int) -> dict[str, int]:
+@lru_cache(maxsize=256)
+def dimensions(**slots: int) -> Numbers:
     """Return all dimensions by their names, of those slots that they are made of."""
-    return FIXED | {name: sizes(text, tuple(slots.items()))[0] for name, text in DIMENSIONS.items()}
+    known = Numbers(slots)
+    return Numbers(FIXED | {name: sizes(text, known)[0] for name, text in DIMENSIONS.items()})
+
+
+#: The slots of ``ints`` before this one hold all that dimensions are made of.
+LAID_OUT: Final = StateSlots.path_size.index + 1
+
+
+@lru_cache(maxsize=256)  # asked for with each block that is looked at: to read seven slots would take longer than that
+def _dimensions_of(layout: bytes) -> Numbers:
+    ints = np.frombuffer(layout, np.int64)
+    names = ("order", "entries", "memory_size", "settings_size", "ring_size", "path_size", "has_reference")
+    return dimensions(**{name: int(ints[getattr(StateSlots, name).index]) for name in names})
 
 
 #: The arrays of a state, in the order of a checkpoint.

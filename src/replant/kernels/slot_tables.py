@@ -25,6 +25,22 @@ Inner = TypeVar("Inner", bound="Part")
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
+class Numbers(dict[str, int]):
+    """The dimensions that shapes are made of, by name: never changed.
+
+    A block is looked at many thousand times with the same dimensions: what follows from them is found by this object,
+    not by its content.
+    """
+
+    __slots__ = ()
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return id(self)
+
+    def __eq__(self, other: object) -> bool:
+        return self is other
+
+
 class Slot:
     """One declared number, or block of numbers.
 
@@ -171,11 +187,11 @@ class Block(Slot):
         shape, begin = self.sizes(holder.dimensions), holder.begin_of(self)
         return np.asarray(holder.reals[begin : begin + math.prod(shape)].reshape(shape))
 
-    def sizes(self, dimensions: Mapping[str, int]) -> tuple[int, ...]:
+    def sizes(self, dimensions: Numbers) -> tuple[int, ...]:
         """Return the shape in numbers: sums of products of the named dimensions."""
-        return sizes(self.shape, tuple(dimensions.items()))
+        return sizes(self.shape, dimensions)
 
-    def size(self, dimensions: Mapping[str, int]) -> int:
+    def size(self, dimensions: Numbers) -> int:
         """Return how many numbers it has."""
         return math.prod(self.sizes(dimensions))
 
@@ -185,7 +201,7 @@ class Table:
 
     Attributes
     ----------
-    dimensions : mapping of str to int
+    dimensions : Numbers
         What the shapes of blocks are made of.
     """
 
@@ -208,7 +224,7 @@ class Table:
                 slot.index = index
 
     @property
-    def dimensions(self) -> Mapping[str, int]:
+    def dimensions(self) -> Numbers:
         """The named dimensions that the shapes of blocks are made of."""
         raise NotImplementedError
 
@@ -229,41 +245,33 @@ class Part(Table):
     ----------
     reals : (size,) array
         Of the block.
-    dimensions : mapping of str to int
+    dimensions : Numbers
     """
 
     __slots__ = ("_dimensions", "reals")
 
-    def __init__(self, reals: Array, dimensions: Mapping[str, int]) -> None:
+    def __init__(self, reals: Array, dimensions: Numbers) -> None:
         self.reals, self._dimensions = reals, dimensions
 
     @property
-    def dimensions(self) -> Mapping[str, int]:
+    def dimensions(self) -> Numbers:
         """The named dimensions that the shapes of blocks are made of."""
         return self._dimensions
 
     def begin_of(self, block: Block) -> int:
         """Return where in ``reals`` a block begins."""
-        return self.begins(self._dimensions)[block.name]
+        return begins(self.scalars, self.blocks, self._dimensions)[block.name]
 
     @classmethod
     def zeros(cls, dimensions: Mapping[str, int]) -> Self:
         """Return one with an array of its own, all zero."""
-        return cls(np.zeros(cls.size(dimensions)), dimensions)
+        known = numbers(tuple(dimensions.items()))
+        return cls(np.zeros(cls.size(known)), known)
 
     @classmethod
-    def begins(cls, dimensions: Mapping[str, int]) -> dict[str, int]:
-        """Return where each block begins."""
-        begins, end = {}, len(cls.scalars)
-        for block in cls.blocks:
-            begins[block.name] = end
-            end += block.size(dimensions)
-        return begins
-
-    @classmethod
-    def size(cls, dimensions: Mapping[str, int]) -> int:
+    def size(cls, dimensions: Numbers) -> int:
         """Return how many numbers there are."""
-        return len(cls.scalars) + sum(block.size(dimensions) for block in cls.blocks)
+        return begins(cls.scalars, cls.blocks, dimensions)[""]
 
 
 class Nested(Block, Generic[Inner]):
@@ -288,16 +296,31 @@ class Nested(Block, Generic[Inner]):
         begin = holder.begin_of(self)
         return self.table(holder.reals[begin : begin + self.size(holder.dimensions)], holder.dimensions)
 
-    def sizes(self, dimensions: Mapping[str, int]) -> tuple[int, ...]:
+    def sizes(self, dimensions: Numbers) -> tuple[int, ...]:
         """Return how many numbers the table has."""
-        return (self.table.size(dimensions),)
+        return (begins(self.table.scalars, self.table.blocks, dimensions)[""],)
 
 
-@lru_cache(maxsize=4096)  # a block is looked at many thousand times with the same dimensions
-def sizes(shape: str, dimensions: tuple[tuple[str, int], ...]) -> tuple[int, ...]:
+@lru_cache(maxsize=256)
+def numbers(dimensions: tuple[tuple[str, int], ...]) -> Numbers:
+    """Return the dimensions as one object, the same one each time."""
+    return Numbers(dimensions)
+
+
+@lru_cache(maxsize=4096)
+def sizes(shape: str, dimensions: Numbers) -> tuple[int, ...]:
     """Return the numbers of a shape: sums of products of the named dimensions."""
-    numbers = dict(dimensions)
-    return tuple(sum(_product(term, numbers) for term in axis.split("+")) for axis in shape.split(","))
+    return tuple(sum(_product(term, dimensions) for term in axis.split("+")) for axis in shape.split(","))
+
+
+@lru_cache(maxsize=1024)
+def begins(scalars: tuple[Real, ...], blocks: tuple[Block, ...], dimensions: Numbers) -> dict[str, int]:
+    """Return where each block of a part begins, and as that of "" where the last one ends."""
+    found, end = {}, len(scalars)
+    for block in blocks:
+        found[block.name] = end
+        end += block.size(dimensions)
+    return found | {"": end}
 
 
 def _product(text: str, dimensions: Mapping[str, int]) -> int:

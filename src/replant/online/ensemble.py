@@ -355,7 +355,8 @@ class Ensemble(Shared):
             return
         trace = member.update_many(u[start:, own_u], y[start:, own_y])
         errors[start:end, number] = trace.errors
-        parameters[number, start:end] = trace.parameters[:, : parameters.shape[2]]
+        if parameters.size:
+            parameters[number, start:end] = trace.parameters
 
     def _form_blocks(self, reached: dict[int, int]) -> list[tuple[Block, int]]:
         """Form blocks of members, see `form_blocks`, which work on their arrays from now on."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
 from replant.estimation.engine.covariance import covariance
@@ -14,7 +16,8 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.online.startup import Solved, collected, provisional
+from replant.online.startup import Solved, collected, provisional, provisional_parameters
+from replant.online.trace import Estimated
 from replant.online.turns import Shared, reads
 from replant.verdict import Assessment, assess_running, assess_starting
 from replant.verdict.assess import judged
@@ -78,11 +81,14 @@ class Estimate(Shared):
 
         During start-up it is a provisional one, made from the first samples collected; zero while there is none.
         """
+        return self._estimate()()
+
+    def _estimate(self) -> Estimated:
+        """Return what gives the present estimate, now or later: the samples that a start-up has collected stay."""
         size = self.structure.size
         if self._settings is None:
-            found = self._provisional
-            return np.zeros(size) if found is None else found[1].theta[:size].copy()
-        return np.asarray(self._state.theta[:size] * self._state.unit[:size])
+            return partial(provisional_parameters, self._request, collected(self._state), self._solved)
+        return partial(np.asarray, self._state.theta[:size] * self._state.unit[:size])
 
     @property
     @reads

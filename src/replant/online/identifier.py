@@ -36,7 +36,7 @@ from replant.online.kept_model import model_of
 from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
 from replant.online.row_identifier import RowIdentifier
 from replant.online.second_process import start
-from replant.online.trace import Trace
+from replant.online.trace import Later, StartingTrace, Trace, write
 from replant.online.turns import Turn, changes, reads
 
 NAN, INFINITE = math.nan, math.inf  # naN and infinity, looked up at every sample [number]
@@ -402,15 +402,17 @@ class Identifier(Lifecycle):
         u, y = record(u, y)
         r = self._references(r, u.size)
         t = self._stamps(t, u.size)
-        trace = Trace(self.names, self.parameters, np.empty((u.size, self.structure.size)), np.full(u.size, np.nan),
-                      t if t.size else None)  # fmt: skip
-        taken = 0
+        later: Later | None = [] if self._settings is None else None
+        start, parameters = np.empty(self.structure.size), np.empty((u.size, self.structure.size))
+        write(self._estimate(), start, later)
+        errors, taken = np.full(u.size, np.nan), 0
         if self._mapped and u.size:
             u = self._request.preprocess.call_map(u)
         while taken < u.size:
             some = slice(taken, taken + max(PIECE // self._state.batch_size, 1))
-            taken += self._take(u[some], y[some], t[some], r[some], trace.errors[some], trace.parameters[some])
-        return trace
+            taken += self._take(u[some], y[some], t[some], r[some], errors[some], parameters[some], later)
+        whole = self.names, start, parameters, errors, t if t.size else None
+        return Trace(*whole) if later is None else StartingTrace(*whole, later)
 
     @property
     def model(self) -> Model:

@@ -30,6 +30,7 @@ from replant.online.startup import (
     settled,
     take_held,
 )
+from replant.online.trace import Later, write
 
 NO_GATE = np.full(1, SHUT)  # of an identifier whose kernel for single samples is not bound
 
@@ -127,46 +128,51 @@ class Lifecycle(Estimate):
         self._gate[0] = OPEN
 
     def _take(
-        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
-    ) -> int:
+        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray,
+        later: Later | None = None,
+    ) -> int:  # fmt: skip
         """Take samples up to one that needs attention, attend to it, and return how many were taken.
 
-        ``parameters`` is (K, P), or (K, 0) where nobody asks.
+        ``parameters`` is (K, P), or (K, 0) where nobody asks.  A start-up leaves its own for ``later``.
         """
-        chunk, starting = (u, y, t, r, errors, parameters), self._settings is None
+        chunk, starting = (u, y, t, r, errors, parameters, later), self._settings is None
         other = (t.size and self._regular) or (r.size and not self._reference)
         taken = self._as_one(Lifecycle._change_kernels, *chunk) if other else self._run(*chunk)
         if not self._state.attention:
             return taken
-        reached = self._attend_after(taken, parameters)
+        reached = self._attend_after(taken, parameters, later)
         if reached == taken and starting and self._settings is not None and not math.isnan(y[taken - 1]):
             errors[taken - 1] = self._begun_with
         return reached
 
-    def _attend_after(self, taken: int, parameters: FloatArray) -> int:
+    def _attend_after(self, taken: int, parameters: FloatArray, later: Later | None = None) -> int:
         """Attend to what the last sample asks for; return how many were taken, of which that may be no part."""
         believed = self._state.held_at == BELIEVED
         self._enter()
         if believed:
             return taken - 1  # the sample that confirms it is taken after it
         if parameters.size:
-            parameters[taken - 1] = self.parameters
+            write(self._estimate(), parameters[taken - 1], later)
         return taken
 
     def _run(
-        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray
-    ) -> int:
+        self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray,
+        later: Later | None,
+    ) -> int:  # fmt: skip
         """Run the kernel up to a sample that needs attention; return how many samples it has taken."""
-        if self._settings is None:  # the kernel has no estimate to write
-            if parameters.size:
-                parameters[:] = self.parameters
-            parameters = np.empty((u.size, 0))
-        taken: int = self._steps(*self._state.arrays, u, y, t, r, errors, parameters)
+        taken: int
+        if self._settings is not None:
+            taken = self._steps(*self._state.arrays, u, y, t, r, errors, parameters)
+            return taken
+        estimate = self._estimate()  # the kernel has none to write
+        taken = self._steps(*self._state.arrays, u, y, t, r, errors, np.empty((u.size, 0)))
+        if parameters.size:
+            write(estimate, parameters[:taken], later)
         return taken
 
-    def _change_kernels(self, *chunk: FloatArray) -> int:
+    def _change_kernels(self, *chunk: Any) -> int:
         """Run other kernels: the first time stamp of all has come, or the first reference."""
-        _, _, t, r, _, _ = chunk
+        _, _, t, r, *_ = chunk
         if r.size and not self._reference:
             self._collect(reference=True)
         if t.size:

@@ -6,7 +6,7 @@ where a state keeps its raw samples.
 Until they suffice for a model to go on from there is a provisional one.  It is solved for with the first outputs
 measured: at half, a quarter, an eighth ... of the start-up, and each time that a start-up which does not suffice has
 doubled, from the usual starts; from half of the start-up on at three sizes in between, from the model before.  Nothing
-that comes later depends on it.
+that comes later depends on it, so that it is solved for when somebody reads it.
 """
 
 from __future__ import annotations
@@ -255,6 +255,12 @@ def provisional(request: Request, kept: RecentSamples, solved: Solved) -> tuple[
         if refined is not None and refined.settled:
             return size, refined
     return None
+
+
+def provisional_parameters(request: Request, kept: RecentSamples, solved: Solved) -> FloatArray:
+    """Return the parameters (P,) of the newest provisional model; zero where there is none."""
+    found, size = provisional(request, kept, solved), request.structure.size
+    return np.zeros(size) if found is None else found[1].theta[:size].copy()
 
 
 def _solved(request: Request, kept: RecentSamples, given: Refined | None) -> Refined | None:

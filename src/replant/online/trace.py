@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,6 +11,17 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.model import interop
 from replant.numerics.arguments import FloatArray, array_of_reals
+
+Estimated = Callable[[], FloatArray]  # gives an estimate (P,)
+Later = list[tuple[Estimated, FloatArray]]  # the estimates to solve for, and the rows of a trace that they belong into
+
+
+def write(estimate: Estimated, rows: FloatArray, later: Later | None) -> None:
+    """Write an estimate into rows of a trace, or leave it for later."""
+    if later is None:
+        rows[:] = estimate()
+    else:
+        later.append((estimate, rows))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -140,3 +151,34 @@ class Trace:
             np.concatenate([self.errors, other.errors]),
             None if self.time is None or other.time is None else np.concatenate([self.time, other.time]),
         )
+
+
+class StartingTrace(Trace):
+    """A trace that begins in a start-up: its provisional estimates are solved for when one of them is first read."""
+
+    def __init__(
+        self, names: tuple[str, ...], start: FloatArray, parameters: FloatArray, errors: FloatArray,
+        time: FloatArray | None = None, later: Later | None = None,
+    ) -> None:  # fmt: skip
+        vars(self).update(names=names, _estimates=(start, parameters), errors=errors, time=time, _later=later or [])
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Trace, (self.names, self.start, self.parameters, self.errors, self.time)
+
+    @property
+    def start(self) -> FloatArray:
+        """The estimate (P,) before the chunk's first sample."""
+        return self._solved()[0]
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The estimate (K, P) after each sample."""
+        return self._solved()[1]
+
+    def _solved(self) -> tuple[FloatArray, FloatArray]:
+        """Return both, solved for; interrupted, or in two threads at once, this is done again."""
+        estimates, later = vars(self)["_estimates"], vars(self)["_later"]
+        for estimate, rows in later:
+            rows[:] = estimate()
+        vars(self)["_later"] = []
+        return estimates[0], estimates[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import replant as rp
 from replant.estimation.engine.record import Record
+from replant.estimation.solver import srivc
 from replant.estimation.solver.refined import Refined
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
@@ -203,3 +205,24 @@ def test_uncertainty_falls_with_the_record_and_too_short_a_one_is_not_acceptable
     assert found[2].acceptable
     assert found[2].uncertainty < 0.5 * found[1].uncertainty
     assert found[2].uncertainty < 0.1
+
+
+@pytest.mark.parametrize(("converges", "times"), [(True, 1), (False, 2)])
+def test_a_plain_root_that_has_converged_is_not_looked_for_again(
+    monkeypatch: pytest.MonkeyPatch, converges: bool, times: int
+) -> None:
+    """Under coloured noise the filtered root is found beside it; one that has not converged goes on from there."""
+    record = made("order 2", 1000)
+    white = 0.05 * record.y.std() * np.random.default_rng(0).standard_normal(record.y.size)
+    coloured = np.convolve(white, 0.8 ** np.arange(40))[: white.size]
+    whole, found = srivc._plain, []
+
+    def plain(*given: object, **how: object) -> object:
+        found.append(dataclasses.replace(whole(*given, **how), converged=converges))
+        return found[-1]
+
+    monkeypatch.setattr(srivc, "_plain", plain)
+    refined = refine(AWKWARD["order 2"][0], Record(record.u, record.y + coloured, record.intervals))
+    assert refined is not None
+    assert refined.noise_model.order > 0
+    assert len(found) == times

@@ -72,3 +72,11 @@ def test_a_companion_matrix_of_poles_far_apart(stiffness: float) -> None:
         expected = (slow * (A + stiffness * np.eye(2)) - fast * (A + np.eye(2))) / (stiffness - 1.0)
     error = np.abs(computed(A) - expected).max() / np.abs(expected).max()
     assert error < 20 * EPSILON * stiffness
+
+
+def test_beside_the_diagonal_of_a_diagonal_matrix_nothing_is_left() -> None:
+    """Whatever the result held before, and where the series begins."""
+    exponents = np.array([-0.25, 0.2, 0.0, 3.0])
+    found = computed(np.diag(exponents))
+    np.testing.assert_array_equal(found - np.diag(found.diagonal()), np.zeros((4, 4)))
+    np.testing.assert_allclose(found.diagonal(), np.exp(exponents), rtol=1e-14)

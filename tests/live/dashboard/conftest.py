@@ -27,9 +27,7 @@ def feed(watched: tuple[Feed, Dashboard]) -> Feed:
     if not feed.adapting:
         feed.obey("adapt")
     feed.forget()
-    while feed.taken < 4000:
-        feed.advance(100)
-    feed.advance()
+    feed.settle()
     return feed
 
 

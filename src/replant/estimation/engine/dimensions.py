@@ -9,7 +9,7 @@ import numpy as np
 
 from replant.estimation.settings import STORED, Request, Settings
 from replant.kernels.schema import ROOM, ROWS, SCALARS, StateSlots, dimensions
-from replant.kernels.slot_tables import Block
+from replant.kernels.slot_tables import Block, Numbers
 from replant.model.structure import Structure
 from replant.numerics.arguments import keep, truth, whole
 
@@ -70,7 +70,7 @@ class Dimensions:
         return cls(1, 1, ring, 0, 0, recent=recent, guarded=request.keeps_covariance, reference=reference)
 
     @property
-    def numbers(self) -> dict[str, int]:
+    def numbers(self) -> Numbers:
         """The dimensions by the names that the schema gives them."""
         return dimensions(
             order=self.order, entries=self.entries, memory_size=self.memory, settings_size=self.settings,

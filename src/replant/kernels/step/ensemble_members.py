@@ -8,7 +8,7 @@ Arrays are those of `step.ensemble`, with a lane for each member: ``arrays`` is 
 import numpy as np
 
 from replant.kernels.filters import bank as bk
-from replant.kernels.lanes import LANES, member, prefetch, vectors
+from replant.kernels.lanes import LANES, gathered, member, prefetch, vectors
 from replant.kernels.native import inlined
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.optimizers.memory import draw_below
@@ -184,20 +184,15 @@ def draw_each(ints, reals, live, buffer, newest, apart):
 
 def gather(ints, reals, buffer, drawn, picked, most, apart):
     """Lay the batch that each member has drawn before its newest sample, the last row of ``drawn``."""
+    batches, width = vectors(drawn), drawn.shape[1]
+    capacity, step = buffer.shape[1], 1 if apart else LANES
     for k in range(most - 1):
-        row = drawn[drawn.shape[0] - most + k]
+        row = batches[drawn.shape[0] - most + k]
         for lane in range(LANES):
             s = member(ints, reals, lane)
-            picked[lane] = s.rows[k]
-        if apart:
-            for lane in range(LANES):
-                own = buffer[lane, picked[lane]]
-                for i in range(row.shape[0]):
-                    row[i, lane] = own[i]
-        else:
-            for i in range(row.shape[0]):
-                for lane in range(LANES):
-                    row[i, lane] = buffer[picked[lane], i, lane]
+            picked[lane] = width * (lane * capacity + s.rows[k]) if apart else width * LANES * s.rows[k] + lane
+        for i in range(width):
+            row[i] = gathered(buffer, picked, i * step)
 
 
 @inlined
@@ -226,6 +221,17 @@ def learn_each_its_own(arrays, s, apart, work, estimate):
 
 
 @inlined
+def nought(numbers):
+    """Return 0 where all numbers are finite, else NaN; by fours, as each sum waits for the one before it."""
+    total, rest = 0.0, numbers.size % 4
+    for i in range(rest):
+        total += 0.0 * numbers[i]
+    for i in range(rest, numbers.size, 4):
+        total += (0.0 * numbers[i] + 0.0 * numbers[i + 1]) + (0.0 * numbers[i + 2] + 0.0 * numbers[i + 3])
+    return total
+
+
+@inlined
 def update_estimate(arrays, s, apart, shared, work, estimate, target):
     """Learn the newest samples and their batches; ``shared``: all draw the same rows.
 
@@ -244,9 +250,7 @@ def update_estimate(arrays, s, apart, shared, work, estimate, target):
         drawn = vectors(work[1])
         error = keep_and_write(s, drawn[s.batch_size - 1], estimate, target)
         learn_each_its_own(arrays, s, apart, work, estimate)
-    finite = 0.0
+    finite = nought(memory)  # which is known before theta is
     for i in range(theta.size):
         finite += 0.0 * (theta[i] * unit[i])
-    for i in range(memory.size):
-        finite += 0.0 * memory[i]
     return error, finite

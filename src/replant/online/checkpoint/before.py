@@ -9,6 +9,7 @@ import numpy as np
 
 from replant.estimation.settings import STORED
 from replant.kernels.schema import ROOM, StateSlots, SumsSlots
+from replant.kernels.slot_tables import Numbers
 from replant.online.checkpoint.content_check import layout_of_state
 
 BEFORE = 5  # format of the version before [number]
@@ -29,7 +30,7 @@ def from_before(header: dict[str, Any], body: memoryview) -> tuple[dict[str, Any
     begin = len(reals)
     ints = np.insert(ints, StateSlots.path_size.index, ROOM)
     ints = np.insert(ints, StateSlots.sums.index, begin)
-    reals = without_work(np.append(reals, np.zeros(SumsSlots.size({}))), *work_of(ints))
+    reals = without_work(np.append(reals, np.zeros(SumsSlots.size(Numbers()))), *work_of(ints))
     head = [["ints", "<i8", [len(ints)], len(ints)], ["reals", "<f8", [len(reals)], len(reals)]]
     header["attributes"]["_request"]["Request"]["history"] = STORED
     header |= {"layout": layout_of_state(), "arrays": [*head, *declared[2:]]}
