@@ -512,11 +512,6 @@ def _joined(traces: Sequence[Trace]) -> Trace:
     return Trace(first.names, first.start, parameters, errors, time)
 
 
-def is_bank(structure: Any) -> bool:
-    """Return whether the first argument of an identifier asks for a bank."""
-    return isinstance(structure, list | tuple)
-
-
 def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the arguments of each member, checked."""
     for name in ("poles", "zeros", "delay"):

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from replant.errors import DamagedCheckpointError
+from replant.estimation.engine.dimensions import RECENT
 from replant.kernels.schema import LAGS
 from replant.kernels.step.bank import KNOWN
 from replant.numerics.arguments import FloatArray, number
 from replant.online.bank_weights import EVENTS, MOST, Lead, Weights
 from replant.online.checkpoint.encoding import ARRAYS, BANK, Progress, described, encode_other
+from replant.online.estimate import Estimate
 from replant.verdict.verdict import STATUSES
 
 COUNTS = "_taken", "_due", "_stop", "_origin", "_ready", "_likeliest", "_lead"
@@ -46,8 +48,11 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray], member_of: C
     if type(count) is not int or not 2 <= count <= MOST:
         raise DamagedCheckpointError("its members are not valid")
     members = [member_of(arrays[f"member.{i}"].tobytes()) for i in range(count)]
-    alike = {(type(each), each.dt, each.taken) for each in members}
-    if len(alike) > 1 or any(type(plain[name]) is not int or plain[name] < 0 for name in COUNTS):
+    if any(not isinstance(each, Estimate) or each.request.history < RECENT for each in members):
+        raise DamagedCheckpointError("its members are not valid")
+    if len({(each.dt, each.taken) for each in members}) > 1 or any(
+        type(plain[name]) is not int or plain[name] < 0 for name in COUNTS
+    ):
         raise DamagedCheckpointError("its members or counts are not valid")
     structures = {each.structure for each in members}
     if len(structures) != count or max(plain["_lead"], plain["_likeliest"]) >= count:

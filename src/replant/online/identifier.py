@@ -31,7 +31,6 @@ from replant.numerics.arguments import (
     vector,
 )
 from replant.numerics.limits import stamps_of
-from replant.online.bank import Bank, asked_for, is_bank
 from replant.online.kept_model import model_of
 from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
 from replant.online.row_identifier import RowIdentifier
@@ -150,7 +149,9 @@ class Identifier(Lifecycle):
     def __new__(cls, *args: Any, **given: Any) -> Any:
         """Return an identifier; of several inputs, or of several structures, one of its own kind."""
         structure = args[0] if args else given.get("structure")
-        if cls is Identifier and is_bank(structure):
+        if cls is Identifier and isinstance(structure, list | tuple):
+            from replant.online.bank import Bank, asked_for
+
             more = given | dict(zip(("dt",), args[1:], strict=False))
             return Bank([Identifier(**each) for each in asked_for(structure, more)])
         orders = (given.get(name) for name in ("poles", "zeros", "delay"))
@@ -267,11 +268,13 @@ class Identifier(Lifecycle):
 
     @classmethod
     def _of(cls, attributes: dict[str, Any]) -> Any:
-        from replant.online.bank_saving import restored as bank
         from replant.online.checkpoint.encoding import BANK, ROW
         from replant.online.row_saving import restored as row
 
         if BANK in attributes:
+            from replant.online.bank import Bank
+            from replant.online.bank_saving import restored as bank
+
             return Bank._with(*bank(attributes, cls.from_bytes))
 
         if ROW in attributes:

@@ -6,6 +6,7 @@ import math
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -23,9 +24,11 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, IntArray
-from replant.online.bank_weights import Lead
 from replant.online.runs.thinning import Overview
 from replant.verdict import Assessment, Simulation
+
+if TYPE_CHECKING:
+    from replant.online.bank_weights import Lead
 
 KNOTS = 36_000  # stamps kept of a record that is too long for memory: as many as its overview has points [count]
 
