@@ -76,10 +76,10 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
                 bar.reset(task, description=stage)
             bar.update(task, completed=done, total=total)
 
-        structures = _side_by_side(options | {"full_trace": full_trace}) if are_ranges(options) else []
-        if structures:
-            first = structures[0]
+        possible = _side_by_side(options | {"full_trace": full_trace}) if are_ranges(options) else []
+        for first in possible[:1]:
             options |= {"poles": (first.poles,), "zeros": (first.zeros,), "delay": (first.delay,)}
+        structures = possible if len(possible) > 1 else []
         recording = recording_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
         make_folder(out)
@@ -107,7 +107,7 @@ def _side_by_side(options: dict[str, Any]) -> list[Structure]:
     found = structures_of(options)
     if len(found) > MOST:
         raise InvalidArgumentError(f"at most {MOST} structures learn side by side, got {len(found)}: use replant fit")
-    return found if len(found) > 1 else []
+    return found
 
 
 def _with_total(progress: Callable[[str, int, int], None], total: int, stage: str, done: int) -> None:

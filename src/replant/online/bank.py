@@ -177,7 +177,7 @@ class Bank(Shared):
     def _state(self) -> dict[str, Any]:
         """All that the bank keeps beside its members; nothing in it is changed in place."""
         self._count_held()
-        return {name: value for name, value in vars(self).items() if name not in ("_turn", "_members")}
+        return {name: value for name, value in vars(self).items() if name not in ("_turn", "_members")} | {"_held": []}
 
     @classmethod
     def _with(cls, members: Sequence[Any], state: dict[str, Any]) -> Bank:
@@ -315,7 +315,8 @@ class Bank(Shared):
         has_changed = origin != self._origin or ready != self._ready
         if self._adapts and is_known and (has_changed or (is_due and length <= RECENT)):
             weights, is_due = weights.begun(self._members, origin), True
-            self._origin, self._ready = origin, ready
+        else:
+            origin, ready = self._origin, self._ready
         due = self._due
         if is_due:
             due = self._taken + min(max(math.ceil((AGAIN - 1.0) * length), 1), RECENT // 2)
@@ -323,7 +324,9 @@ class Bank(Shared):
         if self._adapts and (is_due or likeliest != self._likeliest):
             chosen = self._chosen(weights)
         stop = min(due, (self._taken // LOOKED + 1) * LOOKED)
-        vars(self).update(_weights=weights, _due=due, _stop=stop, _likeliest=likeliest, **chosen)
+        vars(self).update(
+            _weights=weights, _due=due, _stop=stop, _origin=origin, _ready=ready, _likeliest=likeliest, **chosen
+        )
 
     def _changed_at(self) -> int:
         """Return the accepted samples before the last change of the plant that the most probable member believes in."""
