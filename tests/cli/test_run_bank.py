@@ -65,7 +65,7 @@ def test_a_person_reads_the_weights_before_the_result(capsys: pytest.CaptureFixt
 @every(
     "arguments, words",
     [
-        (("-p", "1:11"), "at most 10 structures"),
+        (("-p", "1:5", "--zeros", "0:4"), "at most 10 structures"),
         (("-p", "1:2", "--optimizer", "adam"), "--optimizer"),
         (("-p", "1:2", "--full-trace", "trace.parquet"), "--full-trace"),
         (("-p", "1:2", "--zeros", "5"), "fewer than --poles"),
