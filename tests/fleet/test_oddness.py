@@ -78,7 +78,12 @@ def test_a_fleet_without_odd_rigs_names_none_beyond_chance(spread: float) -> Non
         (2000.0, 12.0, 0.4, r"^wrong unit\? the gain is 1000 times the fleet's, nearly: a power of ten$"),
         (2.0 * math.pi / 180.0, 12.0, 0.4, r"the gain is 1/57.3 of the fleet's, nearly: degrees beside radians"),
         # a sign is as sure as the gain's logarithm, 1 over its standard deviation
-        (-2.0, 12.0, 0.4, r"^reversed sign: gain of the opposite sign, (1|0.9)\S* times the .* median, 32 standard dev"),
+        (
+            -2.0,
+            12.0,
+            0.4,
+            r"^reversed sign: gain of the opposite sign, (1|0.9)\S* times .* median, 32 standard",
+        ),
     ],
 )
 def test_an_odd_rig_is_first_and_named_by_what_differs(
