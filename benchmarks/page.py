@@ -162,7 +162,7 @@ def ensembles(figures: Figures) -> str:
         return f"{row['ratio']:.2f} ({low:.2f}..{high:.2f})"
 
     text = (
-        "`Ensemble` steps eight members in the lanes of one SIMD vector. The table has the updates/s of all "
+        "`Ensemble` steps sixteen members in the lanes of SIMD vectors. The table has the updates/s of all "
         "members together on one thread, and their ratio to one identifier in the same run, with chunks of the same "
         "length. Longer chunks, more members, separate buffers, and other programs that use the last-level cache "
         "reduce the ratio.\n\n"

@@ -19,11 +19,12 @@ from replant.estimation.optimizers import OPTIMIZERS
 from replant.kernels import schema as at
 from replant.kernels.lanes import LANES
 from replant.online import company
+from replant.online.company import LEAST
 from support.builders import G2, identifier
 from support.cases import every, examples
 
 DT, SAMPLES, STRUCTURE = 0.02, 240, rp.Structure(poles=2, zeros=1)
-MEMBERS = LANES + 3  # a block that is full and one that is not
+MEMBERS = LANES + LEAST  # a block that is full and one that is not
 GRADIENTS = [name for name in OPTIMIZERS if not OPTIMIZERS[name].keeps_covariance]
 FILTERS = {
     "exact": rp.StateVariableFilter(cutoff=5.0),
@@ -100,7 +101,7 @@ REPLAY = rp.Replay(capacity=60, batch_size=5, warmup=6)
 @every("optimizer", GRADIENTS)
 def test_every_optimizer_in_a_block_gives_the_same_bits(optimizer: str, replay: rp.Replay | None) -> None:
     ensemble = check_twins(lambda: sweep(optimizer, replay), *streams(MEMBERS))
-    assert [block.members for block in ensemble._blocks] == [LANES, 3]
+    assert [block.members for block in ensemble._blocks] == [LANES, LEAST]
     assert set(ensemble.status) == {"running"}
 
 
@@ -149,27 +150,27 @@ def test_every_kind_of_member_beside_the_others() -> None:
     def make() -> Members:
         return [
             rp.Identifier(STRUCTURE, DT, startup=100),
-            *sweep("adam", REPLAY, members=3),
+            *sweep("adam", REPLAY, members=LEAST),
             rp.Identifier(STRUCTURE, DT, optimizer="amsgrad", instruments=False, startup=60),
             identifier("recursive-least-squares", structure=STRUCTURE, dt=DT),
             identifier("kalman-tracking", structure=STRUCTURE, dt=DT),
             identifier(structure=rp.Structure(2, 1, delay=0.05), dt=DT),
-            *sweep("gradient", None, members=3),
+            *sweep("gradient", None, members=LEAST),
             identifier(structure=STRUCTURE, dt=DT, preprocess=rp.Preprocess(input_map=np.tanh)),
         ]
 
-    ensemble = check_twins(make, *streams(12), n_jobs=2)
-    assert sorted(block.members for block in ensemble._blocks) == [3, 3]
+    ensemble = check_twins(make, *streams(6 + 2 * LEAST), n_jobs=2)
+    assert sorted(block.members for block in ensemble._blocks) == [LEAST, LEAST]
 
 
 def test_a_start_up_of_their_own_then_a_block_together() -> None:
     def make() -> Members:
-        return [rp.Identifier(STRUCTURE, DT, optimizer="amsgrad", instruments=False, startup=60) for _ in range(5)]
+        return [rp.Identifier(STRUCTURE, DT, optimizer="amsgrad", instruments=False, startup=60) for _ in range(6)]
 
-    u, y = streams(5)
+    u, y = streams(6)
     y[10, 2] = np.nan  # begins one sample later, so lies in no block with the others
     ensemble = check_twins(make, u, y)
-    assert [block.numbers[: block.members].tolist() for block in ensemble._blocks] == [[0, 1, 3, 4]]
+    assert [block.numbers[: block.members].tolist() for block in ensemble._blocks] == [[0, 1, 3, 4, 5]]
 
 
 @settings(max_examples=examples(25), deadline=None)

@@ -23,6 +23,7 @@ ARITHMETIC: dict[type, str] = {
     ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.BitXor: "^", ast.BitAnd: "&", ast.BitOr: "|", ast.RShift: ">>",
     ast.LShift: "<<",
 }  # fmt: skip
+OF_LANES = {"+": "sum", "-": "difference", "*": "product", "/": "quotient"}  # in lanes.h
 COMPARISONS: dict[type, str] = {
     ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
 }  # fmt: skip
@@ -167,7 +168,7 @@ class Expressions:
         left, right, operator = self.expression(node.left), self.expression(node.right), type(node.op)
         if operator is ast.Div:
             kind = "l" if "l" in (left[1], right[1]) else "d"
-            return f"({self.cast(left, kind)} / {self.cast(right, kind)})", kind
+            return self._operated("/", self.cast(left, kind), self.cast(right, kind), kind)
         if operator is ast.Pow:
             if (left[1], right[1]) != ("d", "d"):
                 raise UnsupportedError("** of a whole number rounds differently from library to library: multiply")
@@ -181,14 +182,19 @@ class Expressions:
             if operator not in (ast.BitAnd, ast.BitOr):
                 raise UnsupportedError(f"{operator.__name__} of truths")
             return f"(bool)({left[0]} {ARITHMETIC[operator]} {right[0]})", "b"
-        return f"({self.cast(left, kind)} {ARITHMETIC[operator]} {self.cast(right, kind)})", kind
+        return self._operated(ARITHMETIC[operator], self.cast(left, kind), self.cast(right, kind), kind)
+
+    def _operated(self, operator: str, left: str, right: str, kind: Kind) -> Value:
+        if kind == "l":
+            return f"{OF_LANES[operator]}({left}, {right})", kind
+        return f"({left} {operator} {right})", kind
 
     def of_UnaryOp(self, node: ast.UnaryOp) -> Value:
         if isinstance(node.op, ast.Not):
             return f"(!{self.truth(node.operand)})", "b"
         code, kind = self.expression(node.operand)
         if isinstance(node.op, ast.USub) and kind in ("i", "d", "l"):
-            return f"(-{code})", kind
+            return (f"minus({code})" if kind == "l" else f"(-{code})"), kind
         raise UnsupportedError(f"{type(node.op).__name__} of {describe(kind)}")
 
     def of_BoolOp(self, node: ast.BoolOp) -> Value:

@@ -126,7 +126,8 @@ class Program:
             return None
         codes, name = [code for code, _ in values], function.__name__
         if name == "prefetch":
-            return f"fetch_early(&{codes[0]}.p[({codes[1]}) * {codes[0]}.n1 + {codes[2]}])", "v"
+            word = "fetch_lanes" if isinstance(values[0][1], Array) and values[0][1].element == "l" else "fetch_early"
+            return f"{word}(&{codes[0]}.p[({codes[1]}) * {codes[0]}.n1 + {codes[2]}])", "v"
         if name == "all_within":
             return f"all_within({codes[0]}, {codes[1]})", "b"
         if name == "gathered":

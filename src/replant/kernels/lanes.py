@@ -1,7 +1,7 @@
 """SIMD lanes: `LANES` float64, one for each member of an ensemble, as the native library has them.
 
 A kernel written for one identifier is translated, without a change, to one that steps several: ``theta[i]`` is the i-th
-parameter of all members, and each of ``+ - * /``, ``sqrt`` and ``max`` is one to four instructions, depending on the
+parameter of all members, and each of ``+ - * /``, ``sqrt`` and ``max`` is two to eight instructions, depending on the
 processor.  IEEE 754 rounds every lane by itself, so a member gets the same bits as in the kernel for one identifier.
 Compilers do not vectorise over members by themselves: the loop over members would have to be the innermost one of every
 sum, with all intermediate values in memory and a check that no two arrays overlap.
@@ -14,8 +14,10 @@ The interpreter does not run kernels with lanes: their bits are those of the mem
 
 from typing import Any
 
-LANES = 8
-"""Members side by side: as many as the widest processors take at once [count]."""
+LANES = 16
+"""Members side by side: twice as many as the widest processors take at once.  While an instruction waits for the first
+half, the second is under way, and what is the same for all, loops and counters, is spread over more [count].
+"""
 
 
 def _compiled(*_: Any) -> Any:

@@ -21,7 +21,11 @@ quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
 def roots(polynomial: FloatArray) -> npt.NDArray[np.complex128]:
     """Return the roots of a polynomial in descending powers; NaN where they leave float64."""
     try:
-        return np.roots(polynomial).astype(np.complex128)
+        if polynomial.size < 2 or polynomial[0] == 0.0 or polynomial[-1] == 0.0:
+            return np.roots(polynomial).astype(np.complex128)
+        companion = np.eye(polynomial.size - 1, k=-1)  # as there, but for its search for zeros at both ends
+        companion[0] = -polynomial[1:] / polynomial[0]
+        return np.linalg.eigvals(companion).astype(np.complex128)
     except np.linalg.LinAlgError:
         return np.full(np.trim_zeros(polynomial, "f").size - 1, complex(np.nan, np.nan))
 

@@ -6,12 +6,13 @@ import _thread
 import contextlib
 import errno
 import os
-import socket
 import threading
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 _MEMORY = "free memory, or raise its limit (ulimit -v)"
 _DISK = "make room on the disk"
@@ -63,6 +64,9 @@ ENDING = ".new"
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
     """Give the name under which a file is written; it gets its own when the ``with`` block ends without an error."""
+    import socket  # here, as `replant --help` writes no file
+    import zlib
+
     named = zlib.crc32(os.fsencode(path.name))  # short: the name itself may be as long as names can be
     new = path.with_name(f".{named:08x}.{socket.gethostname()}.{os.getpid()}.{threading.get_ident()}{ENDING}")
     try:

@@ -18,7 +18,7 @@ from replant.estimation.engine.vector_blocks import kind as kind_of_block
 from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 
-LEAST = 3  # members that a block or lanes pay for: they take about the time of three [count]
+LEAST = 5  # members that a block or lanes pay for: they take about the time of five [count]
 # to go into lanes and to leave them takes as long as some ten samples
 FEWEST = 32  # rows of a chunk that lanes pay for [samples]
 PIECE = 2048  # rows after which it is looked at again who may go together: whose start-up has ended, say [samples]

@@ -1,15 +1,6 @@
 r"""The loop: whether a controller moves the input, and what a reference that moves it from outside tells.
 
-The residual of a right model, whitened, is independent of the input's past.  In open loop it is independent of the
-input's future as well; under feedback the input answers it.  The test correlates the whitened residual w with the
-signal x now and later, x whitened too, so that one answer does not count twice:
-
-.. math:: K \sum_{j=0}^{10} \hat\rho^2(w_k, x_{k+j}) \sim \chi^2_{11}.
-
-What the signal's past tells of either is taken away before: a wrong model, whose residual follows the past input, is
-then not taken for feedback; and what is left of the eleven correlations is made independent by their own covariance.
-At j = 0 feedback cannot be told from a direct path of the plant.  A model with a direct path has taken it up, and the
-sum begins at j = 1.
+Whether the input answers the residual is told by `replant.estimation.solver.feedback_test`.
 
 A reference r is applied from outside: a set-point, a dither.  It depends on no noise, so what it explains of a residual
 is the model's fault whatever the noise is, in feedback as well.  It is represented by the states of discrete Laguerre
@@ -18,53 +9,37 @@ residual's variance, is :math:`\chi^2`: Hansen's J of instrumental variables.  I
 of samples that the estimate was made from, less the coefficients.
 
 Whether a reference depends on the noise is told as for the input, by whether it answers the residual.  What is taken
-away before is the reference's past alone: the input's past joins it to the noise, as both move the input.  Of what is
-new in either the ranks are kept, not the sizes: else one load that steps just before a set-point does decides, and
-a few large set-points hide what is made from the output between them.
+away before is the reference's past alone: the input's past joins it to the noise, as both move the input.
 
-Sources: Soderstrom and Stoica (1989), "System Identification", section 11.2 and chapter 10; Sims (1972), "Money,
-income, and causality", American Economic Review 62; Hansen (1982), "Large sample properties of generalized method of
-moments estimators", Econometrica 50; Van den Hof and Schrama (1993), "An indirect method for transfer function
-estimation from closed loop data", Automatica 29.
+Sources: Hansen (1982), "Large sample properties of generalized method of moments estimators", Econometrica 50; Van den
+Hof and Schrama (1993), "An indirect method for transfer function estimation from closed loop data", Automatica 29.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from replant.estimation.simulation.model_run import ModelRun
-from replant.kernels.schema import LAGS
+from replant.estimation.solver.feedback_test import Feedback, answering
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression, whiteness
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile
 from replant.numerics.projections import (
-    TAKEN_AWAY,
     explained_power,
     laguerre_states,
-    lengths_of,
     orthogonal,
     products,
     weights_of,
     widening,
     without,
 )
-from replant.numerics.robust import normal_scores
-from replant.verdict.evidence import PER_COEFFICIENT, RESTING, ROUNDING, Evidence, Runs
-from replant.verdict.score_test import Explained, residual_of
+from replant.verdict.evidence import RESTING, ROUNDING, Evidence, Runs
+from replant.verdict.score_test import Explained, noise_of, residual_of
 from replant.verdict.verdict import Finding
-
-LATEST = 10
-"""Latest answer that is looked for [samples].
-Origin: a digital controller answers at the next sample; what answers later alone hardly feeds back.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-PAST = 2 * LATEST  # past values of the signal that are taken away from residual and signal [samples]
-LEFT = 1e-6  # length of a whitened future, its past taken off, below which only rounding is left [part of it before]
 
 STILL = "the reference stands still"
 COPIED = "the reference is a copy of the input"
@@ -81,52 +56,17 @@ COLOURED = (
 )
 
 
-@dataclass(frozen=True)
-class Answer:
-    """How a signal answers a residual."""
-
-    statistic: float  # over its limit
-    at_once: bool  # whether at the same sample alone, as a direct path of the plant would make it seem
-
-    @property
-    def found(self) -> bool:
-        """Whether the signal answers the residual."""
-        return self.statistic > 1.0
-
-
-NONE = Answer(0.0, False)
-
-
-def answer(run: ModelRun, rows: slice, signal: FloatArray, first: int = 0) -> Answer:
-    """Return how a signal answers a run's residual."""
-    error, x = run.error[rows] - run.error[rows].mean(), signal[rows] - signal[rows].mean()
-    states = run.states[rows] - run.states[rows].mean(axis=0)
-    count = error.size - PAST - LATEST - LAGS
-    few = count < PER_COEFFICIENT * (PAST + LATEST + 1 + states.shape[1])
-    if few or not np.ptp(x) > 0.0 or not error.std() > ROUNDING * run.forced[rows].std():
-        return NONE
-    w = _aligned(Autoregression.of(error), error)
-    white = _aligned(Autoregression.of(x), x)
-    index = np.arange(x.size - LATEST - count, x.size - LATEST)
-    now = 1 if run.is_direct else 0  # the states of such a model hold the input of the same sample
-    told = np.column_stack([*(x[index - lag] for lag in range(1, PAST + 1)), states[index - now], np.ones(count)])
-    future = np.column_stack([white[index + later] for later in range(first, LATEST + 1)])
-    left = without(np.column_stack([w[index], future]), told)
-    residual, later = left[:, 0], left[:, 1:]
-    lengths = lengths_of(later)
-    free = lengths > LEFT * lengths_of(future)
-    power = float(residual @ residual) / count
-    if not free.any() or not power > TAKEN_AWAY**2 * float(error @ error) / count:
-        return NONE
-    later = later[:, free] / lengths[free]
-
-    def statistic(columns: FloatArray) -> float:
-        amounts = orthogonal(products(columns, columns)).T @ products(columns, residual[:, None])[:, 0]
-        degrees = amounts.size
-        return float(amounts @ amounts) / power / chi2_quantile(1.0 - ALPHA, degrees) if degrees else 0.0
-
-    rest = later[:, 1:] if first == 0 and free[0] else later
-    return Answer(statistic(later), rest.shape[1] < later.shape[1] and statistic(rest) < 1.0)
+def answer(evidence: Evidence, run: ModelRun, signal: FloatArray, first: int = 0) -> Feedback:
+    """Return how a signal (K,) answers a run's residual, from the one so many samples before on."""
+    rows, used = evidence.known, evidence.used[evidence.known]
+    error = run.error[rows] - run.error[rows][used].mean()
+    w = np.zeros(signal.size)
+    # of a residual that is rounding nothing can be told
+    if error[used].std() > ROUNDING * run.forced[rows].std():
+        noise = noise_of(error, evidence.past)
+        w[rows] = noise.ahead(error) * (used & (evidence.past >= noise.order))
+    moved = signal - signal.mean()
+    return answering(np.ascontiguousarray(moved), w, evidence.record.inputs_before, first)
 
 
 def colour_left(error: FloatArray) -> float:
@@ -140,12 +80,6 @@ def colour_left(error: FloatArray) -> float:
     error = error - error.mean()
     model = Autoregression.of(error)
     return whiteness(model.whiten(error), spent=model.order, level=1.0 - ALPHA)
-
-
-def _aligned(model: Autoregression, signal: FloatArray) -> FloatArray:
-    """Return the whitened signal (K,), its first samples, which have no past of full length, zero."""
-    white = model.whiten(signal)
-    return np.concatenate([np.zeros(signal.size - white.size), white])
 
 
 def fault_of(r: FloatArray, u: FloatArray) -> str:
@@ -209,12 +143,6 @@ class Reference:
         """What the reference explains of input and output, (K, 2)."""
         return np.column_stack([self.input, self.output])
 
-    def follows(self, r: FloatArray, run: ModelRun, rows: slice) -> bool:
-        """Return whether the reference (K,) answers a model's residual over the samples ``rows``."""
-        # the states of the functions hold the reference of the same sample
-        ranked = replace(run, error=_ranked(run.error), states=self.states, is_direct=True)
-        return answer(ranked, rows, _ranked(r), first=int(run.is_direct)).found
-
     def fit(self, error: FloatArray, rows: slice) -> float:
         """Return the fit [%] of what the reference makes of the output: what it explains of the error spoils it."""
         functions = np.column_stack([self.states[rows], np.ones(error[rows].size)])
@@ -235,19 +163,11 @@ def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Refer
     return found.beside(evidence, error, reference.output[rows])
 
 
-def _ranked(signal: FloatArray) -> FloatArray:
-    """Return a signal (K,) whose news, what its past does not tell, has the ranks that it had and normal sizes."""
-    moved = signal - signal.mean()
-    past = Autoregression.of(moved)
-    news = past.whiten(moved)
-    return past.colour(np.concatenate([np.zeros(signal.size - news.size), news.std() * normal_scores(news)]))
-
-
 @dataclass(frozen=True, eq=False)
 class Loop:
     """What the samples tell of a controller that closes a loop."""
 
-    feedback: Answer  # how the input answers the residual
+    feedback: Feedback  # how the input answers the residual
     reference: Reference | None  # None where there is none, or it is of no use
     findings: list[Finding]
 
@@ -259,13 +179,14 @@ class Loop:
     @classmethod
     def of(cls, evidence: Evidence, runs: Runs, reference: Reference | None, doubts: list[Finding]) -> Loop:
         """Test for feedback, and whether the reference is one; ``doubts`` are the findings on it so far."""
-        feedback = answer(runs.now, evidence.known, evidence.record.u, first=int(runs.now.is_direct))
+        feedback = answer(evidence, runs.now, evidence.record.u, first=int(runs.now.is_direct))
         findings = list(doubts)
         r = evidence.record.r
-        if reference is not None and r is not None and reference.follows(r, runs.now, evidence.known):
+        follows = r is not None and answer(evidence, runs.now, r, first=int(runs.now.is_direct)).found
+        if reference is not None and follows:
             findings.append(Finding("inconsistent", f"the reference follows the disturbances: {REMEDY}"))
             reference = None
-        elif reference is None and r is not None and answer(runs.now, evidence.known, r).found:  # a copy of the input
+        elif follows:  # a copy of the input
             findings = [Finding("inconsistent", f"{doubt.reason}: {REMEDY}") for doubt in findings]
         pole = evidence.unstable_pole
         if pole > 0.0 and reference is None:
@@ -275,5 +196,5 @@ class Loop:
         elif feedback.found and reference is None and colour_left(runs.now.error[evidence.known]) > 1.0:
             findings.append(Finding("inconsistent", COLOURED))
         elif feedback.found:
-            findings.append(Finding("trusted", AT_ONCE if feedback.at_once else CLOSED))
+            findings.append(Finding("trusted", AT_ONCE if feedback.is_at_once else CLOSED))
         return cls(feedback, reference, findings)

@@ -79,11 +79,11 @@ def other_columns(
     if runs is None:
         return ()
     run = runs.now
-    closed = answer(run, evidence.known, evidence.record.u, first=int(run.is_direct)).found
+    closed = answer(evidence, run, evidence.record.u, first=int(run.is_direct)).found
     causes = {}
     for name, x in signals.items():
         by_x = _run(evidence, x)
-        if by_x is not None and not _is_made_of(evidence, run, by_x, closed=closed):
+        if by_x is not None and not _is_made_of(evidence, run, by_x.u, closed=closed):
             causes[name] = by_x
     return tuple(_chosen(evidence, run, causes, closed=closed))
 
@@ -150,12 +150,11 @@ def _bias(evidence: Evidence, error: FloatArray, own: FloatArray, effect: FloatA
     return float(np.var(taken[evidence.used[evidence.known]])) / power_of(evidence, y)
 
 
-def _is_made_of(evidence: Evidence, run: ModelRun, by_x: ModelRun, *, closed: bool) -> bool:
+def _is_made_of(evidence: Evidence, run: ModelRun, x: FloatArray, *, closed: bool) -> bool:
     """Return whether a signal is made from the output or the input, or moves the output by way of the input."""
-    x = by_x.u
     if _follows(evidence, x, run):
         return True
-    if answer(replace(run, states=np.hstack([run.states, by_x.states])), evidence.known, x).found:
+    if answer(evidence, run, x).found:
         return True
     return closed and Reference.projected(x, evidence.record.u, evidence.record.y).strength > 1.0
 

@@ -39,6 +39,12 @@ Derivation: beyond half an interval the sample nearest in time is another one.
 """
 
 
+def _since(broken: BoolArray) -> IntArray:
+    """Return how many samples came since the last break before each (K,); 0 where it is one."""
+    index = np.arange(broken.size)
+    return index - np.maximum.accumulate(np.where(broken, index, 0))
+
+
 def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
     """Return the samples (G,) that follow a gap: the input of the meantime is not known, and so is the state.
 
@@ -94,17 +100,26 @@ class Record:
         """The same where jitter counts as none: of a residual's colour, which changes little in half an interval."""
         return self._before(JITTER)
 
+    @property
+    def inputs_before(self) -> IntArray:
+        """How many inputs before each (K,) came a sampling time apart; jitter counts as none."""
+        return _since(self._breaks(JITTER))
+
     def _before(self, irregular: float) -> IntArray:
         """Return how many outputs before each (K,) came at intervals that are irregular by no more than a part."""
-        index = np.arange(self.u.size)
-        broken = np.isin(index, [0, *self.begins])
+        broken = self._breaks(irregular)
+        if self.measured is None:
+            return np.minimum(_since(broken), LAGS)
+        broken[1:] |= ~self.measured[:-1]
+        return np.where(self.measured, np.minimum(_since(broken), LAGS), 0)
+
+    def _breaks(self, irregular: float) -> BoolArray:
+        """Return which samples (K,) begin a record, or come at another interval than usual, by a part of that."""
+        broken = np.isin(np.arange(self.u.size), [0, *self.begins])
         if self.intervals.size > 1:
             nominal = float(np.median(self.intervals[1:]))
             broken |= np.abs(self.intervals - nominal) > irregular * nominal
-        if self.measured is not None:
-            broken[1:] |= ~self.measured[:-1]
-        before = np.minimum(index - np.maximum.accumulate(np.where(broken, index, 0)), LAGS)
-        return before if self.measured is None else np.where(self.measured, before, 0)
+        return broken
 
     @cached_property
     def parts(self) -> list[slice]:

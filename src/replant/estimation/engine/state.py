@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 
 import numpy as np
 
@@ -210,7 +211,7 @@ class State(StateArrays):
     @classmethod
     def for_model(cls, structure: Structure, dt: float, input_hold: str, *, reference: bool = False) -> State:
         """Return arrays that turn a `Record` into regressors and instruments of the refined filter."""
-        return cls.build(structure, dt, state_filter=None, input_hold=input_hold, reference=reference)
+        return _for_model(structure, dt, input_hold, reference=reference).copy()
 
     @property
     def factors(self) -> tuple[FloatArray, FloatArray]:
@@ -264,6 +265,11 @@ class State(StateArrays):
             kept[1 : 1 + n * n] = discrete.transition.ravel()
             kept[1 + n * n : 1 + n * n + n] = discrete.output_taps[0]
             fixed[bk.NEXT] = 1.0
+
+
+@lru_cache(maxsize=16)  # a solution asks ten times for the same, and to lay them out takes as long as three passes
+def _for_model(structure: Structure, dt: float, input_hold: str, *, reference: bool) -> State:
+    return State.build(structure, dt, state_filter=None, input_hold=input_hold, reference=reference)
 
 
 #: Why a sample is not learned, and where it is counted.  The output of an outlier, of a stuck sensor, and one that is

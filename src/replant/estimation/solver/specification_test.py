@@ -33,20 +33,19 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from functools import lru_cache
 
 import numpy as np
 
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.fitted_run import triangle_of
 from replant.estimation.simulation.model_run import ModelRun, run_model, runs_away
+from replant.estimation.solver.feedback_test import LONGEST, PER_COLUMN, Feedback, answering
 from replant.estimation.solver.refined import Refined
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
-from replant.numerics.autoregression import Autoregression, likelihood_ratio
+from replant.numerics.autoregression import Autoregression
+from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import pseudo_inverse, quiet
 from replant.numerics.projections import lengths_of, orthogonal, products, without
-from replant.numerics.robust import normal_scores
 
 FALSE_ALARM = 0.15
 """Chance that a right filtered estimate is given up [probability].
@@ -54,41 +53,14 @@ Level: on 70 field records of `make campaign` the noise-free fit does not depend
 real rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points.
 """
 
-ANSWERED = 1e-3
-"""Chance that feedback is found in open loop [probability].
-Level: 0.1 %: a false one costs little, as the share of the input that answers is then small.
-"""
-
-ANSWERS = 10  # latest residual that the input may answer, beside the present one: LATEST of the feedback test [samples]
-
 MOST = 0.5
-"""Share of the difference up to which feedback is its reason: of an answer longer than `ANSWERS` some is left [share].
+"""Share of the difference up to which feedback is its reason: of a longer answer than is looked for some is left
+[share].
 Origin: 184 loops under autoregressive noise: right models have shares of 0 to 0.4 but for three integrators.
 Sensitivity: halved, some of these right models are given up; doubled, feedback is the reason of any difference.
 """
 
-# Akaike chooses; of 42 recorded logs none needs more
-LONGEST = 120  # own past values that tell the input at the most [samples]
-
-PER_COLUMN = 12
-"""Samples for each of them [samples].
-Origin: of 250 random inputs of 200 to 600 samples with feedback, a tenth to four tenths of their amplitude, 80 % show
-it at `ANSWERED`; without feedback none does, and 5 % at a level of 5 %.
-Sensitivity: halved 78 %, doubled 65 %; the level stays.
-"""
-
-INNOVATION_LEFT = 2.0 / 3.0
-"""Innovation of a filtered model that runs away, beside the plain one's, below which it is taken though no feedback is
-seen [ratio of powers].
-Origin: 0.47 to 0.55 in loops round an integrator under a load, 0.8 to 0.93 on open logs and field records.
-Sensitivity: halved, none of these loops is taken for one; doubled, every open log is.
-"""
-
-NEWEST = 20_000  # samples that they are fitted to at the most, for the time it takes [samples]
-
 LEAST_LEFT = 0.02  # share of an ordinate that the fit leaves at least: below it is rounding of the leverage [share]
-# an answer that is larger than the input itself says that its filter is nearly unstable
-LOUDEST = 3.0  # amplitude of the input's answer beside the input, beyond which its past does not carry it on [ratio]
 
 
 @quiet
@@ -103,8 +75,7 @@ def is_right(structure: Structure, record: Record, plain: Refined, filtered: Ref
     noise = filtered.noise_model
     whole = _whole(record, noise.order)
     if away[1]:  # a plant that is not stable is in feedback; there is no simulated error to compare
-        gain = likelihood_ratio(run_f.error, run_p.error) / record.count
-        return is_answered(record, noise, run_f.error) or -2.0 * gain < math.log(INNOVATION_LEFT)
+        return is_answered(record, noise, run_f.error)
     statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
     if _chance(statistic, degrees, ordinates) >= FALSE_ALARM:
         return True
@@ -165,10 +136,10 @@ def _share_of_feedback(
 ) -> float:
     """Return the share of the difference between two estimates that feedback does not explain, phi."""
     u = record.u - record.u.mean()
-    answer, chance, at_once = _answer(record, estimates[1].noise_model, runs[1].error, whole)
-    if chance >= ANSWERED or _is_direct(structure, estimates[1].theta, at_once):
+    feedback = _feedback(record, estimates[1].noise_model, runs[1].error, whole)
+    if not feedback.found or _is_direct(structure, estimates[1].theta, feedback.at_once):
         return 1.0
-    rest = dataclasses.replace(record, u=u - answer)
+    rest = dataclasses.replace(record, u=u - feedback.part)
     purged = [run_model(structure, one.theta[: structure.size], rest, record.dt) for one in estimates]
     if purged[0] is None or purged[1] is None:
         return 0.0
@@ -187,77 +158,20 @@ def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
     from scipy import special  # slow to import
 
     first, last = model[structure.poles], model[structure.coefficients - 1] * model[structure.poles - 1]
-    return bool(first * last > 0.0) and float(special.ndtr(-at_once * np.sign(first))) < ANSWERED
+    return bool(first * last > 0.0) and float(special.ndtr(-at_once * np.sign(first))) < ALPHA
 
 
 def is_answered(record: Record, noise: Autoregression, error: FloatArray) -> bool:
     """Return whether a record's input answers a residual (K,), as under a controller."""
-    return _answer(record, noise, error, _whole(record, noise.order))[1] < ANSWERED
+    return _feedback(record, noise, error, _whole(record, noise.order)).found
 
 
-def _answer(
-    record: Record, noise: Autoregression, error: FloatArray, whole: FloatArray
-) -> tuple[FloatArray, float, float]:
-    """Return `answering` of a record's input and a residual (K,); with a reference what that does not explain."""
+def _feedback(record: Record, noise: Autoregression, error: FloatArray, whole: FloatArray) -> Feedback:
+    """Return how a record's input answers a residual (K,); with a reference what that does not explain of it does."""
     u = record.u - record.u.mean()
     if record.r is not None:
-        return u - _explained(u, record.r), 0.0, 0.0
-    return answering(u, noise.ahead(error) * whole)
-
-
-@quiet
-def answering(u: FloatArray, w: FloatArray) -> tuple[FloatArray, float, float]:
-    """Return the part (K,) of an input that answers a whitened residual, its chance in open loop, and how it begins.
-
-    The last is the correlation of input and residual of the same sample, past inputs known, in standard deviations.
-
-    The input is told by its own past, as far as Akaike's criterion asks, and by the residuals now and before.  The
-    chance is that of a score test which noise of any distribution keeps.  What its past does not tell of the input
-    is ranked there: a few steps of the set-point would hide the answer else.
-    """
-    from scipy.stats import chi2  # slow to import
-
-    most = min(LONGEST, u.size // PER_COLUMN)
-    rows = np.arange(max(most, ANSWERS), u.size)[-NEWEST:]
-    nothing = np.zeros(u.size), 1.0, 0.0
-    if rows.size < PER_COLUMN * (ANSWERS + 2):
-        return nothing
-    basis, upper, along = _own_past(u.tobytes(), most, rows.size)
-    now = u[rows] - basis @ along
-    if not np.linalg.norm(now) > 1e-6 * np.linalg.norm(u):
-        return nothing  # the input is known from its past
-    lagged = np.column_stack([w[rows - lag] for lag in range(ANSWERS + 1)])
-    told = lagged - basis @ (basis.T @ lagged)
-    moments = normal_scores(now)[:, None] * told
-    total = moments.sum(axis=0)
-    chance = float(chi2.sf(total @ pseudo_inverse(moments.T @ moments, 1e-12) @ total, ANSWERS + 1))
-    gains = np.linalg.lstsq(told, now, rcond=1e-12)[0]
-    own = np.asarray(np.linalg.lstsq(upper, along - basis.T @ (lagged @ gains), rcond=1e-12)[0])
-    sizes = float(np.linalg.norm(now) * np.linalg.norm(told[:, 0]))
-    at_once = math.sqrt(rows.size) * float(now @ told[:, 0]) / sizes if sizes > 0.0 else 0.0
-    return _carried(np.convolve(w, gains)[: u.size], own[1:], u), chance, at_once
-
-
-@lru_cache(maxsize=1)  # a search asks of one input, structure by structure
-def _own_past(signal: bytes, most: int, newest: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return Q, R and Q'u of the past that tells an input's newest values; Akaike's criterion tells how far back."""
-    u = np.frombuffer(signal)
-    rows = np.arange(u.size - newest, u.size)
-    past = np.column_stack([np.ones(rows.size), *(u[rows - lag] for lag in range(1, most + 1))])
-    along, power = triangle_of(past, u[rows])[: most + 1, -1], float(u[rows] @ u[rows])
-    left = np.maximum(power - np.cumsum(along**2), 1e-14 * power)
-    columns = int(np.argmin(rows.size * np.log(left) + 2.0 * np.arange(left.size))) + 1
-    basis, upper = np.linalg.qr(past[:, :columns])
-    return basis, upper, basis.T @ u[rows]
-
-
-def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:
-    """Return what a push (K,) makes of an input (K,) that its own past carries on."""
-    from scipy.signal import lfilter  # slow to import
-
-    answer = np.asarray(lfilter([1.0], np.append(1.0, -own), push))
-    held = bool(np.isfinite(answer).all()) and np.linalg.norm(answer) <= LOUDEST * np.linalg.norm(u)
-    return answer if held else push
+        return Feedback(u - _explained(u, record.r), chance=0.0)
+    return answering(u, noise.ahead(error) * whole, record.inputs_before)
 
 
 def _explained(u: FloatArray, r: FloatArray) -> FloatArray:

@@ -50,7 +50,7 @@ class Problem:
         self.whole, self._unknown = record, record.unknown(structure.delay)
         self._beside = beside
         # without the samples at its beginning that answer to unknown inputs, because of a dead time
-        self.structure, self.record = structure, record.last(record.u.size - self._unknown)
+        self.structure, self.record = structure, record.last(record.u.size - self._unknown) if self._unknown else record
         # a filter's poles lie left of -slowest, their magnitudes are at most fastest, in rad/s
         self.slowest, self.fastest = stability_margin(record), FASTEST / record.dt
         self.projection = None if record.r is None else Projection.of(record)

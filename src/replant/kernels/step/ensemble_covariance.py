@@ -124,8 +124,12 @@ def has_room(s, models):
 @kernel(
     "is_sound(one) and is_sound(two) and is_sound(three) and is_sound(four)",
     "is_sound(five) and is_sound(six) and is_sound(seven) and is_sound(eight)",
+    "is_sound(nine) and is_sound(ten) and is_sound(eleven) and is_sound(twelve)",
+    "is_sound(thirteen) and is_sound(fourteen) and is_sound(fifteen) and is_sound(sixteen)",
     "fits(one, one) and fits(two, one) and fits(three, one) and fits(four, one)",
     "fits(five, one) and fits(six, one) and fits(seven, one) and fits(eight, one)",
+    "fits(nine, one) and fits(ten, one) and fits(eleven, one) and fits(twelve, one)",
+    "fits(thirteen, one) and fits(fourteen, one) and fits(fifteen, one) and fits(sixteen, one)",
     "1 <= live.size <= LANES and taken.size == live.size and numbers.size == LANES",
     "ints.shape[0] == LANES and ints.shape[1] == one.ints.size and reals.shape[1] == LANES",
     "reals.shape[0] == one.reals.size and kept.shape[0] == reals.shape[0] and kept.shape[1] == LANES",
@@ -140,7 +144,9 @@ def has_room(s, models):
 )
 def steps(
     one: StateArrays, two: StateArrays, three: StateArrays, four: StateArrays, five: StateArrays, six: StateArrays,
-    seven: StateArrays, eight: StateArrays, numbers: Ints, live: Ints, taken: Ints, ints: IntMatrix, reals: Matrix,
+    seven: StateArrays, eight: StateArrays, nine: StateArrays, ten: StateArrays, eleven: StateArrays,
+    twelve: StateArrays, thirteen: StateArrays, fourteen: StateArrays, fifteen: StateArrays, sixteen: StateArrays,
+    numbers: Ints, live: Ints, taken: Ints, ints: IntMatrix, reals: Matrix,
     kept: Matrix, models: Cube, kept_models: Cube, beside: Matrix, companion: Matrix, tile: Cube, estimates: Cube,
     start: int, u: Matrix, y: Matrix, errors: Matrix, parameters: Cube,
 ):  # fmt: skip
@@ -149,7 +155,7 @@ def steps(
     Returns the row behind that stretch; ``taken`` says up to which row each member has come: all up to that one, but
     for those that need attention.
 
-    ``numbers`` (LANES,) says which of the ensemble's M members the states ``one`` to ``eight`` are; those beyond the
+    ``numbers`` (LANES,) says which of the ensemble's M members the states ``one`` to ``sixteen`` are; those beyond the
     size of ``live`` and ``taken`` are not stepped.  ``u`` and ``y`` (K, M) have a column for each of the ensemble's
     members or (K, 1) one for all; ``errors`` is (K, M), ``parameters`` (M, K, size).
 
@@ -157,7 +163,10 @@ def steps(
     (2, B, LANES), ``beside`` (BESIDE, LANES), ``companion`` (T + 1, LANES), ``tile`` (3, R, LANES) and ``estimates``
     (R, size, LANES) for stretches of R samples.
     """
-    states = (one, two, three, four, five, six, seven, eight)
+    states = (
+        one, two, three, four, five, six, seven, eight,
+        nine, ten, eleven, twelve, thirteen, fourteen, fifteen, sixteen,
+    )  # fmt: skip
     work = (beside, companion, tile, estimates)
     white, coloured, row, goes_on, forgets = 0, 0, start, True, one.settings[0] < 1.0
     for lane in range(LANES):
