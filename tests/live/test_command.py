@@ -25,7 +25,7 @@ from replant.online import saving
 from replant.rigs import deap_rig
 from support.cases import every
 from support.live_command import MODEL, ReplayingPeer, estimates, finished, learned, lines, live, sequence_of, wait_for
-from support.live_fakes import DT, record
+from support.live_fakes import DT, REQUEST, record
 from support.places import ROOT
 
 U, Y = record()
@@ -58,6 +58,22 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(tmp_path: Path, c
     main(["run", str(tmp_path / "record"), "--input", "u", "--output", "y", *MODEL, "--json"])
     again = json.loads(capsys.readouterr().out)["parameters"]
     assert [again["a0"]["value"], again["b0"]["value"]] == kept.parameters.tolist()
+
+
+def test_a_second_process_solves_again_where_it_is_asked_for(tmp_path: Path) -> None:
+    rig = tmp_path / "rig"
+    with live("-", "--background", "--checkpoint", rig) as process:
+        code, _, err = finished(process, b"".join(lines(U, Y)))
+    assert (code, "Traceback" in err) == (0, False)
+    kept, expected = saving.load(rig).identifier, rp.Identifier(**vars(REQUEST), background=True)
+    expected.update_many(U, Y)
+    assert kept.background
+    assert kept.to_bytes() == expected.to_bytes()
+    learned(U, Y).save(tmp_path / "without")
+    with live("-", "--background", "--checkpoint", tmp_path / "without") as process:
+        code, _, err = finished(process, b"")
+    assert code == 2
+    assert "goes on without a second process" in err
 
 
 @pytest.mark.parametrize("place", ["first", "last"])

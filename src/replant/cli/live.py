@@ -101,6 +101,7 @@ class SourceCommand(click.Command):
     help="Time for which an estimate stays trusted without an accepted sample.  [default: 5s, or 10 sampling times "
     "if that is longer]",
 )
+@flag("--background", "Let a second process solve the record again: no sample waits for it.")
 @flag("--loop", "With the source demo: a motor under a PI controller, whose set-point is the reference.")
 def live_command(source: str, loop: bool, **options: Any) -> None:
     """Identify G(s) from live samples of input u and output y, and of the reference r where a controller makes u.
@@ -132,6 +133,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
         None if rig is None else rig.plant,
         demo_signals(source),
         options["ttl"],
+        options["background"],
     )
     if not run(plan):
         sys.exit(1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from replant.verdict.verdict import Verdict
 
 
 @dataclass(frozen=True, repr=False)
-class MatrixModel:
+class MatrixModel(model_file.Written):
     r"""An identified plant of several outputs: a `RowModel` of each, over the same inputs.
 
     .. math:: y_k = \mathrm{output\_level}_k + \sum_i G_{ki}(s)\,(u_i - \mathrm{input\_levels}_i)
@@ -183,42 +183,14 @@ class MatrixModel:
         """
         return interop.control_matrix([[g.to_control(pade) for g in row] for row in self.transfer_functions])
 
-    def to_json(self) -> str:
-        """Return the model as one JSON object, whose entries the page JSON describes."""
-        return model_json.dumps_rows(self.rows)
+    def _as_object(self) -> dict[str, Any]:
+        return model_json.rows_object(self.rows)
 
     @classmethod
-    def from_json(cls, written: str | bytes) -> MatrixModel:
-        """Return the model that `to_json` has written, equal to the bit.
-
-        Parameters
-        ----------
-        written : str or bytes
-            What `to_json` has returned, or the content of a file of `save`.
-
-        Raises
-        ------
-        ModelFileError
-            If it is no such JSON, or of a newer version.
-        """
+    def _of_json(cls, written: str | bytes) -> Self:
         rows = tuple(RowModel(**fields) for fields in model_json.loads_rows(written))
         with model_json.in_one_line():
             return cls(rows)
-
-    def save(self, path: AnyPath) -> None:
-        """Write the model as JSON; the file is whole at every moment.
-
-        Parameters
-        ----------
-        path : path
-            Of the file, which is replaced.
-
-        Raises
-        ------
-        ModelFileError
-            If the file cannot be written.
-        """
-        model_file.write(path, self.to_json())
 
     def __repr__(self) -> str:
         return "\n".join([f"<MatrixModel of {len(self.rows)} outputs:", *map(repr, self.rows)]) + ">"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from replant.estimation.simulation.fitted_run import bridged
 from replant.estimation.simulation.model_run import model_output
 from replant.fitting import model_file, model_json, notation
 from replant.fitting.fields import ModelFields
-from replant.fitting.model_file import AnyPath
 from replant.fitting.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.fitting.validation import Validation, validate
 from replant.logs.log import Log
@@ -26,7 +25,7 @@ from replant.plotting.style import axes_for
 SAME_CLOCK = 0.1  # difference of intervals up to which the noise model predicts [part of the interval]
 
 
-class Model(ModelFields):
+class Model(model_file.Written, ModelFields):
     r"""An identified plant in the units of its signals.
 
     .. math:: y = \mathrm{output\_level} + G(s)\,(\mathrm{map}(u) - \mathrm{input\_level})
@@ -244,48 +243,12 @@ class Model(ModelFields):
         """Return G(s) as an expression of SymPy in the symbol s."""
         return self.transfer_function.to_sympy()
 
-    def to_json(self) -> str:
-        """Return the model as one JSON object, whose entries the page Models describes.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the input map is a Python function, which no file can hold.
-        """
-        return model_json.dumps(self)
+    def _as_object(self) -> dict[str, Any]:
+        return model_json.as_object(self)
 
     @classmethod
-    def from_json(cls, written: str | bytes) -> Model:
-        """Return the model that `to_json` has written, equal to the bit.
-
-        Parameters
-        ----------
-        written : str or bytes
-            What `to_json` has returned, or the content of a file of `save`.
-
-        Raises
-        ------
-        ModelFileError
-            If it is no such JSON, or of a newer version.
-        """
+    def _of_json(cls, written: str | bytes) -> Self:
         return cls(**model_json.loads(written))
-
-    def save(self, path: AnyPath) -> None:
-        """Write the model as JSON; the file is whole at every moment.
-
-        Parameters
-        ----------
-        path : path
-            Of the file, which is replaced.
-
-        Raises
-        ------
-        ModelFileError
-            If the file cannot be written.
-        InvalidArgumentError
-            If the input map is a Python function.
-        """
-        model_file.write(path, self.to_json())
 
     def __repr__(self) -> str:
         return notation.one_line(self)

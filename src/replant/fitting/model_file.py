@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
+from abc import ABC, abstractmethod
 from pathlib import Path
+from typing import Any, Self
 
 from replant.errors import ModelFileError
 from replant.fitting.model_json import LARGEST
@@ -12,6 +15,60 @@ from replant.numerics.limits import file_path
 from replant.numerics.operating_system import reason_of
 
 AnyPath = str | os.PathLike[str]
+
+
+class Written(ABC):
+    """A model that a file of JSON holds."""
+
+    def to_json(self) -> str:
+        """Return the model as one JSON object, whose entries the page JSON describes.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the input map is a Python function, which no file can hold.
+        """
+        return json.dumps(self._as_object(), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+
+    @classmethod
+    def from_json(cls, written: str | bytes) -> Self:
+        """Return the model that `to_json` has written, equal to the bit.
+
+        Parameters
+        ----------
+        written : str or bytes
+            What `to_json` has returned, or the content of a file of `save`.
+
+        Raises
+        ------
+        ModelFileError
+            If it is no such JSON, or of a newer version.
+        """
+        return cls._of_json(written)
+
+    def save(self, path: AnyPath) -> None:
+        """Write the model as JSON; the file is whole at every moment.
+
+        Parameters
+        ----------
+        path : path
+            Of the file, which is replaced.
+
+        Raises
+        ------
+        ModelFileError
+            If the file cannot be written.
+        InvalidArgumentError
+            If the input map is a Python function.
+        """
+        write(path, self.to_json())
+
+    @abstractmethod
+    def _as_object(self) -> dict[str, Any]: ...
+
+    @classmethod
+    @abstractmethod
+    def _of_json(cls, written: str | bytes) -> Self: ...
 
 
 def check_target(path: AnyPath) -> None:

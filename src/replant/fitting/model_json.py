@@ -51,16 +51,6 @@ STRUCTURE: dict[str, tuple[type, ...]] = {
 OF_PROVENANCE = ("method", "source", "sha256", "version", "date")
 
 
-def dumps(model: ModelFields | RowFields) -> str:
-    """Return a model as JSON, indented."""
-    return json.dumps(as_object(model), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-
-
-def dumps_rows(rows: Sequence[RowFields]) -> str:
-    """Return the rows of a model of several outputs as JSON, indented."""
-    return json.dumps(rows_object(rows), indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-
-
 def rows_object(rows: Sequence[RowFields]) -> dict[str, Any]:
     """Return the rows of a model of several outputs as an object of JSON."""
     return {"schema_version": OF_OUTPUTS, "rows": [as_object(row) for row in rows]}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate, n
 from replant.fitting import model_file, model_json
 from replant.fitting.fields import RowFields, has_rest
 from replant.fitting.model import Model, usual_interval
-from replant.fitting.model_file import AnyPath
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model import interop
@@ -31,7 +30,7 @@ from replant.verdict.verdict import Verdict, conclude
 UNSEEN = "the inputs explain no more of this record than the model says"
 
 
-class RowModel(RowFields):
+class RowModel(model_file.Written, RowFields):
     r"""An identified plant of several inputs and one output, in the units of its signals.
 
     .. math:: y = \mathrm{output\_level} + \sum_i G_i(s)\,(u_i - \mathrm{input\_levels}_i)
@@ -263,40 +262,12 @@ class RowModel(RowFields):
         """
         return interop.control_matrix([[g.to_control(pade) for g in self.transfer_functions]])
 
-    def to_json(self) -> str:
-        """Return the model as one JSON object, whose entries the page JSON describes."""
-        return model_json.dumps(self)
+    def _as_object(self) -> dict[str, Any]:
+        return model_json.as_object(self)
 
     @classmethod
-    def from_json(cls, written: str | bytes) -> RowModel:
-        """Return the model that `to_json` has written, equal to the bit.
-
-        Parameters
-        ----------
-        written : str or bytes
-            What `to_json` has returned, or the content of a file of `save`.
-
-        Raises
-        ------
-        ModelFileError
-            If it is no such JSON, or of a newer version.
-        """
+    def _of_json(cls, written: str | bytes) -> Self:
         return cls(**model_json.loads(written, model_json.OF_SEVERAL))
-
-    def save(self, path: AnyPath) -> None:
-        """Write the model as JSON; the file is whole at every moment.
-
-        Parameters
-        ----------
-        path : path
-            Of the file, which is replaced.
-
-        Raises
-        ------
-        ModelFileError
-            If the file cannot be written.
-        """
-        model_file.write(path, self.to_json())
 
     def __repr__(self) -> str:
         fit = "" if math.isnan(self.simulated_fit) else f", fit {self.simulated_fit:.1f} %"

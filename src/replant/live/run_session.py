@@ -57,6 +57,7 @@ class Plan:
     signals: SignalNames = UNNAMED  # names of input and output
     # seconds for which "trusted" may stand without an accepted sample; None: see `time_to_live`
     ttl: float | None = None
+    background: bool = False  # whether a second process solves the record again
 
 
 def run(plan: Plan) -> bool:
@@ -81,6 +82,9 @@ def run(plan: Plan) -> bool:
         if plan.record is not None:
             observer.show(f"replant: cut and fit it meanwhile: {_open_command(plan.record)}")
         reached = session.run()
+        if session.identifier.forced_waits:
+            waited = f"{session.identifier.forced_waits:,} times a sample waited for the second process"
+            observer.show(f"replant: {waited}: the record is solved again more slowly than samples come")
     view = observer.last or make_view(session.identifier, session.info, EstimateHistory(plan.request.structure.size))
     print_summary(view, plan.truth, to_stderr="-" in plan.sinks)
     return reached
@@ -105,7 +109,7 @@ def _session(
     resumed = identifier is not None
     return Session(
         source,
-        identifier or Identifier(**vars(plan.request)),
+        identifier or Identifier(**vars(plan.request), background=plan.background),
         disk_writer=disk_writer,
         notices=notices,
         observer=observer,
@@ -132,6 +136,10 @@ def _load_checkpoint(plan: Plan) -> tuple[Progress, Identifier | None, list[str]
         progress = Progress.of(loaded.progress)
     except DamagedCheckpointError as error:
         raise DamagedCheckpointError(f"{path}: {error}") from error
+    if plan.background and not loaded.identifier.background:
+        raise InvalidArgumentError(
+            f"--background: {path} goes on without a second process; leave it out, or begin anew"
+        )
     messages = [f"replant: {path}: continuing after {progress.taken:,} samples"]
     if loaded.used_previous:
         messages.insert(0, f"replant: {loaded.used_previous}; the previous checkpoint is used instead")

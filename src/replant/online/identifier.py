@@ -300,6 +300,11 @@ class Identifier(Lifecycle):
         start()
 
     @property
+    def background(self) -> bool:
+        """Whether a second Python computes what is due between samples."""
+        return self._background
+
+    @property
     def forced_waits(self) -> int:
         """How often a result of ``background`` was not there when it was due, since construction or `replant.load`."""
         return self._forced_waits
