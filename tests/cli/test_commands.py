@@ -14,6 +14,7 @@ import pytest
 
 import replant as rp
 from replant.cli import main
+from replant.cli.demo import SAMPLES
 from replant.model.transfer_function import TransferFunction
 from replant.rigs import DEAP, Rig
 from replant.signals import prbs
@@ -277,7 +278,9 @@ def test_defaults_identify_real_rigs(capsys, datasets: Path, name: str, command:
 
 
 @pytest.mark.usefixtures("unrendered")
-def test_demo_finds_the_actuator(capsys, tmp_path: Path) -> None:
+@pytest.mark.parametrize("samples", [140_000, pytest.param(SAMPLES, marks=pytest.mark.slow)])
+def test_demo_finds_the_actuator(capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, samples: int) -> None:
+    monkeypatch.setattr("replant.cli.demo.SAMPLES", samples)
     code, out, err = call(capsys, "demo", "--out", tmp_path)
     assert (code, err) == (0, "")
     assert {path.name for path in tmp_path.iterdir()} == {"fit.png", "parameters.png", "report.html"}

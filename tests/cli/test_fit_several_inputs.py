@@ -159,14 +159,14 @@ def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path)
 
 
 def test_a_range_is_searched_for_each_input_and_output(capsys: Any, log: Path, tmp_path: Path) -> None:
-    asked = ("-o", "T1", "-p", "1:2,1", "--zeros", "0,0", "--delay", "0,0:0.6:0.3", "--to", 60)
+    asked = ("-o", "T1", "-p", "1:2,1", "--zeros", "0,0", "--delay", "0,0:0.6:0.3", "--to", 40)
     code, out, _ = call(capsys, "fit", log, *NAMED[:4], *asked, "--out", tmp_path / "out")
     assert code == 0
     assert "chosen" in out
     assert "1, 1" in out
     assert "exp(-0.3 s)" in out
     assert "Structures tried" in (tmp_path / "out" / "report.html").read_text()
-    code, out, _ = call(capsys, "fit", log, "-i", "Q1", "-o", "T2", "-o", "T1", "-p", "1:2", "--to", 60, "--json")
+    code, out, _ = call(capsys, "fit", log, "-i", "Q1", "-o", "T2", "-o", "T1", "-p", "1:2", "--to", 40, "--json")
     whole = json.loads(out)
     assert [row["structure"][0]["poles"] >= 1 for row in whole["rows"]] == [True, True]
     assert [any(each["chosen"] for each in tried) for tried in whole["candidates"]] == [True, True]

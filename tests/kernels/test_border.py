@@ -184,6 +184,15 @@ def test_an_optimizer_whose_memory_is_too_small_is_refused(calls: list[Call]) ->
                 kernel(ints, *arguments[1:])
 
 
+def test_a_row_is_learned_with_a_diagonal_of_its_size(calls: list[Call]) -> None:
+    kernel, arguments = next(call for call in calls if call[0].name == "step.row.learn")
+    place = 9
+    assert arguments[place].size == arguments[7].size  # diagonal and delta
+    longer = np.concatenate([arguments[place], arguments[place]])
+    with pytest.raises(ValueError, match=r"step\.row\.learn: it must hold that .*diagonal\.size == delta\.size"):
+        kernel(*arguments[:place], longer, *arguments[place + 1 :])
+
+
 def test_a_simulation_with_intervals_below_nought_stays_within_its_inputs() -> None:
     n, size = 1, 50
     for intervals in (np.full(size, -0.1), np.zeros(size), np.linspace(1.0, -1.0, size), np.full(size, np.nan)):

@@ -85,3 +85,9 @@ def test_a_bad_file_is_refused_in_one_line(write: Write, text: str, message: str
         read_log(path, input="u", output="y", dt=1)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+def test_objects_are_looked_into_as_deep_as_it_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(jsonl, "DEEPEST", 2)
+    row = {"a": {"b": {"x": 1, "c": {"d": 2}}, "y": 3}}
+    assert dict(jsonl._items_of(row)) == {("a", "b", "x"): 1, ("a", "y"): 3}

@@ -15,6 +15,7 @@ from replant.errors import LogError
 from replant.logs import arrow, open_recording, read_log
 from replant.logs import csv as csv_logs
 from replant.logs import sampling_time as clock
+from replant.logs.recording import _cut
 from support.cases import every
 
 pytestmark = pytest.mark.usefixtures("read_here")
@@ -193,3 +194,8 @@ def test_where_there_is_no_room_for_a_long_log_it_is_said(tmp_path: Path, monkey
             monkeypatch.setattr(tempfile, "TemporaryFile", lambda **_: full)
             with pytest.raises(LogError, match=r"log\.csv: a long log is kept in .*\(No space left on device\)"):
                 open_recording(path, input="u", output="y", most_held=0)
+
+
+def test_a_part_that_begins_and_ends_between_two_blocks_has_no_empty_one() -> None:
+    blocks = [[np.arange(3.0 * k, 3.0 * k + 3.0)] for k in range(4)]
+    assert [part[0].tolist() for part in _cut(lambda _: iter(blocks), [0], 3, 9)] == [[3.0, 4.0, 5.0], [6.0, 7.0, 8.0]]

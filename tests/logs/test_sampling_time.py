@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.logs import open_recording, read_log
-from replant.logs.sampling_time import Clock, check_dt, clock_of, time_candidates, unit_in_seconds
+from replant.logs.sampling_time import Clock, check_dt, clock_of, time_candidates, unit_in_seconds, unit_of_stamps
 from replant.numerics.time_stamps import StampResolution, is_regular
 from support.cases import every
 
@@ -255,3 +255,8 @@ def test_resolution(values: list[float], step: float) -> None:
     resolution = StampResolution()
     resolution.add(np.array(values))
     assert resolution.step == step
+
+
+@every(("name", "core"), [("ticks", "ticks"), ("head.rig time", "rig_time"), ("at[0]", "at")])
+def test_the_name_that_states_a_unit_is_made_of_the_column_s_own(name: str, core: str) -> None:
+    assert f"name the column {core}_ms" in unit_of_stamps(name, 1000.0 * np.arange(5.0)).remedy

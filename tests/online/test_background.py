@@ -120,8 +120,8 @@ def test_saved_and_continued_equals_not_interrupted(
         copy.deepcopy,
         lambda one: pickle.loads(pickle.dumps(one)),
     )
-    for k in range(0, SAMPLES, 7):
-        ident.update_many(u[k : k + 7], y[k : k + 7])
+    for k in range(0, SAMPLES, 17):
+        ident.update_many(u[k : k + 17], y[k : k + 17])
         if ident._job is not None:
             pending += 1
             again = ways[pending % 3](ident)

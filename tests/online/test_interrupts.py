@@ -13,10 +13,11 @@ import pytest
 import replant as rp
 from replant.numerics.arguments import FloatArray
 from replant.online import company, revision
+from support.cases import examples
 from support.interrupts import interrupt
 
 DT = 0.1
-SAMPLES = 600
+SAMPLES = examples(600, 480)
 CONFIRMS = SAMPLES // 3 + 1  # the sample that confirms a leap of the input
 FIXED = {"filter": rp.StateVariableFilter(cutoff=1.0), "instruments": False, "startup": 20}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import pickle
 from pathlib import Path
 from typing import Any
@@ -239,3 +240,18 @@ def test_bad_outputs_are_left_out_where_the_record_is_solved() -> None:
     assert ident.model.simulated_fit == pytest.approx(whole.fit, abs=0.1)
     assert dict(ident.model.rejected)["outlier"] == 2
     assert ident.assess().status == "trusted"
+
+
+def test_an_input_that_a_controller_makes_is_named_before_the_record_is_solved_again() -> None:
+    r, noise = toggling(4, samples=1000), np.random.default_rng(4).standard_normal(1000)
+    u, y, state, error, a = r.copy(), np.zeros(1000), 0.0, 0.0, np.exp(-DT)
+    for k in range(1, 1000):
+        state = a * state + (1.0 - a) * u[k - 1, 0]
+        error = 0.95 * error + 0.1 * noise[k]
+        y[k] = state + error
+        u[k, 0] = r[k, 0] - 3.0 * y[k]
+    y += rp.TransferFunction([1.0], [1.0, 3.0]).simulate(u[:, 1].copy(), DT)
+    ident = rp.Identifier(poles=(1, 1), dt=DT)
+    ident.update_many(u, y)
+    ident._now = dataclasses.replace(ident._now, findings=())
+    assert any("input u1 answers to disturbances" in reason for reason in ident.assess().reasons)

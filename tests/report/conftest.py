@@ -16,7 +16,6 @@ from replant.online.runs.result import History, Result
 from replant.online.runs.run import run_online
 from replant.report.result_page import write_report
 from support.builders import with_model
-from support.cases import examples
 
 DT = 0.05
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 4.0])
@@ -149,10 +148,10 @@ def long_report(long_case: Case, tmp_path_factory: pytest.TempPathFactory) -> Pa
     return write_report(path, long_case.result, long_case.log, title="A million samples")
 
 
-@pytest.fixture(scope="session")
-def long_case() -> Case:
+@pytest.fixture(scope="session", params=[200_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+def long_case(request: pytest.FixtureRequest) -> Case:
     """A record of a million samples, in `make test` of a fifth of it, with a hole and a spike of one sample."""
-    u = steps(examples(1_000_000, 200_000))
+    u = steps(request.param)
     y = PLANT.simulate(u, DT) + 0.02 * np.random.default_rng(2).standard_normal(u.size)
     hole = 4 * u.size // 10
     y[hole : hole + 300] = np.nan

@@ -85,7 +85,7 @@ class Log:
     irregular: bool | None = None
     input_hold: str = "zoh"
     sha256: str = ""
-    others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict, repr=False)
+    others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     more_inputs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

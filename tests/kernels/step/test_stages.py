@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import replant as rp
 from replant.estimation.engine.state import State
 from replant.kernels import schema as at
 from replant.kernels.step import gradient
-from replant.kernels.step.stages import remember
+from replant.kernels.step.stages import KEEP_AFTER_LEAST, KEEP_AFTER_PART, remember
 from support.builders import is_finite
 from support.cases import every
 
@@ -184,3 +185,22 @@ def test_the_largest_sample_is_still_accepted() -> None:
     assert state.samples == 1
     assert np.isfinite(take(state, 1.0, 1.0))
     assert is_finite(state)
+
+
+@every(
+    "settings",
+    [
+        {"optimizer": rp.RecursiveLeastSquares(0.999)},
+        {"optimizer": rp.RecursiveLeastSquares(), "filter": rp.StateVariableFilter(2.0), "instruments": False},
+        {"optimizer": "amsgrad"},
+    ],
+)
+def test_an_estimate_is_kept_at_the_sample_at_which_it_is_due(settings: dict[str, Any]) -> None:
+    u = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 250), 8)
+    ident = rp.Identifier(rp.Structure(1), 0.05, startup=100, **settings)
+    ident.update_many(u, rp.TransferFunction([2.0], [1.0, 1.0]).simulate(u, 0.05))
+    state = ident._state
+    kept = np.sort(state.past[:, 0]).astype(int)
+    assert state.past_kept > len(kept) > 2
+    for before, sample in zip(kept, [*kept[1:], state.past_due], strict=True):
+        assert sample - before == min(max(before // KEEP_AFTER_PART, KEEP_AFTER_LEAST), state.past_step)

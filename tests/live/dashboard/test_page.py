@@ -27,6 +27,23 @@ from support.dashboard_pages import Page
 TOKEN = "a-token-of-some-length"
 
 
+@pytest.fixture(scope="module")
+def shared(browser, watched: tuple[Feed, Dashboard]) -> Iterator[Page]:
+    """One page for the tests that leave it as they found it."""
+    watched[0].settle()
+    page = Page(browser, watched[1].url)
+    yield page
+    page.close()
+
+
+@pytest.fixture
+def opened(shared: Page, feed: Feed) -> Iterator[Page]:
+    """The page, once it shows the feed as it is; it must not have complained by the end."""
+    shared.until(lambda: shared.text("samples") == f"{feed.taken:,}")
+    yield shared
+    assert shared.complaints == []
+
+
 # --- it moves, pauses, acts ---
 
 

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from starlette.datastructures import Headers
 
 from replant.errors import InvalidArgumentError
 from replant.live.dashboard import Dashboard, Hub, security, serve
@@ -76,6 +77,14 @@ def test_any_other_name_is_refused(dashboard: Dashboard, feed: Feed, line: str, 
 def test_two_hosts_or_none_are_refused(dashboard: Dashboard) -> None:
     assert ask(dashboard.port, "GET /", host=None)[0] == 400
     assert ask(dashboard.port, "GET /", "Host: evil.example")[0] in (400, 421)
+
+
+@pytest.mark.parametrize(("host", "known"), [("192.0.2.7:8710", True), ("192.0.2.8:8710", False), ("8710", False)])
+def test_the_address_that_a_request_came_to_is_a_name_of_the_server(host: str, known: bool) -> None:
+    """Of a server that listens at every address of the machine no list of names would have them all."""
+    guard = security.Guard(lambda *_: None, None, ())  # type: ignore[arg-type,return-value]
+    scope = {"type": "http", "method": "GET", "server": ("192.0.2.7", 8710), "headers": [(b"host", host.encode())]}
+    assert (guard._refusal(scope, Headers(scope=scope)) is None) == known
 
 
 # --- origin ---

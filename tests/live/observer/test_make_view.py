@@ -10,6 +10,7 @@ import pytest
 import replant as rp
 from replant.live.observer.make_view import POINTS, EstimateHistory, make_view
 from replant.live.observer.view import SessionInfo, SignalNames, View
+from replant.live.outputs.message import UNKNOWN
 from replant.verdict import simulate
 from support.cases import every
 from support.live_fakes import DT, PLANT, REQUEST, record
@@ -241,3 +242,9 @@ def test_the_mapped_input_is_named() -> None:
     view = make_view(squared, SessionInfo(), EstimateHistory(2), signals=SignalNames("voltage [kV]", "way [mm]"))
     assert (view.input_label, view.output_label) == ("voltage² [kV²]", "way [mm]")
     assert viewed(20).input_label == "input"
+
+
+def test_a_view_that_is_not_judged_trusts_nothing_and_its_model_does_not_either() -> None:
+    view = viewed(800).unjudged("nobody looks")
+    assert (view.verdict, view.excited, view.reasons) == (UNKNOWN, False, ("nobody looks",))
+    assert view.model["verdict"] == {"status": "converging", "excited": False, "reasons": ["nobody looks"]}

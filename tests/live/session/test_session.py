@@ -282,6 +282,21 @@ def test_commands_are_obeyed_and_one_that_cannot_be_is_said() -> None:
     assert session.progress.taken == u.size
 
 
+def test_what_a_command_changed_is_handed_over_as_what_samples_changed_is() -> None:
+    class Noting(FakeObserver):
+        def hand_over(self, identifier: rp.Identifier, info: Any, *, learned: bool) -> bool:
+            told.append(learned)
+            return super().hand_over(identifier, info, learned=learned)
+
+    told: list[bool] = []
+    session, observer = make(FakeSource(*record(10)), observer=Noting())
+    session._serve_outputs(0.0)
+    observer.ask("reset")
+    session._serve_outputs(0.0)
+    session._serve_outputs(0.0)
+    assert told == [False, True, False]
+
+
 # --- checkpoints
 
 

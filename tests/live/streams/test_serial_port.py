@@ -6,13 +6,15 @@ import builtins
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.streams import open_source
+from replant.live.streams import lines, open_source
 from support.boards import Board
+from support.cases import every
 from support.wires import Reading, csv, wait_until
 
 pytest.importorskip("serial", reason="pyserial is not installed")
@@ -119,3 +121,10 @@ def test_a_missing_package_names_its_extra(monkeypatch: pytest.MonkeyPatch, url:
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(MissingDependencyError, match=rf"{package}: pip install 'replant\[live\]'$"):
         open_source(url)
+
+
+@every(("ports", "words"), [((), "ports found: none;"), (("ttyB", "ttyA"), "ports found: ttyA, ttyB;")])
+def test_the_ports_that_exist_are_named(monkeypatch: pytest.MonkeyPatch, ports: tuple[str, ...], words: str) -> None:
+    found = [SimpleNamespace(device=name) for name in ports]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
+    assert words in lines.remedy("ttyUSB7")

@@ -318,3 +318,10 @@ def test_of_a_step_that_no_correlation_shows_a_first_model_is_made() -> None:
     found = first_model(u, y + 0.01 * np.random.default_rng(1).standard_normal(200), 0.5)
     assert found is not None
     assert (round(found.delay), round(found.time_constant)) == (3, 2)
+
+
+def test_where_neither_column_answers_either_may_be_the_input_unless_it_is_given(tmp_path: Path) -> None:
+    a, b = np.random.default_rng(0).standard_normal((2, 600))
+    path = save(tmp_path / "log.csv", {"t": DT * np.arange(600), "a": a, "b": b})
+    assert inspect(path).roles.either
+    assert not inspect(path, input="a").roles.either

@@ -31,7 +31,7 @@ from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, least_norm, quiet
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, quiet
 
 # a change in between loses a thirty-second of the samples that tell it
 BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
@@ -120,18 +120,31 @@ def _worst(score: FloatArray, white: FloatArray, size: int, begins: IntArray) ->
     both = np.column_stack([score, white])
     sums = [score[a:b].T @ both[a:b] for a, b in pairwise(edges)]
     since = np.cumsum(sums[::-1], axis=0)[::-1]
-    return max((_statistic(since[0], each, size), int(begin)) for each, begin in zip(since[1:], begins, strict=True))
+    statistics = _statistics(since[0], since[1:], size)
+    worst = len(statistics) - 1 - int(np.argmax(statistics[::-1]))  # of equal ones the last
+    return float(statistics[worst]), int(begins[worst])
 
 
-def _statistic(whole: FloatArray, since: FloatArray, size: int) -> float:
-    """Return g' C^-1 g of the first ``size`` scores since a sample, what the nuisances since explain projected out.
+def _statistics(whole: FloatArray, since: FloatArray, size: int) -> FloatArray:
+    """Return g' C^-1 g of the first ``size`` scores since each of some samples, less what the nuisances explain.
 
-    ``whole`` and ``since`` (T, T + 1) are the sums of zeta zeta' and of zeta w over all samples, and over those since.
+    ``whole`` (T, T + 1) and ``since`` (B, T, T + 1) are the sums of zeta zeta' and of zeta w over all samples, and over
+    those since each.  All are solved at once: of so few entries a call takes longer than its numbers.
     """
-    square, told = since[:, :-1], since[:, -1]
-    learned = least_norm(whole[:, :-1], np.column_stack([square, whole[:, -1]]), SAME)[0]
-    covariance, told = square - square @ learned[:, :-1], told - square @ learned[:, -1]
-    beside = least_norm(covariance[size:, size:], np.column_stack([covariance[size:, :size], told[size:]]), SAME)[0]
-    left = covariance[:size, :size] - covariance[:size, size:] @ beside[:, :-1]
-    rest = told[:size] - covariance[:size, size:] @ beside[:, -1]
-    return float(rest @ least_norm(left, rest, SAME)[0])
+    if not (np.isfinite(whole).all() and np.isfinite(since).all()):
+        return np.zeros(len(since))
+    square, told = since[..., :-1], since[..., -1:]
+    learned = _pseudo_inverse(whole[:, :-1])
+    left = np.concatenate([square - square @ (learned @ square), told - square @ (learned @ whole[:, -1:])], axis=-1)
+    scores, beside = left[:, :size], left[:, size:]
+    scores = scores - scores[..., size:-1] @ (_pseudo_inverse(beside[..., size:-1]) @ beside)
+    covariance, rest = scores[..., :size], scores[..., -1:]
+    return np.asarray((rest.mT @ (_pseudo_inverse(covariance) @ rest))[:, 0, 0])
+
+
+def _pseudo_inverse(matrices: FloatArray) -> FloatArray:
+    """Return the inverses (..., T, T) of least norm; zeros if none."""
+    try:
+        return np.asarray(np.linalg.pinv(matrices, rcond=SAME))
+    except np.linalg.LinAlgError:
+        return np.zeros_like(matrices)

@@ -27,7 +27,7 @@ KNOWN, LEARNED, REFUSED = range(3)
     "rows.shape[0] >= LAGS + errors.size and rows.shape[1] >= delta.size + 1",
     "measured.size >= errors.size and usual.size >= errors.size and 0 <= order <= LAGS",
     "models.shape[0] > LAGS and models.shape[1] > LAGS and powers.size > LAGS",
-    "factor.shape[0] >= delta.size and factor.shape[1] >= delta.size and diagonal.size >= delta.size",
+    "factor.shape[0] >= delta.size and factor.shape[1] >= delta.size and diagonal.size == delta.size",
     "counts.size >= 3 and 0 <= counts[KNOWN] <= LAGS and squares.size >= 1 and work.size >= 3 * delta.size + 1",
     "estimates.shape[0] >= errors.size and estimates.shape[1] <= delta.size",
 )
