@@ -95,8 +95,8 @@ def test_a_bad_range_is_one_line_and_exit_code_2(capsys, log: Path, arguments, w
     assert all(word in err for word in words), err
 
 
-def test_run_takes_no_range(capsys, log: Path) -> None:
+def test_compare_takes_no_range(capsys, log: Path) -> None:
     with pytest.raises(SystemExit) as stop:
-        main(["run", str(log), *COLUMNS, "--poles", "1:2"])
+        main(["compare", str(log), *COLUMNS, "--poles", "1:2"])
     assert stop.value.code == 2
     assert "replant fit" in capsys.readouterr().err

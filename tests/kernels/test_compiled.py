@@ -19,6 +19,7 @@ from replant.kernels.filters.series import fill_all_pole, fill_play
 from replant.kernels.monitoring import interruptions, scatter
 from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import LAGS
+from replant.kernels.step.bank import weigh
 from replant.kernels.step.row import REFUSED, learn
 from replant.kernels.step.soundness import is_sound
 from replant.kernels.step.stages import regressors
@@ -258,6 +259,25 @@ def check_row() -> None:
 
 
 @once
+def check_bank() -> None:
+    """Check the weights of a bank, with a member that takes no part, a sample that is missing, and outliers."""
+    errors = np.random.default_rng(6).standard_normal((300, 3))
+    errors[50, 1], errors[60], errors[200:210], errors[:, 2] = np.nan, 1e3, 1e2, np.nan
+
+    def work() -> tuple[Any, ...]:
+        size, weights, counts, logs = LAGS + 1, np.zeros(3), np.zeros(3, np.int64), np.zeros((300, 3))
+        past, sums, models, variances = np.zeros((3, size)), *np.zeros((2, 3, size, size)), np.ones((3, size))
+        models[:, :, 0], orders, numbers = 1.0, np.zeros(3, np.int64), np.zeros(1)
+        weigh(
+            errors, np.array([1, 1, 0]), 0.999, 1e-12, np.array([-1.0, -2.0, -3.0]), weights, past, sums, models,
+            variances, orders, numbers, counts, logs, np.zeros(42),
+        )  # fmt: skip
+        return weights, past, sums, models, variances, orders, numbers, counts, logs
+
+    check(work)
+
+
+@once
 def check_simulation(delay: float, straight: bool, regular: bool) -> None:
     """Check the simulation of a model."""
     from replant.model.response import Response
@@ -285,6 +305,7 @@ def test_the_other_kernels_leave_the_same_bits() -> None:
     check_model()
     check_series()
     check_row()
+    check_bank()
 
 
 @every("delay", [0.0, 0.033])
@@ -309,6 +330,7 @@ def test_every_function_that_is_translated_has_been_compared(monkeypatch: pytest
     check_model()
     check_series()
     check_row()
+    check_bank()
     check_simulation(0.033, False, False)
     check_simulation(0.033, True, True)
     missing = {function for function, _ in program.functions if function.__code__ not in REACHED}

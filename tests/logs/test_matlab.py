@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import struct
 import sys
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,6 +15,7 @@ import scipy.io
 
 from replant.errors import LogError
 from replant.logs import read_columns, read_log
+from replant.logs.hdf5 import _unpacked_size
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -185,3 +188,11 @@ def test_an_object_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     path.write_bytes(alone)
     with pytest.raises(LogError, match=message):
         read_columns(path)
+
+
+def test_a_packed_element_is_as_long_as_what_it_holds_and_no_byte_behind_it_counts() -> None:
+    content = np.random.default_rng(0).integers(0, 4, 700_000, np.uint8).tobytes()
+    packed = zlib.compress(content)
+    assert _unpacked_size(io.BytesIO(packed + packed), len(packed)) == len(content)
+    assert _unpacked_size(io.BytesIO(packed[:1000]), len(packed)) < len(content)  # the file ends before
+    assert _unpacked_size(io.BytesIO(packed), 0) == 0

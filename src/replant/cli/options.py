@@ -109,6 +109,7 @@ def _lines() -> Any:
     return Lines(disable=True)
 
 
+STRUCTURE = "poles", "zeros", "delay"
 MOST_OFF = 0.1  # difference of the usual interval from --dt that jitter makes [part of the sampling time]
 
 BIAS = flag("--bias", "Also identify a constant added to the output of G(s).")
@@ -149,7 +150,7 @@ _REFERENCE = click.option(
 )
 _STRUCTURE = structure_options("Number of poles.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]")
 _EACH = structure_options(
-    "Number of poles; of several inputs of each: 2,1.",
+    "Number of poles, or a range such as 1:4, which learn side by side; of several inputs of each: 2,1.",
     "Number of zeros, likewise.  [default: 0]",
     "Dead time in s, likewise.  [default: 0]",
 )
@@ -274,16 +275,32 @@ def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) 
 def structure_of(options: dict[str, Any]) -> Structure:
     """Return the one structure that the options describe, of one input; an impossible one is refused."""
     check_one_input(options)
-    for name in ("poles", "zeros", "delay"):
+    for name in STRUCTURE:
         if len(options[name] or (0,)) > 1:
             raise InvalidArgumentError(f"--{name} must be one number here; `replant fit` searches a range")
     zeros = options["zeros"][0] if options["zeros"] else 0
     return Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
 
 
+def are_ranges(options: dict[str, Any]) -> bool:
+    """Return whether poles, zeros or dead time of one input are a range."""
+    return any(len(options[name] or ()) > 1 and not isinstance(options[name], Each) for name in STRUCTURE)
+
+
+def structures_of(options: dict[str, Any]) -> list[Structure]:
+    """Return the structures that ranges describe, but for impossible ones."""
+    check_one_input(options)
+    if options["feedthrough"]:
+        raise InvalidArgumentError("a range of structures is taken without --feedthrough: give one number of each")
+    pairs = [(n, m) for n in options["poles"] for m in options["zeros"] or (0,) if m < n]
+    if not pairs:
+        raise InvalidArgumentError("--zeros must be fewer than --poles")
+    return [Structure(n, m, delay, options["bias"]) for n, m in pairs for delay in options["delay"]]
+
+
 def check_one_input(options: dict[str, Any]) -> None:
     """Raise InvalidArgumentError where poles, zeros or dead time are those of several inputs."""
-    for name in ("poles", "zeros", "delay"):
+    for name in STRUCTURE:
         if isinstance(options[name], Each):
             raise InvalidArgumentError(
                 f"--{name} has {len(options[name])} numbers, and there is one input: name the others, each with -i"

@@ -14,6 +14,7 @@ import click
 from replant.cli.option_types import path_option
 from replant.cli.options import (
     OPTIMIZER,
+    are_ranges,
     check_one_input,
     log_options,
     preprocess_of,
@@ -23,17 +24,21 @@ from replant.cli.options import (
     request_of,
     search_options,
     structure_of,
+    structures_of,
 )
 from replant.cli.output import Keeping, deliver, keeping_options, make_folder
 from replant.cli.rows import are_several, as_one, identify_rows, passed_over
 from replant.cli.rows import fitted as fitted_rows
 from replant.cli.terminal import Choice
+from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.estimation.simulation.fitted_run import FITTED
 from replant.fitting.fit import METHODS, fit
 from replant.fitting.fit_result import FitResult
 from replant.fitting.structure_search import SearchResult, search
 from replant.logs import Log, Recording
+from replant.model.structure import Structure
+from replant.online.bank_weights import MOST
 from replant.online.runs.full_trace import FullTrace
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
@@ -53,6 +58,9 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
 
     Settings that no option gives are chosen from the data, and printed as Python code.  LOG may be larger than memory.
 
+    With a range, as in -p 1:4, up to ten structures learn side by side.  Of those that are trusted the most probable
+    one is served, given what each predicted of the samples; --json has structures, each with its weight, and leads.
+
     Several inputs, each with -i, give a transfer function from each, as `replant fit` does: -p 2,1 --delay 0,0.3.
     Several outputs, each with -o, give a row of these each.
     """
@@ -68,11 +76,15 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
                 bar.reset(task, description=stage)
             bar.update(task, completed=done, total=total)
 
+        possible = _side_by_side(options | {"full_trace": full_trace}) if are_ranges(options) else []
+        for first in possible[:1]:
+            options |= {"poles": (first.poles,), "zeros": (first.zeros,), "delay": (first.delay,)}
+        structures = possible if len(possible) > 1 else []
         recording = recording_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
         make_folder(out)
         stages = partial(_with_total, progress, recording.samples)
-        result = _run(recording, request, full_trace, startup, stages)
+        result = _run(recording, request, full_trace, startup, stages, structures)
     shown = result.overview
     log = recording.held
     if shown is not None:
@@ -81,7 +93,21 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
     result = judged_by_log(result, log)
     if full_trace is not None and not as_json:
         click.echo(f"wrote {full_trace}")
-    deliver(result, log, keeping, as_json=as_json, out=out)
+    if structures and not as_json:
+        click.echo(comparison.weights_in_words(result))
+    more = comparison.weights_as_json(result) if structures else {}
+    deliver(result, log, keeping, as_json=as_json, out=out, more=more)
+
+
+def _side_by_side(options: dict[str, Any]) -> list[Structure]:
+    """Return the structures of a range, and refuse what they do not take."""
+    for name, usual in (("optimizer", "auto"), ("full_trace", None)):
+        if options[name] != usual:
+            raise InvalidArgumentError(f"a range of structures takes no --{name.replace('_', '-')}: leave it out")
+    found = structures_of(options)
+    if len(found) > MOST:
+        raise InvalidArgumentError(f"at most {MOST} structures learn side by side, got {len(found)}: use replant fit")
+    return found
 
 
 def _with_total(progress: Callable[[str, int, int], None], total: int, stage: str, done: int) -> None:
@@ -94,11 +120,14 @@ def _run(
     full_trace: Path | None,
     startup: int | None,
     progress: Callable[[str, int], None],
+    structures: list[Structure],
 ) -> Result:
     newest = None if recording.held is not None else FITTED
     with nullcontext() if full_trace is None else FullTrace(full_trace, recording.dt) as trace:
         sink = (lambda rows: None) if trace is None else trace.take
-        return run_source(request, recording, progress, sink, newest, startup, recording.irregular)
+        return run_source(
+            request, recording, progress, sink, newest, startup, recording.irregular, structures=structures
+        )
 
 
 @click.command(name="fit")

@@ -126,8 +126,14 @@ class Evidence:
         explained = self._explained(structure.delay)
         if not (np.isfinite(error).all() and explained.any()):
             return None
-        numbers = structure.size + structure.poles + bool(structure.delay)
-        return Trial(structure, found, *self.judged(error, explained, numbers))
+        return Trial(structure, found, *self.judged(error, explained, numbers_of(structure)))
+
+    @quiet
+    def of_error(self, structure: Structure, error: FloatArray) -> tuple[float, Autoregression]:
+        """Return the evidence of a model that leaves an error (K,), and the autoregression of that."""
+        explained = self._explained(structure.delay)
+        likelihood, price, _ = self.judged(error, explained, numbers_of(structure))
+        return likelihood - price, self._noise(error, explained)
 
     def judged(self, error: FloatArray, explained: BoolArray, numbers: int) -> tuple[float, float, float]:
         """Return the log-likelihood of all samples by a model's error (K,), its price, and its fit in percent."""
@@ -169,17 +175,25 @@ class Evidence:
 
     def _densities(self, error: FloatArray, explained: BoolArray) -> tuple[FloatArray, int]:
         """Return the log-densities (K,) of an error (K,) under an autoregression of its own, and its order."""
-        known = replace(self.record, measured=explained).predecessors
-        power = float(error[explained] @ error[explained])
-        noise = Autoregression.white(power, error.size)
-        if power > self._least * error.size:
-            noise = Autoregression.of_residual(error, known, error.size)
+        known, noise = replace(self.record, measured=explained).predecessors, self._noise(error, explained)
         white = noise.whiten_known(error, known)
         variance = max(float(np.mean(white[explained] ** 2)), self._least, np.finfo(float).tiny)
         # a sample with a shorter past is known less well
         power = max(float(noise.powers[noise.order]), np.finfo(float).tiny)
         wider = np.maximum(noise.powers[np.minimum(known, noise.order)] / power, 1.0)
         return -0.5 * (white**2 / variance + np.log(2.0 * math.pi * variance * wider)), noise.order
+
+    def _noise(self, error: FloatArray, explained: BoolArray) -> Autoregression:
+        power = float(error[explained] @ error[explained])
+        if power > self._least * error.size:
+            known = replace(self.record, measured=explained).predecessors
+            return Autoregression.of_residual(error, known, error.size)
+        return Autoregression.white(power, error.size)
+
+
+def numbers_of(structure: Structure) -> int:
+    """Return how many numbers are fitted: coefficients, a dead time, the initial state."""
+    return structure.size + structure.poles + bool(structure.delay)
 
 
 def is_asked_for(verdict: Assessment, structure: Structure) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Sequence
 from inspect import Signature, signature
 from typing import TYPE_CHECKING, Any
 
@@ -59,8 +60,9 @@ class Identifier(Lifecycle):
 
     Parameters
     ----------
-    structure : Structure
-        Or ``poles``, ``zeros`` and ``delay`` in its place.
+    structure : Structure or list of Structure
+        Or ``poles``, ``zeros`` and ``delay`` in its place.  Those of a list learn side by side, see
+        `replant.online.bank.Bank`.
     dt : float
         Sampling time in s.
     poles, zeros : int or tuple of int
@@ -145,7 +147,13 @@ class Identifier(Lifecycle):
     """
 
     def __new__(cls, *args: Any, **given: Any) -> Any:
-        """Return an identifier; of several inputs one of its own kind."""
+        """Return an identifier; of several inputs, or of several structures, one of its own kind."""
+        structure = args[0] if args else given.get("structure")
+        if cls is Identifier and isinstance(structure, list | tuple):
+            from replant.online.bank import Bank, asked_for
+
+            more = given | dict(zip(("dt",), args[1:], strict=False))
+            return Bank([Identifier(**each) for each in asked_for(structure, more)])
         orders = (given.get(name) for name in ("poles", "zeros", "delay"))
         if cls is Identifier and any(isinstance(each, list | tuple) for each in orders):
             named = zip(("structure", "dt"), args, strict=False)
@@ -155,7 +163,7 @@ class Identifier(Lifecycle):
     @in_our_words
     def __init__(
         self,
-        structure: Structure | None = None,
+        structure: Structure | Sequence[Structure] | None = None,
         dt: float | None = None,
         *,
         poles: int | tuple[int, ...] | None = None,
@@ -172,8 +180,8 @@ class Identifier(Lifecycle):
         history: int = STORED,
         background: bool = False,
     ) -> None:
-        wanted: tuple[Any, Any, Any] = poles, zeros, delay
-        structure = Structure.wanted(structure, *wanted)
+        wanted: tuple[Any, Any, Any, Any] = structure, poles, zeros, delay  # lists are of another kind, see `__new__`
+        structure = Structure.wanted(*wanted)
         if dt is None:
             raise ArgumentTypeError("give the sampling time in s, dt: Identifier(poles=2, dt=0.01)")
         self._request = Request(
@@ -260,8 +268,14 @@ class Identifier(Lifecycle):
 
     @classmethod
     def _of(cls, attributes: dict[str, Any]) -> Any:
-        from replant.online.checkpoint.encoding import ROW
+        from replant.online.checkpoint.encoding import BANK, ROW
         from replant.online.row_saving import restored as row
+
+        if BANK in attributes:
+            from replant.online.bank import Bank
+            from replant.online.bank_saving import restored as bank
+
+            return Bank._with(*bank(attributes, cls.from_bytes))
 
         if ROW in attributes:
             return RowIdentifier._with(row(attributes))

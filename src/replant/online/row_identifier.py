@@ -143,10 +143,10 @@ class RowIdentifier(Shared):
     @reads
     def to_bytes(self, progress: Progress | None = None) -> bytes:
         """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes."""
-        from replant.online.checkpoint.encoding import encode_row
+        from replant.online.checkpoint.encoding import ROW, encode_other
         from replant.online.row_saving import parts_of
 
-        return encode_row(*parts_of(self._now), progress)
+        return encode_other(ROW, *parts_of(self._now), progress)
 
     def update(self, u: Any, y: float, t: float | None = None, r: None = None) -> float:
         """Take one sample; return its a-priori output error, in the unit of y.

@@ -10,6 +10,7 @@ from replant.fitting.model_json import finite, verdict_object
 from replant.fitting.search_result import Candidate, SearchResult
 from replant.fitting.validation import Validation
 from replant.model.structure import Structure
+from replant.online.runs.result import Result
 from replant.online.runs.run_log import Contender, best
 from replant.plotting.numbers import percent, uncertain
 from replant.report.findings import BAD, COLOURS, GOOD, findings, without_reasons
@@ -151,6 +152,33 @@ def _object(candidate: Candidate, *, chosen: bool) -> dict[str, Any]:
         "criterion": finite(candidate.criterion),
         "chosen": chosen,
     }
+
+
+def weights_in_words(result: Result) -> str:
+    """Return a line on structures that learned side by side, and one on which of them was served, and since when."""
+    weights = ", ".join(f"{_in_words(each)} {weight:.3f}" for each, weight in result.weights)
+    served = "; ".join(f"from sample {each.taken:,} on {_in_words(each.structure)}" for each in result.leads)
+    return f"Weights: {weights}\nServed: {served or 'none'}"
+
+
+def _in_words(structure: Structure) -> str:
+    delay = f" {structure.delay:g} s" if structure.delay else ""
+    return f"poles {structure.poles} zeros {structure.zeros}{delay}"
+
+
+def weights_as_json(result: Result) -> dict[str, Any]:
+    """Return what JSON has of structures that learned side by side."""
+    return {
+        "structures": [_orders(structure) | {"weight": weight} for structure, weight in result.weights],
+        "leads": [
+            {"taken": lead.taken, **_orders(lead.structure), "weight": lead.weight, "status": lead.status}
+            for lead in result.leads
+        ],
+    }
+
+
+def _orders(structure: Structure) -> dict[str, Any]:
+    return {"poles": structure.poles, "zeros": structure.zeros, "delay": structure.delay}
 
 
 def print_candidates(console: Any, found: SearchResult) -> None:

@@ -63,7 +63,8 @@ ATTRIBUTES: dict[str, type | tuple[type, ...]] = {
 }
 STATE = "_state"  # the attribute that is stored as arrays
 
-ROW = "row"  # the header's entry of an identifier of several inputs, in the place of its attributes
+#: The header's entry of an identifier of several inputs, and of several structures, in the place of its attributes.
+OTHERS = ROW, BANK = "row", "bank"
 #: The header's entries.
 HEADER = LAYOUT, ATTRIBUTE, PROGRESS, ARRAYS = "layout", "attributes", "progress", "arrays"
 BACKGROUND = "background"  # whether a job is pending; only where there may be one
@@ -112,11 +113,13 @@ def _written(state: State, names: Sequence[str]) -> tuple[dict[str, Any], dict[s
     return arrays, {name: array[: _rows_in_use(array[: written[name]])] for name, array in arrays.items()}
 
 
-def encode_row(plain: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]], progress: Progress | None) -> bytes:
-    """Return the bytes of an identifier of several inputs: values in terms of JSON, and arrays of any names."""
+def encode_other(
+    kind: str, plain: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]], progress: Progress | None
+) -> bytes:
+    """Return the bytes of an identifier of another kind: values in terms of JSON, and arrays of any names."""
     written = {name: np.asarray(array, "<i8" if array.dtype.kind == "i" else FLOAT) for name, array in arrays.items()}
     shapes = [[name, array.dtype.str, list(array.shape)] for name, array in written.items()]
-    return _sealed({ROW: plain, PROGRESS: _checked(progress), ARRAYS: shapes, LAYOUT: layout_of_state()}, written)
+    return _sealed({kind: plain, PROGRESS: _checked(progress), ARRAYS: shapes, LAYOUT: layout_of_state()}, written)
 
 
 def _sealed(content: dict[str, Any], arrays: Mapping[str, np.ndarray[Any, Any]]) -> bytes:
@@ -231,8 +234,9 @@ def _finite(text: str) -> float:
 
 def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     """Return the content that header and arrays describe; settings are checked first, then sizes, then numbers."""
-    if ROW in header:
-        return _row(header, body)
+    for entry in OTHERS:
+        if entry in header:
+            return _other(entry, header, body)
     if set(header) - {BACKGROUND} != set(HEADER) or type(header.get(BACKGROUND, False)) is not bool:
         raise DamagedCheckpointError("its header has other entries")
     attributes = {name: from_plain(plain) for name, plain in header[ATTRIBUTE].items()}
@@ -256,9 +260,9 @@ def _contents(header: dict[str, Any], body: memoryview) -> Contents:
     return Contents(attributes, _checked(progress))
 
 
-def _row(header: dict[str, Any], body: memoryview) -> Contents:
-    """Return the content that header and arrays of an identifier of several inputs describe."""
-    if set(header) != {ROW, PROGRESS, ARRAYS, LAYOUT}:
+def _other(entry: str, header: dict[str, Any], body: memoryview) -> Contents:
+    """Return the content that header and arrays of an identifier of another kind describe."""
+    if set(header) != {entry, PROGRESS, ARRAYS, LAYOUT}:
         raise DamagedCheckpointError("its header has other entries")
     if header[LAYOUT] != layout_of_state():
         raise DamagedCheckpointError("it is of another version of replant, in which the state has another layout")
@@ -271,7 +275,7 @@ def _row(header: dict[str, Any], body: memoryview) -> Contents:
         begin = end
     if begin != len(body):
         raise DamagedCheckpointError(f"its arrays are declared as {begin} bytes, but it holds {len(body)}")
-    return Contents({ROW: header[ROW], ARRAYS: arrays}, _checked(header[PROGRESS]))
+    return Contents({entry: header[entry], ARRAYS: arrays}, _checked(header[PROGRESS]))
 
 
 def _state(

@@ -6,6 +6,7 @@ import math
 import time
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,9 @@ from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.online.runs.thinning import Overview
 from replant.verdict import Assessment, Simulation
+
+if TYPE_CHECKING:
+    from replant.online.bank_weights import Lead
 
 KNOTS = 36_000  # stamps kept of a record that is too long for memory: as many as its overview has points [count]
 
@@ -188,6 +192,10 @@ class Result:
         Whether an online run ended with `Identifier.finish`.
     clock : Clock or None
         When the samples were taken; None for a regular clock.
+    weights : tuple
+        Of structures that learned side by side: each, and its probability.
+    leads : tuple of Lead
+        Which of them was served, and since when.
     """
 
     model: Model
@@ -203,6 +211,8 @@ class Result:
     left_out: IntArray = field(default_factory=NONE.copy)
     finished: bool = False
     clock: Clock | None = None
+    weights: tuple[tuple[Structure, float], ...] = ()
+    leads: tuple[Lead, ...] = ()
 
     def clock_of(self, dt: float) -> Clock:
         """Return the clock of the record, whose sampling time is ``dt`` s."""

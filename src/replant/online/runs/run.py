@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -17,8 +17,10 @@ from replant.estimation.simulation.stretches import (
     stretches_of,
 )
 from replant.model.preprocess import screen
+from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.linear_algebra import quiet
+from replant.online.bank import Bank, asked_for
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
 from replant.online.runs.result import KNOTS, ClockRecorder, History, Result
@@ -64,6 +66,7 @@ def run_source(
     startup: int | None = None,
     irregular: bool = False,
     with_history: bool = True,
+    structures: Sequence[Structure] = (),
 ) -> Result:
     """Identify a record of any length in one pass; a second pass simulates the model and computes its fits.
 
@@ -71,31 +74,41 @@ def run_source(
 
     With instruments, the start-up is a tenth of the record, at most 20000 samples.  Without them, the settings left at
     "auto" are chosen beforehand from the first million samples.
+
+    Several ``structures``, in place of the request's, learn side by side, see `Bank`; the result is that of the lead.
     """
     begun = time.perf_counter()
-    identifier = _identifier(request, source, startup, irregular=irregular)
-    history = _History(source.samples, request.structure.size) if with_history else None
-    bridged = _Bridged(identifier)
+    given = asked_for(structures, {}) if structures else [{"structure": request.structure}]
+    requests = [dataclasses.replace(request, **each) for each in given]
+    members = [_identifier(each, source, startup, irregular=irregular) for each in requests]
+    bank = Bank(members) if structures else None
+    histories = [_History(source.samples, each.structure.size) for each in members] if with_history else []
+    all_bridged = [_Bridged(each) for each in members]
+    dt = members[0].dt
     chunk = min(CHUNK, max(1, source.samples // BANDS))
     done, stamped = 0, _needs_stamps(request, source)
     for batch in batched(source.batches(), FITTED):
         u, y, r, t = _signals(batch, irregular=irregular)
         for start in range(0, u.size, chunk):
             piece = slice(start, start + chunk)
-            regular = np.asarray(identifier.dt * np.arange(done, done + u[piece].size)) if stamped else None
+            regular = np.asarray(dt * np.arange(done, done + u[piece].size)) if stamped else None
             stamps = regular if t is None else t[piece]
-            trace = identifier.update_many(u[piece], y[piece], stamps, None if r is None else r[piece])
-            bridged.take(u[piece], y[piece])
-            if history is not None:
-                history.take(trace, identifier.uncertainty.std)
-            sink(trace)
-            done += len(trace)
+            samples = u[piece], y[piece], stamps, None if r is None else r[piece]
+            traces = (members[0].update_many(*samples),) if bank is None else bank.update_many(*samples).members
+            for each in all_bridged:
+                each.take(u[piece], y[piece])
+            for member, trace, history in zip(members, traces, histories, strict=False):
+                history.take(trace, member.uncertainty.std)
+            sink(traces[0])
+            done += len(traces[0])
             progress(IDENTIFYING, done)
-    finished = startup is None or identifier.settings is None
+    finished = startup is None or all(each.settings is None for each in members)
     if finished:
-        identifier.finish()
-        if history is not None:
-            history.end(identifier.parameters, identifier.uncertainty.std)
+        (members[0] if bank is None else bank).finish()
+    lead = 0 if bank is None else bank.lead
+    identifier, bridged, kept = members[lead], all_bridged[lead], histories[lead] if histories else None
+    if finished and kept is not None:
+        kept.end(identifier.parameters, identifier.uncertainty.std)
     bridged.note()
     bridged.note_again()
     settings, verdict = identifier.settings, identifier.assess()
@@ -107,8 +120,10 @@ def run_source(
     return Result(
         model_of(identifier, simulation, tested.score.one_step, verdict), tested.score.one_step, simulation,
         identifier.samples, identifier.rejected, verdict, time.perf_counter() - begun, settings,
-        None if history is None else history.history, tested.record.overview(tested.score.shift),
+        None if kept is None else kept.history, tested.record.overview(tested.score.shift),
         np.concatenate(tested.left_out), finished, tested.clock.clock,
+        () if bank is None else tuple(zip(bank.structures, bank.weights.tolist(), strict=True)),
+        () if bank is None else bank.leads,
     )  # fmt: skip
 
 

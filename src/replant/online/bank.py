@@ -1,0 +1,540 @@
+"""Bank: a handful of structures that learn side by side, and which of them is served; `Identifier(structure=[...])`.
+
+The members are ordinary identifiers.  Their weights are looked at every `LOOKED` samples.  Where the record has grown
+by half, and where another member has become the most probable one, the most probable members are judged: the first one
+that is trusted leads, and where none is, the most probable one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.filters import RefinedFilter
+from replant.estimation.settings import AUTO, STORED
+from replant.fitting.model import Model
+from replant.fitting.structure_evidence import numbers_of
+from replant.model.noise import NoiseModel
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import FloatArray, IntArray, record, whole
+from replant.numerics.levels import ALPHA
+from replant.online.bank_weights import EVENTS, MOST, Lead, Weights
+from replant.online.change_response import AGAIN
+from replant.online.estimate import Estimate
+from replant.online.trace import Trace
+from replant.online.turns import Shared, Turn, changes, reads
+from replant.verdict import Assessment
+
+if TYPE_CHECKING:
+    from replant.online.checkpoint.encoding import Progress
+    from replant.online.checkpoint.files import AnyPath
+
+# a call of a member then takes some ten times as long as its overhead
+LOOKED = 512  # samples between two looks at the weights [samples]
+LEAST = 4  # samples of a record that the weights begin with, at the least [count for each unknown]
+#: What the members of a bank choose from the data, so that their predictions compare.
+CHOSEN = "scaling", "optimizer", "replay", "instruments", "normalize", "background"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BankTrace:
+    """The course of a chunk of K samples, M members learning side by side.
+
+    Attributes
+    ----------
+    members : tuple of Trace
+        Of each member, as `Identifier.update_many` of it alone returns it.
+    weights : (K, M) array
+        After each sample.
+    lead : (K,) array of int
+        Number of the member that was served after each sample.
+    """
+
+    members: tuple[Trace, ...]
+    weights: FloatArray
+    lead: IntArray
+
+    def __len__(self) -> int:
+        return self.lead.size
+
+    def __repr__(self) -> str:
+        newest = ", ".join(f"{each:.3g}" for each in self.weights[-1].tolist()) if len(self) else "none"
+        return f"<BankTrace of {len(self):,} samples: weights {newest} after the last>"
+
+    @property
+    def errors(self) -> FloatArray:
+        """A-priori output errors (K, M) of the members, in the unit of y."""
+        return np.column_stack([each.errors for each in self.members])
+
+
+class Bank(Shared):
+    r"""Identify G(s) of a structure that is not known, online; what `Identifier` makes of a list of structures.
+
+    The weight of a structure is its probability, given the samples so far,
+
+    .. math:: w_i \propto w_i^\lambda\, p_i^{1 - \lambda}\; p(y_k \mid y_{k-1}, \ldots, i),
+
+    by what each member predicts before it learns a sample, its residual whitened by an autoregression of its own:
+    dynamic model averaging.  The prior p_i pays for each number that is fitted.  While the record is shorter than the
+    memory of 10000 samples, the weights begin anew with its evidence, each time that it has grown by half.
+
+    Parameters
+    ----------
+    structure : sequence of Structure
+        From two to ten, each another one.
+    dt, filter, preprocess, startup, history : as of `Identifier`
+        The same for all; ``history`` from 10000 to 30000.
+
+    Raises
+    ------
+    InvalidArgumentError, ArgumentTypeError
+        For an argument that cannot be used; the message names it.
+
+    Notes
+    -----
+    A member has the same bits as an identifier of its structure alone.  What is served, as `model` and
+    `transfer_function`, is that of one member: of those whose weight is at least 1e-4, the most probable one that is
+    trusted, and where none is, the most probable one.  It is chosen each time that the record has grown by half, later
+    every 5000 samples, and where another member has become ten thousand times as probable as the one before, which is
+    looked for every 512 samples; in between it stays.  A sample that no member explains is an outlier, and counts for
+    nobody.
+
+    References
+    ----------
+    Raftery, Karny and Ettler (2010), "Online prediction under model uncertainty via dynamic model averaging",
+    Technometrics 52.
+
+    Examples
+    --------
+    >>> from replant import Identifier
+    >>> from replant.signals import prbs, white_noise
+    >>> u = prbs(3000, hold=8)
+    >>> y = Structure(2).transfer_function([4.0, 3.0, 2.0]).simulate(u, 0.05) + white_noise(3000, 0.02)
+    >>> bank = Identifier(structure=[Structure(poles) for poles in (1, 2, 3)], dt=0.05)
+    >>> trace = bank.update_many(u, y)
+    >>> bank.structure.poles, bank.assess().status, bool(bank.weights[1] > 0.9)
+    (2, 'trusted', True)
+    """
+
+    def __init__(self, members: Sequence[Any]) -> None:
+        self._turn, self._members = Turn(), tuple(members)
+        self._begin_again()
+
+    def _begin_again(self) -> None:
+        first = max(each.request.first_hold for each in self._members)
+        vars(self).update(
+            _weights=Weights.of(self.structures), _held=[], _chunk=None, _taken=0, _due=first, _stop=min(first, LOOKED),
+            _origin=0, _ready=0, _likeliest=0, _lead=0, _leads=(), _adapts=True,
+        )  # fmt: skip
+
+    _members: tuple[Any, ...]  # identifiers
+    _weights: Weights  # after all samples but those of `_held`
+    _held: list[list[float]]  # errors of single samples since then
+    _chunk: tuple[Any, ...] | None  # u, y, t and r that are being taken
+    _taken: int
+    _due: int  # samples at which members are judged again
+    _stop: int  # samples at which the weights are looked at
+    _origin: int  # accepted samples before the change that the most probable member believes in
+    _ready: int  # members that had begun by then
+    _likeliest: int
+    _lead: int
+    _leads: tuple[Lead, ...]
+    _adapts: bool
+
+    @changes
+    def reset(self) -> None:
+        """Forget every sample and begin again."""
+        self._begin_again()
+        for member in self._members:
+            member.reset()
+
+    @reads
+    def clone(self) -> Bank:
+        """Return an independent copy in the same state."""
+        return self._with([member.clone() for member in self._members], self._state)
+
+    __copy__ = clone
+
+    def __deepcopy__(self, memo: Any) -> Bank:
+        return self.clone()
+
+    @reads
+    def __getstate__(self) -> dict[str, Any]:
+        return {"_members": tuple(member.clone() for member in self._members)} | self._state
+
+    def __setstate__(self, attributes: dict[str, Any]) -> None:
+        self.__dict__.update(attributes | {"_turn": Turn()})
+
+    @property
+    def _state(self) -> dict[str, Any]:
+        """All that the bank keeps beside its members; nothing in it is changed in place."""
+        self._count_held()
+        return {name: value for name, value in vars(self).items() if name not in ("_turn", "_members")} | {"_held": []}
+
+    @classmethod
+    def _with(cls, members: Sequence[Any], state: dict[str, Any]) -> Bank:
+        (made := cls.__new__(cls)).__setstate__({"_members": tuple(members)} | state)
+        return made
+
+    def save(self, path: AnyPath, progress: Progress | None = None) -> None:
+        """Save the whole state to a file, from which `replant.load` continues to the bit; see `Identifier.save`."""
+        from replant.online.checkpoint.files import write
+
+        write(path, self.to_bytes(progress))
+
+    @reads
+    def to_bytes(self, progress: Progress | None = None) -> bytes:
+        """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes."""
+        from replant.online.bank_saving import bytes_of
+
+        return bytes_of([member.to_bytes() for member in self._members], self._state, progress)
+
+    def _enter(self) -> None:
+        """Let the members take what is left of samples that were interrupted; what they predicted of these is lost."""
+        if self._chunk is not None:
+            u, y, t, r = (None if each is None else np.atleast_1d(each) for each in self._chunk)
+            assert u is not None
+            assert y is not None
+            for member in self._members:
+                rest = slice(member.taken - self._taken, None)
+                if u[rest].size:
+                    member.update_many(u[rest], y[rest], *(None if each is None else each[rest] for each in (t, r)))
+            self._note(np.full((u.size, len(self._members)), np.nan))
+        if self._taken >= self._stop:
+            self._look()
+
+    @changes
+    def update(self, u: float, y: float, t: float | None = None, r: float | None = None) -> float:
+        """Take one sample; return the a-priori output error of the member that leads, in the unit of y.
+
+        Parameters
+        ----------
+        u, y, t, r : float
+            As of `Identifier.update`.
+
+        Raises
+        ------
+        InvalidArgumentError, ArgumentTypeError
+            If an argument cannot be used; the state stays as it was.
+        """
+        first, *others = self._members
+        self._chunk = u, y, t, r
+        try:
+            errors = [first.update(u, y, t, r)]
+        except Exception:
+            self._drop_refused()
+            raise
+        errors += [member.update(u, y, t, r) for member in others]
+        self._held.append(errors)
+        vars(self).update(_chunk=None, _taken=self._taken + 1)
+        error: float = errors[self._lead]
+        if self._taken >= self._stop:
+            self._look()
+        return error
+
+    def _drop_refused(self) -> None:
+        """Forget samples that the first member has refused, as the others would: nobody has taken them."""
+        if self._members[0].taken == self._taken:
+            self._chunk = None
+
+    @changes
+    def update_many(self, u: Any, y: Any, t: Any = None, r: Any = None) -> BankTrace:
+        """Take a chunk of samples: equal, to the bit, to a loop of `update`.
+
+        Parameters
+        ----------
+        u, y, t, r : (K,) arrays
+            As of `Identifier.update_many`.
+
+        Returns
+        -------
+        BankTrace
+            The members' traces, their weights, and the lead after each sample.
+
+        Raises
+        ------
+        InvalidArgumentError, ArgumentTypeError
+            If shapes or types do not fit; the state stays as it was.
+        """
+        u, y = record(u, y)
+        size, first = u.size, self._members[0]
+        references, stamps = first._references(r, size), first._stamps(t, size)
+        weights, lead = np.empty((size, len(self._members))), np.empty(size, np.int64)
+        parts: list[tuple[Trace, ...]] = []
+        taken = 0
+        while taken < size or not parts:
+            rows = slice(taken, min(taken + self._stop - self._taken, size))
+            self._chunk = (
+                u[rows], y[rows], None if t is None else stamps[rows], None if r is None else references[rows],
+            )  # fmt: skip
+            parts.append(self._traces())
+            weights[rows], lead[rows] = self._note(np.column_stack([each.errors for each in parts[-1]])), self._lead
+            if self._taken >= self._stop:
+                self._look()
+                weights[rows.stop - 1], lead[rows.stop - 1] = self._weights.shares, self._lead
+            taken = rows.stop
+        return BankTrace(tuple(_joined(each) for each in zip(*parts, strict=True)), weights, lead)
+
+    def _traces(self) -> tuple[Trace, ...]:
+        """Let the members take the chunk."""
+        assert self._chunk is not None
+        first, *others = self._members
+        try:
+            begun = first.update_many(*self._chunk)
+        except Exception:
+            self._drop_refused()
+            raise
+        return begun, *(member.update_many(*self._chunk) for member in others)
+
+    def _note(self, errors: FloatArray) -> FloatArray:
+        """Take over the errors (K, M) of samples that all members have taken; return the weights after each."""
+        self._count_held()
+        new, shares = self._weights.take(errors)
+        vars(self).update(_weights=new, _chunk=None, _taken=self._taken + len(errors))
+        return shares
+
+    def _count_held(self) -> None:
+        if self._held:
+            vars(self).update(_weights=self._weights.take(np.array(self._held))[0], _held=[])
+
+    def _look(self) -> None:
+        """Look at the weights, begin them anew where that is due, and choose who leads."""
+        self._count_held()
+        origin, is_due = self._changed_at(), self._taken >= self._due
+        weights, length = self._weights, self._taken - origin
+        is_known = length >= LEAST * max(numbers_of(each) for each in self.structures)
+        ready = sum(member.settings is not None for member in self._members)
+        has_changed = origin != self._origin or ready != self._ready
+        if self._adapts and is_known and (has_changed or (is_due and length <= RECENT)):
+            weights, is_due = weights.begun(self._members, origin), True
+        else:
+            origin, ready = self._origin, self._ready
+        due = self._due
+        if is_due:
+            due = self._taken + min(max(math.ceil((AGAIN - 1.0) * length), 1), RECENT // 2)
+        likeliest, chosen = weights.likeliest(self._likeliest), {}
+        if self._adapts and (is_due or likeliest != self._likeliest):
+            chosen = self._chosen(weights)
+        stop = min(due, (self._taken // LOOKED + 1) * LOOKED)
+        vars(self).update(
+            _weights=weights, _due=due, _stop=stop, _origin=origin, _ready=ready, _likeliest=likeliest, **chosen
+        )
+
+    def _changed_at(self) -> int:
+        """Return the accepted samples before the last change of the plant that the most probable member believes in."""
+        state = self._members[self._likeliest]._state
+        return state.changed_at if self._weights.joined[self._likeliest] and state.change.is_of_plant else 0
+
+    def _chosen(self, weights: Weights) -> dict[str, Any]:
+        """Return who leads from now on, and the events, where that changes."""
+        shares, found = weights.shares, None
+        for i in np.argsort(-shares, kind="stable").tolist():
+            if not weights.joined[i] or shares[i] < ALPHA:
+                continue
+            status = self._members[i].assess().status
+            if found is None or status == "trusted":
+                found = Lead(self._taken, self._members[i].structure, float(shares[i]), status), i
+            if status == "trusted":
+                break
+        if found is None or (self._leads and found[1] == self._lead):
+            return {}
+        return {"_lead": found[1], "_leads": (*self._leads, found[0])[-EVENTS:]}
+
+    @changes
+    def finish(self) -> None:
+        """Solve for the estimates with every sample so far, see `Identifier.finish`, and weigh them by the record."""
+        for member in self._members:
+            member.finish()
+        self._count_held()
+        weights = self._weights.begun(self._members, self._changed_at())
+        likeliest = weights.likeliest(self._likeliest)
+        vars(self).update(_weights=weights, _likeliest=likeliest, **self._chosen(weights))
+
+    @changes
+    def freeze(self) -> None:
+        """Stop adapting: estimates and lead stay; weights go on, and members without a model are left out.
+
+        Raises
+        ------
+        InvalidArgumentError
+            During start-up, when there is no estimate yet.
+        """
+        self._members[self._lead].freeze()
+        self._adapt(False)
+
+    @changes
+    def resume(self) -> None:
+        """Adapt again after `freeze`.
+
+        Raises
+        ------
+        InvalidArgumentError
+            During start-up, when there is no estimate yet.
+        """
+        self._members[self._lead].resume()
+        self._adapt(True)
+
+    def _adapt(self, adapt: bool) -> None:
+        self._adapts = adapt
+        for member in self._members:
+            if member.settings is not None:
+                (member.resume if adapt else member.freeze)()
+
+    @property
+    def structures(self) -> tuple[Structure, ...]:
+        """Of the members."""
+        return tuple(member.structure for member in self._members)
+
+    @property
+    @reads
+    def members(self) -> tuple[Any, ...]:
+        """Copies of the members, identifiers in the same state."""
+        return tuple(member.clone() for member in self._members)
+
+    @property
+    @reads
+    def weights(self) -> FloatArray:
+        """Probability (M,) of each structure, given the samples so far; equal while no member has a model."""
+        self._count_held()
+        return self._weights.shares
+
+    @property
+    @reads
+    def lead(self) -> int:
+        """Number of the member that is served."""
+        return self._lead
+
+    @property
+    @reads
+    def leads(self) -> tuple[Lead, ...]:
+        """The events, the newest hundred: since when which structure is served."""
+        return self._leads
+
+    @property
+    def _served(self) -> Estimate:
+        served: Estimate = self._members[self.lead]
+        return served
+
+    @property
+    def structure(self) -> Structure:
+        """That of the model that is served."""
+        return self._served.structure
+
+    @property
+    def dt(self) -> float:
+        """Sampling time in s."""
+        return self._served.dt
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters of the model that is served."""
+        return self._served.names
+
+    @property
+    def has_model(self) -> bool:
+        """Whether there is an estimate."""
+        return self._served.has_model
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The estimate (P,) that is served."""
+        return self._served.parameters
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Its covariance (P, P)."""
+        return self._served.covariance
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Its standard deviations."""
+        return self._served.uncertainty
+
+    @property
+    def noise(self) -> NoiseModel | None:
+        """The model of its residual's noise."""
+        return self._served.noise
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """It as G(s)."""
+        return self._served.transfer_function
+
+    @property
+    def model(self) -> Model:
+        """What is worth keeping of it; see `Identifier.model`."""
+        model: Model = self._members[self.lead].model
+        return model
+
+    @property
+    def samples(self) -> int:
+        """Accepted samples."""
+        return self._served.samples
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Rejected samples by reason, as the member that leads has counted them."""
+        return self._served.rejected
+
+    @property
+    @reads
+    def taken(self) -> int:
+        """Samples given so far, rejected ones included: where to go on after an interrupt."""
+        return self._taken
+
+    @property
+    def status(self) -> str:
+        """`Identifier.status` of the member that leads."""
+        return self._served.status
+
+    def assess(self) -> Assessment:
+        """Return the verdict on the model that is served; see `Identifier.assess`."""
+        return self._served.assess()
+
+    def __repr__(self) -> str:
+        pairs = zip(self.structures, self.weights.tolist(), strict=True)
+        each = ", ".join(f"{one.poles}/{one.zeros} {weight:.2g}" for one, weight in pairs)
+        return f"<Identifier of {len(self._members)} structures, poles/zeros and weight: {each}; {self._served!r}>"
+
+
+def _joined(traces: Sequence[Trace]) -> Trace:
+    """Return the trace of a member over all pieces of a chunk."""
+    first = traces[0]
+    if len(traces) == 1:
+        return first
+    time = None if first.time is None else np.concatenate([each.time for each in traces if each.time is not None])
+    parameters, errors = (np.concatenate([getattr(each, name) for each in traces]) for name in ("parameters", "errors"))
+    return Trace(first.names, first.start, parameters, errors, time)
+
+
+def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the arguments of each member, checked."""
+    for name in ("poles", "zeros", "delay"):
+        if given.get(name):
+            raise InvalidArgumentError(f"a list of structures has its own {name}: leave out {name}")
+    for name in CHOSEN:
+        if name in given:
+            raise InvalidArgumentError(f"the members of a list of structures take no {name}: leave it out")
+    chosen = given.get("filter", AUTO)
+    if chosen != AUTO and not isinstance(chosen, RefinedFilter):
+        raise InvalidArgumentError(
+            "the members of a list of structures take the refined filter alone: leave out filter"
+        )
+    wrong = next((each for each in structures if not isinstance(each, Structure)), None)
+    if wrong is not None:
+        raise ArgumentTypeError(f"structure must hold Structures, got {shown(wrong)}: write Structure(poles=2)")
+    if not 2 <= len(structures) <= MOST:
+        raise InvalidArgumentError(f"structure must be a Structure, or a list of 2 to {MOST}, got {len(structures)}")
+    twice = next((each for i, each in enumerate(structures) if each in structures[:i]), None)
+    if twice is not None:
+        raise InvalidArgumentError(f"structure has {shown(twice)} twice: give each once")
+    history = whole("history", given.get("history", STORED), RECENT, STORED)
+    return [given | {"structure": each, "history": history} for each in structures]

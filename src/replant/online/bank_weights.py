@@ -1,0 +1,170 @@
+r"""The weights of a bank: dynamic model averaging over its members, begun with the evidence of the record.
+
+While the record grows, the weights begin anew at growing counts with its evidence, the measure of the search
+(`replant.fitting.structure_evidence`): a member that was begun badly is not held to what it then predicted.  What comes
+after counts as each member predicts it before it learns it (`replant.kernels.step.bank`).  Once the record is as long
+as the weights remember, predictions alone count.
+
+Two models of which one has a needless pole predict alike once they are learned.  What is forgotten therefore goes
+towards a prior that pays for each number, ln(RECENT) / 2, as the evidence of that many samples does.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.model_run import prediction_error
+from replant.fitting.structure_evidence import FINEST, Evidence, numbers_of
+from replant.kernels.schema import LAGS
+from replant.model.structure import Structure
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+from replant.numerics.levels import ALPHA
+from replant.numerics.linear_algebra import quiet
+from replant.online.estimate import Estimate
+
+FORGETTING = 1.0 - 1.0 / RECENT
+"""Factor by which what a sample told of the structures is forgotten with the next one [number].
+Derivation: the weights remember as many samples as the verdict looks at, and forget half of it within 6931 samples.
+With a tenth of the memory two structures must differ by ten times as much, as the price of a number hardly falls.
+Sensitivity: not measured.
+"""
+
+MOST = 10  # structures: a handful; replant fit searches more [count]
+EVENTS = 100  # changes of the lead kept, the newest [count]
+SIZE = LAGS + 1
+
+
+@dataclass(frozen=True)
+class Lead:
+    """An event: another structure is served.
+
+    Attributes
+    ----------
+    taken : int
+        Samples given so far.
+    structure : Structure
+        Of the model that is served from then on.
+    weight : float
+        Its weight.
+    status : str
+        Its verdict.
+    """
+
+    taken: int
+    structure: Structure
+    weight: float
+    status: str
+
+
+@dataclass(frozen=True, eq=False)
+class Weights:
+    """The weights of M members; `take` returns those after some more samples."""
+
+    joined: IntArray  # (M,): truths, whether a member has a model, and takes part
+    prices: FloatArray  # (M,): logarithm of the prior
+    logs: FloatArray  # (M,): logarithm of the weights, up to a constant; -inf of those that take no part
+    least: float  # variance of a residual below which it is no evidence
+    # of each member: errors, sums, autoregressions, variances and order, and what all share: see `weigh`
+    past: FloatArray
+    sums: FloatArray
+    models: FloatArray
+    variances: FloatArray
+    orders: IntArray
+    numbers: FloatArray
+    counts: IntArray
+
+    @classmethod
+    def of(cls, structures: Sequence[Structure]) -> Weights:
+        """Return equal weights, before any member has a model."""
+        count = len(structures)
+        prices = np.array([-0.5 * numbers_of(each) * math.log(RECENT) for each in structures])
+        models = np.zeros((count, SIZE, SIZE))
+        models[:, :, 0] = 1.0
+        return cls(
+            np.zeros(count, np.int64), prices, np.full(count, -math.inf), 0.0, np.zeros((count, SIZE)),
+            np.zeros((count, SIZE, SIZE)), models, np.ones((count, SIZE)), np.zeros(count, np.int64), np.zeros(1),
+            np.zeros(3, np.int64),
+        )  # fmt: skip
+
+    @property
+    def shares(self) -> FloatArray:
+        """The weights (M,), whose sum is 1."""
+        return shares_of(self.logs)
+
+    def likeliest(self, before: int) -> int:
+        """Return the most probable member; that of before unless another is by far the more probable one."""
+        best = int(np.argmax(self.logs))
+        if self.joined[before] and self.logs[best] - self.logs[before] <= -math.log(ALPHA):
+            return before
+        return best
+
+    def take(self, errors: FloatArray) -> tuple[Weights, FloatArray]:
+        """Take the a-priori errors (K, M) of the next samples; return what follows, and the weights (K, M)."""
+        from replant.kernels.step.bank import weigh
+
+        written = ("logs", "past", "sums", "models", "variances", "orders", "numbers", "counts")
+        new, logs = replace(self, **{name: getattr(self, name).copy() for name in written}), np.empty(errors.shape)
+        weigh(
+            errors, new.joined, FORGETTING, new.least, new.prices, new.logs, new.past, new.sums, new.models,
+            new.variances, new.orders, new.numbers, new.counts, logs, np.empty(36 + 2 * new.joined.size),
+        )  # fmt: skip
+        return new, shares_of(logs)
+
+    def begun(self, members: Sequence[Estimate], since: int) -> Weights:
+        """Return the weights by the evidence of the newest samples, of those that came after so many accepted ones."""
+        runs = {i: run for i, each in enumerate(members) if (run := _Run.of(each, since)) is not None}
+        if not runs:
+            return self
+        first = next(iter(runs.values())).record
+        runs = {i: run for i, run in runs.items() if run.error.size == first.u.size}
+        # what the member that errs least takes for an outlier counts for nobody: another one has a wider scatter
+        counts = min(runs.values(), key=lambda run: float(np.median(np.abs(run.error)))).counts
+        evidence = Evidence(replace(first, measured=counts), at_rest=False)
+        new = Weights.of([each.structure for each in members])
+        for i, run in runs.items():
+            new.joined[i] = 1
+            new.logs[i], noise = evidence.of_error(members[i].structure, run.error)
+            new.sums[i], new.models[i], new.variances[i] = noise.sums, noise.models, noise.variances
+            new.orders[i], new.numbers[0] = noise.order, noise.count if noise.sums.any() else 0.0
+        return replace(new, least=(FINEST * float(np.std(first.y))) ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """The present model of a member beside the newest samples."""
+
+    record: Record
+    error: FloatArray  # (K,)
+    counts: BoolArray  # (K,): which outputs were measured, and taken for no outlier
+
+    @classmethod
+    @quiet
+    def of(cls, member: Estimate, since: int) -> _Run | None:
+        """Return it over samples that came after so many accepted ones; None where there is none."""
+        if member._settings is None:
+            return None
+        kept = RecentSamples.of(member._state)
+        kept = kept[max(len(kept) - (member._state.samples - since), 0) :].since_last_gap(member.dt)
+        record = kept.record(member.dt, member.input_hold)
+        error = prediction_error(member.structure, member.parameters, record, member.dt)
+        counts = record.is_measured & ~kept.is_bridged
+        return None if error is None or not counts.any() else cls(record, error, counts)
+
+
+def shares_of(logs: FloatArray) -> FloatArray:
+    """Return weights (.., M) whose sum is 1, of logarithms; equal ones where there are none.
+
+    >>> shares_of(np.log([1.0, 3.0]))
+    array([0.25, 0.75])
+    """
+    top = logs.max(axis=-1, keepdims=True)
+    parts = np.exp(logs - np.where(np.isfinite(top), top, 0.0))
+    total = parts.sum(axis=-1, keepdims=True)
+    return np.where(total > 0.0, parts / np.where(total > 0.0, total, 1.0), 1.0 / logs.shape[-1])

@@ -1,0 +1,85 @@
+"""`replant run -p 1:3`: structures that learn side by side in one pass over a log."""
+
+from __future__ import annotations
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.cli import main
+from replant.signals import prbs
+from support.cases import every
+
+pytestmark = pytest.mark.usefixtures("unrendered")
+DT = 0.05
+SCHEMA = json.loads(files("replant.fitting").joinpath("schema/model-1.json").read_text())
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """Return a log of a plant with two poles."""
+    u = prbs(900, hold=8)
+    y = rp.TransferFunction([9.0], [1.0, 2.0, 9.0]).simulate(u, DT)
+    y += 0.05 * np.random.default_rng(0).standard_normal(u.size)
+    path = tmp_path / "log.csv"
+    path.write_text("u,y\n" + "".join(f"{a},{b:.17g}\n" for a, b in zip(u, y, strict=True)))
+    return path
+
+
+def run(log: Path, *arguments: str) -> None:
+    main(["run", str(log), "--input", "u", "--output", "y", "--dt", str(DT), *arguments])
+
+
+def test_the_most_probable_structure_is_served_and_the_weights_are_told(
+    capsys: pytest.CaptureFixture[str], log: Path, tmp_path: Path
+) -> None:
+    kept = tmp_path / "model.json"
+    run(log, "-p", "1:2", "--json", "--save", str(kept))
+    answer = json.loads(capsys.readouterr().out)
+    jsonschema.Draft202012Validator(SCHEMA).validate(answer)
+    assert [each["poles"] for each in answer["structures"]] == [1, 2]
+    assert sum(each["weight"] for each in answer["structures"]) == pytest.approx(1.0)
+    assert answer["structures"][1]["weight"] > 0.9
+    assert answer["leads"][-1]["poles"] == 2
+    assert answer["structure"]["poles"] == 2
+    assert answer["verdict"]["status"] == "trusted"
+    run(log, "-p", "2", "--json")
+    alone = json.loads(capsys.readouterr().out)
+    for name in ("num", "den", "covariance", "fit", "samples", "rejected", "verdict"):
+        assert answer[name] == alone[name], name
+    assert rp.load_model(kept).structure.poles == 2
+
+
+def test_a_person_reads_the_weights_before_the_result(capsys: pytest.CaptureFixture[str], log: Path) -> None:
+    run(log, "-p", "1:2")
+    out = capsys.readouterr().out
+    assert out.startswith("Weights: poles 1 zeros 0 0.000, poles 2 zeros 0 1.000\nServed: from sample ")
+    assert "trusted" in out
+
+
+@every(
+    "arguments, words",
+    [
+        (("-p", "1:5", "--zeros", "0:4"), "at most 10 structures"),
+        (("-p", "1:2", "--optimizer", "adam"), "--optimizer"),
+        (("-p", "1:2", "--full-trace", "trace.parquet"), "--full-trace"),
+        (("-p", "1:2", "--zeros", "5"), "fewer than --poles"),
+        (("-p", "1:2", "--feedthrough"), "--feedthrough"),
+        (("-p", "1,2"), "name the others"),
+    ],
+    ids=str,
+)
+def test_what_a_range_does_not_take_is_one_line(
+    capsys: pytest.CaptureFixture[str], log: Path, arguments: tuple[str, ...], words: str
+) -> None:
+    with pytest.raises(SystemExit) as stop:
+        run(log, *arguments)
+    assert stop.value.code == 2
+    err = capsys.readouterr().err
+    assert err.count("\n") == 1
+    assert words in err
