@@ -26,6 +26,7 @@ WORDS: dict[Any, Any] = {
     _ratio(2.143): "2.1",
     _ratio(1.052): "1.05",
     _ratio(1234.0): "1,234",
+    (_ratio(99.0), _ratio(143.0)): ("99", "143"),
     Deviation(Quantity("time constant", ()), math.log(2.1), math.log(2.1) / 14, 0, 0.0).words(): (
         "time constant 2.1 times the fleet's median, 14 standard deviations"
     ),

@@ -13,7 +13,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.live.streams.parser import FEW, LONGEST, MAGIC, LineSplitter, Parser, Payloads, json_values
+from replant.live.streams.parser import (
+    FEW,
+    LONGEST,
+    MAGIC,
+    LineSplitter,
+    Parser,
+    Payloads,
+    json_values,
+    table_from_json,
+)
 from replant.live.streams.source import Batch
 from replant.logs import read_columns
 from support.cases import every, examples
@@ -422,3 +431,9 @@ def test_half_a_line_before_a_break_is_never_joined_to_what_comes_after() -> Non
     lines.restart_midway()
     assert lines.split(b"99,8\n8,9\n") == b"8,9\n"
     assert counters == {"cut off": 2}
+
+
+def test_objects_of_whole_and_other_numbers_are_a_table_and_of_anything_else_none() -> None:
+    mixed, odd = [{"u": 1, "y": 2.5}, {"y": 3, "u": 4.0}], [{"u": 1, "y": True}]
+    np.testing.assert_array_equal(table_from_json(mixed, ("u", "y")), [[1.0, 2.5], [4.0, 3.0]])
+    assert table_from_json(odd, ("u", "y")) is None
