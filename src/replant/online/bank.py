@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -50,15 +51,15 @@ class BankTrace:
 
     Attributes
     ----------
-    members : tuple of Trace
-        Of each member, as `Identifier.update_many` of it alone returns it.
+    pieces : tuple of tuple of Trace
+        Of each part of the chunk, those of the members.
     weights : (K, M) array
         After each sample.
     lead : (K,) array of int
         Number of the member that was served after each sample.
     """
 
-    members: tuple[Trace, ...]
+    pieces: tuple[tuple[Trace, ...], ...]
     weights: FloatArray
     lead: IntArray
 
@@ -72,7 +73,15 @@ class BankTrace:
     @property
     def errors(self) -> FloatArray:
         """A-priori output errors (K, M) of the members, in the unit of y."""
-        return np.column_stack([each.errors for each in self.members])
+        return np.concatenate([np.column_stack([each.errors for each in piece]) for piece in self.pieces])
+
+    @cached_property
+    def members(self) -> tuple[Trace, ...]:
+        """The trace of each member, as `Identifier.update_many` of it alone returns it.
+
+        Joined when it is asked for: the estimates of a start-up are solved for where somebody reads them.
+        """
+        return tuple(_joined(each) for each in zip(*self.pieces, strict=True))
 
 
 class Bank(Shared):
@@ -281,7 +290,7 @@ class Bank(Shared):
                 self._look()
                 weights[rows.stop - 1], lead[rows.stop - 1] = self._weights.shares, self._lead
             taken = rows.stop
-        return BankTrace(tuple(_joined(each) for each in zip(*parts, strict=True)), weights, lead)
+        return BankTrace(tuple(parts), weights, lead)
 
     def _traces(self) -> tuple[Trace, ...]:
         """Let the members take the chunk."""
