@@ -278,6 +278,8 @@ def test_a_forged_checkpoint_is_refused(forged: dict[str, Any]) -> None:
         ({"structure": STRUCTURES, "poles": (1, 1)}, "leave out poles"),
         ({"structure": STRUCTURES, "filter": rp.StateVariableFilter(1.0)}, "filter"),
         ({"structure": STRUCTURES, "startup": 0}, "startup"),
+        ({"structure": STRUCTURES, "poles": np.ones(2)}, "leave out poles"),
+        ({"structure": STRUCTURES, "filter": np.ones(2)}, "filter"),
     ],
     ids=str,
 )

@@ -518,13 +518,13 @@ def _joined(traces: Sequence[Trace]) -> Trace:
 def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the arguments of each member, checked."""
     for name in ("poles", "zeros", "delay"):
-        if given.get(name):
+        if given.get(name) is not None:
             raise InvalidArgumentError(f"a list of structures has its own {name}: leave out {name}")
     for name in CHOSEN:
         if name in given:
             raise InvalidArgumentError(f"the members of a list of structures take no {name}: leave it out")
     chosen = given.get("filter", AUTO)
-    if chosen != AUTO and not isinstance(chosen, RefinedFilter):
+    if not isinstance(chosen, RefinedFilter) and not (isinstance(chosen, str) and chosen == AUTO):
         raise InvalidArgumentError(
             "the members of a list of structures take the refined filter alone: leave out filter"
         )
