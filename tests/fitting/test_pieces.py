@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from replant import Structure, TransferFunction
 from replant.fitting.fields import ModelFields, RowFields, has_rest
 from replant.fitting.model import usual_interval
-from replant.fitting.model_json import OF_SEVERAL, as_object, dumps, loads
+from replant.fitting.model_json import OF_SEVERAL, as_object, loads
 from replant.fitting.notation import latex
 from replant.fitting.responses import frequencies, time_of
 
@@ -44,6 +46,6 @@ def test_fields_through_json_of_either_layout() -> None:
     several = RowFields((Structure(1), Structure(1, delay=0.5)), [1.0, 2.0, 3.0, 4.0], dt=0.1)
     assert as_object(one)["num"] == [2.0]
     assert as_object(several)["den"] == [[1.0, 1.0], [1.0, 3.0]]
-    assert ModelFields(**loads(dumps(one))) == one
-    assert RowFields(**loads(dumps(several), OF_SEVERAL)) == several
+    assert ModelFields(**loads(json.dumps(as_object(one)))) == one
+    assert RowFields(**loads(json.dumps(as_object(several)), OF_SEVERAL)) == several
     assert one != several
