@@ -333,7 +333,7 @@ def test_what_is_missing_or_unknown_says_where_to_look_it_up(capsys, arguments: 
 def test_help_speaks_of_ranges_where_they_are_taken(capsys) -> None:
     for command in ("run", "compare", "fit"):
         _, out, _ = call(capsys, command, "--help")
-        assert ("range such as 1:4" in " ".join(out.split())) == (command == "fit")
+        assert ("range such as 1:4" in " ".join(out.split())) == (command != "compare")
 
 
 @pytest.mark.parametrize("columns", [40, 80, 200])

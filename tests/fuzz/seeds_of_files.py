@@ -215,16 +215,12 @@ def zipped(content: bytes) -> bytes:
 
 
 def model() -> bytes:
-    from replant import NoiseModel, Structure
-    from replant.fitting import model_json
-    from replant.fitting.fields import ModelFields
+    from replant import Model, NoiseModel, Structure
 
     covariance = np.diag([1e-4, 4e-4, 1e-6])
     noise = NoiseModel([1.0, -0.5], 1e-3, 2e-3, 0.1)
     structure = Structure(1, bias=True)
-    return model_json.dumps(
-        ModelFields(structure, [1.0, 2.0, 0.1], dt=0.1, covariance=covariance, noise=noise)
-    ).encode()
+    return Model(structure, [1.0, 2.0, 0.1], dt=0.1, covariance=covariance, noise=noise).to_json().encode()
 
 
 Seeds = list[Callable[[], bytes]]

@@ -46,6 +46,8 @@ def calls() -> list[Call]:
         y = TransferFunction([8.0, 40.0], [1.0, 3.0, 25.0]).simulate(u, 0.02) + 0.01 * generator.standard_normal(600)
         default = rp.Identifier(rp.Structure(2, 1), 0.02)
         default.update_many(u, y)
+        default.update(u[-1], y[-1])
+        default.finish()
         rp.Ensemble(default, members=3).update_many(u[:100], y[:100])
         rp.Identifier(rp.Structure(2, 1), 0.02, optimizer="amsgrad", instruments=True).update_many(u, y)
         fixed = rp.Identifier(
