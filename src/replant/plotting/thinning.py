@@ -19,10 +19,6 @@ class Thinned:
     first: float  # first, step: position of the first point and distance of the points, in samples
     step: float
 
-    def times(self, dt: float) -> FloatArray:
-        """Return when each point is, (V,), in s."""
-        return np.asarray(dt * (self.first + self.step * np.arange(self.values.size)))
-
     @property
     def places(self) -> FloatArray:
         """Which sample each point is, (V,); a fraction lies between two samples."""
@@ -38,13 +34,7 @@ class Thinned:
 
     def indices(self, length: int) -> npt.NDArray[np.intp]:
         """Return the index (V,) of the sample nearest below each point, in the signal of ``length`` samples."""
-        places = self.first + self.step * np.arange(self.values.size)
-        return np.minimum(places.astype(np.intp), length - 1)
-
-    def again(self, points: int) -> Thinned:
-        """Return the same, thinned further."""
-        drawn = thin(self.values, points)
-        return Thinned(drawn.values, self.first + self.step * drawn.first, self.step * drawn.step)
+        return np.minimum(self.places.astype(np.intp), length - 1)
 
 
 def thin(signal: FloatArray, points: int) -> Thinned:

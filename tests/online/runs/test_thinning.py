@@ -41,7 +41,7 @@ def test_a_spike_of_one_sample_in_a_million_is_drawn_where_it_was() -> None:
     signal = np.zeros(1_000_000)
     signal[123_456] = 7.0
     drawn = thin(signal, 3000)
-    assert drawn.times(0.5)[drawn.values.argmax()] == pytest.approx(123_456 * 0.5, abs=0.5 * 2 * drawn.step)
+    assert 0.5 * drawn.places[drawn.values.argmax()] == pytest.approx(123_456 * 0.5, abs=0.5 * 2 * drawn.step)
 
 
 def test_a_hole_stays_a_hole() -> None:
