@@ -15,8 +15,7 @@ from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting import style
 from replant.plotting.numbers import mapped_label, symbols, with_unit
-from replant.plotting.over_time import SHOWN, Curve, Panel, constant, true_value
-from replant.plotting.thinning import POINTS, thin
+from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, constant, thin, true_value
 from replant.report.findings import Excitation
 from replant.verdict import WORST_CONDITION
 

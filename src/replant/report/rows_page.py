@@ -21,9 +21,8 @@ from replant.numerics.residuals import Correlations, correlation_lags, correlati
 from replant.online.runs.result import MOST_SHADES, Clock
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import gain_unit, mathml, number, percent, symbols, uncertain, with_unit
-from replant.plotting.over_time import Panel, draw_panels
+from replant.plotting.over_time import POINTS, Panel, draw_panels, thin
 from replant.plotting.style import blank_figure
-from replant.plotting.thinning import POINTS, thin
 from replant.report import material as tables
 from replant.report.findings import findings
 from replant.report.models_page import draw_poles_of
