@@ -124,7 +124,7 @@ def session(case: dict[str, Any]) -> None:
         os.dup2(file, number)
         os.close(file)
     import replant.live.observer.client
-    import replant.live.run_session
+    import replant.live.session.session
     from replant.cli import main
 
     if case["fork"]:  # a spawned observer imports everything anew, which takes seconds
