@@ -11,8 +11,7 @@ import pytest
 
 import replant as rp
 from replant.estimation.settings import Request
-from replant.live.dashboard.app import python_of
-from replant.live.dashboard.hub import Hub
+from replant.live.dashboard.app import Hub, python_of
 from replant.live.observer.make_view import EstimateHistory, bode_of, make_view, step_of, truth_of
 from replant.live.observer.view import Bode, SessionInfo
 from replant.live.outputs.message import EstimateMessage, Notices, time_to_live

@@ -15,6 +15,7 @@ from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
 from replant.cli.terminal import Choice, Parsed
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
+from replant.live.dashboard.server import libraries_needed
 from replant.live.observer.process import DashboardAddress
 from replant.live.observer.view import UNNAMED, SignalNames
 from replant.live.session.progress import Limits
@@ -212,6 +213,6 @@ def open_command(logs: tuple[Path, ...], place: str) -> None:
     LOG is a recorded log (csv, mat, parquet and more), the folder of a live session's --record, or a session that the
     page has saved (.workbench).  Without one, the session that was open last is opened again.  Ctrl-C ends it.
     """
-    from replant.workbench.app import start  # with the server's libraries
-
+    with libraries_needed():
+        from replant.workbench.app import start
     start(logs, *address_of("--at", place))

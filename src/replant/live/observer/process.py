@@ -22,7 +22,7 @@ from replant.numerics.operating_system import one_line, refusal
 from replant.online.identifier import Identifier
 
 if TYPE_CHECKING:
-    from replant.live.dashboard.hub import Hub
+    from replant.live.dashboard.app import Hub
     from replant.live.dashboard.server import Dashboard
 
 #: Signals that end a session, and the observer by it alone.
@@ -185,16 +185,16 @@ class _Observing:
         if time.monotonic() < self._serve_again:
             return
         self._serve_again = time.monotonic() + AGAIN
-        from replant.live.dashboard.hub import Hub
-        from replant.live.dashboard.server import serve
+        from replant.live.dashboard.server import libraries_needed, serve
 
-        if self._hub is None:
-            self._hub = Hub(
+        try:
+            with libraries_needed():
+                from replant.live.dashboard.app import Hub
+            self._hub = self._hub or Hub(
                 command=lambda name: self._send(Told("command", name)),
                 report=self._report,
                 notice=lambda text: self._notices.say("dashboard", f"replant: the dashboard: {text}"),
             )
-        try:
             self._dashboard = serve(self._hub, address.host, address.port, address.token)
         except (ReplantError, OSError, RuntimeError) as mistake:
             self._send(Told("failed", one_line(mistake)))
