@@ -16,10 +16,10 @@ from replant.cli.terminal import Choice, Parsed
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.live.dashboard.server import libraries_needed
-from replant.live.observer.process import DashboardAddress
-from replant.live.observer.view import UNNAMED, SignalNames
-from replant.live.session.progress import Limits
-from replant.live.session.session import run
+from replant.live.observing import DashboardAddress
+from replant.live.progress import Limits
+from replant.live.session import run
+from replant.live.view import UNNAMED, SignalNames
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.operating_system import one_line

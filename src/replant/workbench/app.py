@@ -28,7 +28,7 @@ from starlette.websockets import WebSocket
 from replant.errors import InvalidArgumentError, ReplantError, shown
 from replant.live.dashboard.app import Hub, dashboard_assets, file_answer, page_app, stream
 from replant.live.dashboard.server import Dashboard, serve
-from replant.live.session.progress import stop_on_signals
+from replant.live.progress import stop_on_signals
 from replant.logs.recording import digest
 from replant.numerics.operating_system import Worker, one_line
 from replant.workbench import tasks

@@ -15,15 +15,15 @@ import numpy as np
 
 from replant.errors import CheckpointError, DamagedCheckpointError, InvalidArgumentError, SystemRefusedError
 from replant.estimation.settings import Request
-from replant.live.observer.client import Observer
-from replant.live.observer.make_view import EstimateHistory, make_view
-from replant.live.observer.process import DashboardAddress, ObserverOptions
-from replant.live.observer.terminal import print_summary
-from replant.live.observer.view import UNNAMED, SessionInfo, SignalNames, View
+from replant.live.make_view import EstimateHistory, make_view
+from replant.live.observer import Observer
+from replant.live.observing import DashboardAddress, ObserverOptions
 from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, ParquetRecorder, time_to_live
 from replant.live.outputs.sinks import Publisher, Sink, open_sink
-from replant.live.session.progress import CheckpointWriter, Limits, Progress, Throughput, resume, stop_on_signals
+from replant.live.progress import CheckpointWriter, Limits, Progress, Throughput, resume, stop_on_signals
 from replant.live.streams import Batch, Source, open_source
+from replant.live.terminal import print_summary
+from replant.live.view import UNNAMED, SessionInfo, SignalNames, View
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import refusal
