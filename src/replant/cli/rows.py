@@ -29,8 +29,15 @@ from replant.logs import Log
 from replant.logs.recording import digest
 from replant.online.row_identifier import RowIdentifier
 from replant.report.programs import row_as_python
-from replant.report.terminal import print_row, record_line
-from replant.report.terminal_tables import HEADINGS, candidates_as_json, print_candidates, print_validation, rows_of
+from replant.report.terminal import (
+    HEADINGS,
+    candidates_as_json,
+    print_candidates,
+    print_row,
+    print_validation,
+    record_line,
+    rows_of,
+)
 
 #: Options that one input takes, and several do not, with what they are without them.
 NOT_YET = {
