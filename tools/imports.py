@@ -31,7 +31,7 @@ OUTSIDE = {
     "paper",
     "cli",
     "__main__",
-    "plotting.figure",  # PNG in memory
+    "plotting.style",  # PNG in memory
 }
 #: Of Python's own, what kernels may import.
 PLAIN = {"__future__", "collections", "contextlib", "enum", "functools", "math", "operator", "typing"}
@@ -45,7 +45,6 @@ HEAVY |= {"asammdf", "nptdms"}  # in no extra, because they are under the LGPL: 
 #: Modules that are made of another package's classes: nothing of ours imports them but where it uses them.
 ADAPTERS = {
     "sklearn": {"sklearn"},
-    "plotting.figure": {"matplotlib"},
     "live.dashboard.app": {"starlette"},
     "live.dashboard.security": {"starlette", "uvicorn"},
     "workbench.app": {"starlette"},

@@ -9,10 +9,9 @@ from accuracy.results import Row, Tables
 
 _HEAD = """# Accuracy, measured
 
-*How accurate are the estimates and their standard deviations, measured?*
+*How accurate are estimates and standard deviations, measured?*
 
-`make accuracy` writes this page and its tables. "default" is `Identifier(structure, dt)`, in one pass; "offline SRIVC"
-is `fit`, on the whole record. [Which method, when](methods.md).
+"default" is `Identifier(structure, dt)`, before `finish`; "offline SRIVC" is `fit`. `make accuracy` writes this page.
 
 {kept} of {all} promises are kept: all of a line, unless it says how many. The figure is that nearest to its limit.
 """
@@ -20,12 +19,10 @@ is `fit`, on the whole record. [Which method, when](methods.md).
 _TAIL = """
 ## The tables
 
-* {download}`experiments.csv <accuracy/experiments.csv>`: records, and numbers of runs.
-* {download}`promises.csv <accuracy/promises.csv>`: each promise with its limits. "beside": with another input than
-  promised.
-* {download}`figures.csv <accuracy/figures.csv>`: every figure; std over the runs, printed_std by the method, least_std
-  by Cramer and Rao.
-* {download}`loops.csv <accuracy/loops.csv>`: plants under a controller. The anchor knows the controller.
+* {download}`experiments.csv <accuracy/experiments.csv>`: records and numbers of runs.
+* {download}`promises.csv <accuracy/promises.csv>`: promises with their limits; "beside": with another input.
+* {download}`figures.csv <accuracy/figures.csv>`: every figure; printed_std by the method, least_std by Cramer and Rao.
+* {download}`loops.csv <accuracy/loops.csv>`: plants under a controller.
 """
 
 #: What each scenario is.

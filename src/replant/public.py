@@ -52,7 +52,7 @@ from replant.model.transfer_function import TransferFunction as TransferFunction
 from replant.model.uncertainty import Uncertainty as Uncertainty
 from replant.fitting.structure_search import search as search
 from replant.report import figures as figures
-from replant.report.models_page import ModelComparison as ModelComparison, compare as compare
+from replant.report.compared_page import ModelComparison as ModelComparison, compare as compare
 from replant.online.runs.run_log import run as run
 from replant import examples as examples
 from replant import fleet as fleet

@@ -17,10 +17,10 @@ from replant.cli import main
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import Request
 from replant.online.runs.run_log import METHODS, USUAL, Contender, best, compare
+from replant.report.compared_page import claim, write_comparison
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, style
-from replant.report.methods_page import claim, write_comparison
 from replant.report.panels import limits
-from replant.report.terminal_tables import cells_of
+from replant.report.terminal import cells_of
 from replant.signals import prbs
 from support.builders import with_model
 

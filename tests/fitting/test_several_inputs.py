@@ -210,7 +210,7 @@ U, Y = toggling(0, samples=400), np.arange(400.0)
         (U, Y, {"poles": (1, 1), "zeros": (0, 1)}, "zeros must be fewer than poles"),
         (U, Y, {"poles": (6, 6)}, "at most 10 in all, got 12"),
         (U, Y, {"poles": (1, 1), "delay": (0.0, 99.0)}, "no shorter than the record"),
-        (U, Y, {"poles": (1, 1), "reference": Y}, "several inputs take no reference yet"),
+        (U, Y, {"poles": (1, 1), "reference": Y[:9]}, "reference must have one value for each of 400 samples"),
         (U, Y, {"poles": (1, 1), "method": "least_squares"}, "several inputs take no method yet"),
         (U[:5], Y[:5], {"poles": (1, 1)}, "fewer than the"),
         (U, Y[:9], {"poles": (1, 1)}, "u has 400 rows and y 9 samples"),

@@ -19,7 +19,7 @@ from replant.online.runs.run_log import compare
 from replant.paper.catalogue import run, save
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
-from replant.report.methods_page import write_comparison
+from replant.report.compared_page import write_comparison
 from replant.report.result_page import write_report
 from support.browsing import TEXTS, chromium, contrast, drawn_anew, luminance, new_page
 from support.places import ROOT

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from replant.errors import ReplantError
-from replant.workbench.jobs import Work
+from replant.workbench.tasks import Work
 from support.waiting import PATIENCE
 
 

@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 
 import replant as rp
-from replant.workbench.start import opened
+from replant.workbench.app import opened
 from support.browsing import TEXTS, contrast
 from support.cases import every
 from support.workbench_pages import Workbench

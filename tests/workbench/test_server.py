@@ -15,8 +15,8 @@ import pytest
 
 from replant.errors import ReplantError
 from replant.live.dashboard import security
+from replant.workbench.app import opened
 from replant.workbench.session import Session, parsed, token
-from replant.workbench.start import opened
 from support.cases import every
 from support.http_request import ask
 from support.waiting import PATIENCE, wait_until

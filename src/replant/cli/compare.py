@@ -23,12 +23,11 @@ from replant.fitting.row_model import RowModel
 from replant.logs import Log
 from replant.online.runs.result import Result
 from replant.online.runs.run_log import METHODS, USUAL, Contender, compare
-from replant.report.methods_page import save_figures, write_comparison
-from replant.report.models_page import HEADINGS, ModelComparison, write_models
-from replant.report.models_page import compare as compare_saved
-from replant.report.terminal_tables import comparison_as_json as comparison_as_json
-from replant.report.terminal_tables import print_comparison
-from replant.report.terminal_tables import validation_as_json as validation_as_json
+from replant.report.compared_page import HEADINGS, ModelComparison, save_figures, write_comparison, write_models
+from replant.report.compared_page import compare as compare_saved
+from replant.report.terminal import comparison_as_json as comparison_as_json
+from replant.report.terminal import print_comparison, table
+from replant.report.terminal import validation_as_json as validation_as_json
 
 SHOWN = 7  # columns of the table that fit into a terminal [count]
 
@@ -85,16 +84,11 @@ def _written(comparison: ModelComparison, out: Path) -> list[Path]:
 
 def _print(comparison: ModelComparison) -> None:
     from rich.console import Console
-    from rich.table import Table
 
-    console = Console()
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for k, heading in enumerate(HEADINGS[:SHOWN]):
-        table.add_column(heading, justify="left" if k < 2 else "right", no_wrap=True)
-    for row in comparison.rows:
-        cells = [cell.replace("±", "+-").replace("−", "-").replace("–", "-") for cell in row[:SHOWN]]
-        table.add_row(*cells, style="bold" if row[0] == comparison.best else None)
-    console.print(table)
+    console, best = Console(), comparison.best
+    plain = str.maketrans({"±": "+-", "−": "-", "–": "-"})
+    rows = ([cell.translate(plain) for cell in row[:SHOWN]] for row in comparison.rows)
+    console.print(table(HEADINGS[:SHOWN], rows, left=(0, 1), bold=lambda row: row[0] == best, no_wrap=True))
     for name, found in comparison.validations.items():
         if found.verdict.status != "trusted" and found.verdict.reasons:
             console.print(f"\n{name}: {found.verdict.reasons[0]}", style="dim", highlight=False, markup=False)

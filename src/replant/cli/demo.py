@@ -29,10 +29,10 @@ from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, 
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
 from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, notes, summary
-from replant.plotting.numbers import off_by
+from replant.plotting.numbers import off_by, true_parameters
 from replant.report.figures import save_figures
 from replant.report.result_page import write_report
-from replant.report.terminal import print_result, true_parameters
+from replant.report.terminal import print_result
 from replant.rigs import Rig, deap_rig, deap_voltage
 
 DEFAULT_FOLDER = Path("out/reproduce")

@@ -22,7 +22,6 @@ from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.operating_system import one_line
 from replant.rigs import Rig, deap_rig, motor_rig
-from replant.workbench.start import start
 
 DASHBOARD = "127.0.0.1:8710"
 LONGEST_TOKEN = 1024  # longest token that is read from a file [characters]
@@ -227,4 +226,6 @@ def open_command(logs: tuple[Path, ...], place: str) -> None:
     LOG is a recorded log (csv, mat, parquet and more), the folder of a live session's --record, or a session that the
     page has saved (.workbench).  Without one, the session that was open last is opened again.  Ctrl-C ends it.
     """
+    from replant.workbench.app import start  # with the server's libraries
+
     start(logs, *address_of("--at", place))

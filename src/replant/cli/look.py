@@ -17,11 +17,10 @@ from replant.fitting.matrix import MatrixModel, load_model
 from replant.fitting.model import Model
 from replant.fitting.row_model import RowModel
 from replant.fitting.validation import Validation
-from replant.report.terminal import print_kept_model, print_row
+from replant.report.terminal import print_kept_model, print_row, print_validation
+from replant.report.terminal import validation_as_json as validation_as_json
 from replant.report.terminal_look import as_json as look_as_json
 from replant.report.terminal_look import print_look
-from replant.report.terminal_tables import print_validation
-from replant.report.terminal_tables import validation_as_json as validation_as_json
 
 
 @click.command(name="look")

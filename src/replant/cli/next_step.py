@@ -6,7 +6,8 @@ import math
 import re
 import shlex
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import click
 import numpy as np
@@ -18,7 +19,6 @@ from replant.logs.influence import prepared, response
 from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Result
-from replant.verdict.verdict import Verdict
 
 TRIED = 6  # dead times that a suggested range has beside 0 [count]
 STEPS_OF_A_TEST = 2  # moves of the input in a step test: up, and down again [count]
@@ -54,17 +54,13 @@ class Situation:
 
 def next_step(result: Result, log: Log, path: str, *, is_searched: bool) -> NextStep:
     """Return what to do next with a model, by the first reason of its verdict that has an answer."""
-    return of_verdict(result.verdict, Situation(result, log, path, "", is_searched))
-
-
-def of_verdict(verdict: Verdict, situation: Situation) -> NextStep:
-    """Return what to do next by a verdict."""
+    verdict, situation = result.verdict, Situation(result, log, path, "", is_searched)
     if verdict.status == "trusted":
         return _keep(situation)
     for reason in verdict.reasons:
         for phrase, step in STEPS:
             if re.search(phrase, reason):
-                return step(Situation(situation.result, situation.log, situation.path, reason, situation.is_searched))
+                return step(replace(situation, reason=reason))
     return _look(situation)
 
 
@@ -88,16 +84,13 @@ def _again(*without: str, **options: object) -> str:
     return shlex.join([*shlex.split(command_line(without=(*without, *names))), *words])
 
 
-def _look(situation: Situation) -> NextStep:
-    return NextStep("look at the columns of the log", shlex.join(["replant", "look", situation.path, "--out", "look"]))
+def _look(situation: Situation, words: str = "look at the columns of the log") -> NextStep:
+    return NextStep(words, shlex.join(["replant", "look", situation.path, "--out", "look"]))
 
 
-def _sensor(situation: Situation) -> NextStep:
-    return NextStep("look at the output: check the sensor, its range and its cable", _look(situation).command)
-
-
-def _move(situation: Situation) -> NextStep:
-    return NextStep("move the input and record again; what it did in this record", _look(situation).command)
+def _fit(*without: str) -> list[str]:
+    """Return the words of the command that fits what was typed, without some options."""
+    return ["replant", "fit", *shlex.split(_again(*without, "optimizer", "startup"))[2:]]
 
 
 def _keep(situation: Situation) -> NextStep:
@@ -118,9 +111,13 @@ def _search(situation: Situation) -> NextStep:
         words = "no structure explains all of it: identify one half by itself, as a plant that changes needs"
         return NextStep(words, _again("poles", "zeros", "delay", to=f"{half:.6g}", poles=situation.poles))
     delays = dead_times(situation.result, situation.log)
-    command = ["replant", "fit", *shlex.split(_again("poles", "zeros", "delay", "optimizer", "startup", "method"))[2:]]
-    searched = [*command, "--poles", f"1:{min(situation.poles + 1, 4)}", "--delay", delays]
-    return NextStep("search the structure and the dead time", shlex.join(searched))
+    searched = ["--poles", f"1:{min(situation.poles + 1, 4)}", "--delay", delays]
+    command = shlex.join([*_fit("poles", "zeros", "delay", "method"), *searched])
+    return NextStep("search the structure and the dead time", command)
+
+
+def _wait(_: Situation) -> NextStep:
+    return NextStep("use all samples at once", shlex.join(_fit()))
 
 
 def _dead_time(situation: Situation) -> NextStep:
@@ -134,15 +131,13 @@ def _fewer(situation: Situation) -> NextStep:
         return NextStep(f"try {_counted(fewer)}", _again("poles", "zeros", poles=fewer))
     if _is_step_test(situation.log.input) and click.get_current_context().params.get("x0") != REST:
         return NextStep("say that it began at rest, if it did", _again(x0=REST))
-    words = shlex.split(_again("optimizer", "startup"))
-    logs = ["replant", "fit", words[2], OTHER_LOG, *words[3:]]
-    return NextStep("record more, and fit both logs", shlex.join(logs))
+    words = _fit()
+    return NextStep("record more, and fit both logs", shlex.join([*words[:3], OTHER_LOG, *words[3:]]))
 
 
 def _is_step_test(u: FloatArray) -> bool:
     """Return whether an input (K,) has moved from rest, and no more often than in a step test."""
-    known = u[np.isfinite(u)]
-    return bool(0 < np.count_nonzero(np.diff(known)) <= STEPS_OF_A_TEST)
+    return bool(0 < np.count_nonzero(np.diff(u[np.isfinite(u)])) <= STEPS_OF_A_TEST)
 
 
 def _likelier(reason: str) -> int:
@@ -163,14 +158,6 @@ def _part(situation: Situation) -> NextStep:
     return NextStep("identify the part since the change", _again("from", **{"from": f"{begin:.6g}"}))
 
 
-def _straight(situation: Situation) -> NextStep:
-    return NextStep("take the input for a straight line between its samples", _again(input_hold="foh"))
-
-
-def _clock(situation: Situation) -> NextStep:
-    return NextStep("let the time stamps count", _again("dt"))
-
-
 def _column(situation: Situation) -> NextStep:
     found = re.search(COLUMN, situation.reason)
     name = "" if found is None else found[1]
@@ -181,22 +168,20 @@ def _column(situation: Situation) -> NextStep:
 def _reference(situation: Situation) -> NextStep:
     if situation.poles > 1 and "unstable" in situation.reason:
         return _fewer(situation)
-    words = "give the set-point as --reference; look which column it is"
-    return NextStep(words, _look(situation).command)
+    return _look(situation, "give the set-point as --reference; look which column it is")
 
 
-def _no_reference(situation: Situation) -> NextStep:
-    return NextStep("leave the reference out, or give the set-point", _again("reference"))
+def _repeat(words: str, *without: str, **options: object) -> Callable[[Situation], NextStep]:
+    """Return the step that repeats the command, without some options, and with others."""
+    return lambda situation: NextStep(words, _again(*without, **options))
 
 
-def _default(situation: Situation) -> NextStep:
-    return NextStep("use the method by default", _again("optimizer", "method", "startup"))
-
-
-def _wait(situation: Situation) -> NextStep:
-    words = shlex.split(_again("optimizer", "startup"))
-    return NextStep("use all samples at once", shlex.join(["replant", "fit", *words[2:]]))
-
+_move = partial(_look, words="move the input and record again; what it did in this record")
+_sensor = partial(_look, words="look at the output: check the sensor, its range and its cable")
+_clock = _repeat("let the time stamps count", "dt")
+_straight = _repeat("take the input for a straight line between its samples", input_hold="foh")
+_no_reference = _repeat("leave the reference out, or give the set-point", "reference")
+_default = _repeat("use the method by default", "optimizer", "method", "startup")
 
 #: What reasons say, and what to do; the first that fits counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
@@ -210,15 +195,15 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"run straight between|runs straight between", _straight),
     (r"than the model says", _dead_time),
     (r"the reference (stands still|is a copy|explains nothing|follows)", _no_reference),
-    (r"either its disturbances have more colour|only a reference|give its reference", _reference),
+    (r"either its disturbances have more colour|only a reference|give its reference|answers to dist", _reference),
     (r"the plant seems to have changed", _part),
     (r"to the bit|stuck|extreme of the output|no output has arrived|output is constant|left out", _sensor),
     (r"noise biases an estimate|left the range of float64", _default),
-    (r"make it an input, too|answers to disturbances", _look),
+    (r"make it an input, too", _look),
     (r"the inputs? could explain|filtered by its noise model|leave float64|spoke against the model", _search),
     (r"residual (began to|had) grow|power of the residual|largest power|alone would put|residual is as usual", _part),
     (UNSURE, _fewer),
     (r"abs G is known to|varies slowly|rely on G", _fewer),
     (r"has moved by|coefficient that differs|too few|none is left|first model|provisional|estimate of", _wait),
-    (r"answers the residual|the model fits the output|may be chance", _keep),
+    (r"answers the residual|is moved by the reference|the model fits the output|may be chance", _keep),
 )

@@ -32,9 +32,8 @@ from replant.logs.sampling_time import time_candidates
 from replant.online.runs.result import Result
 from replant.report.programs import identifier_as_python
 from replant.report.terminal import as_json as result_as_json
-from replant.report.terminal import print_result, record_line
-from replant.report.terminal_tables import print_validation
-from replant.report.terminal_tables import validation_as_json as validation_as_json
+from replant.report.terminal import print_result, print_validation, record_line
+from replant.report.terminal import validation_as_json as validation_as_json
 from replant.verdict.verdict import Verdict
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]

@@ -43,7 +43,7 @@ from replant.online.runs.full_trace import FullTrace
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
 from replant.online.runs.run_log import judged_by_log
-from replant.report import terminal_tables as comparison
+from replant.report import terminal as comparison
 from replant.report.programs import fit_as_python
 
 

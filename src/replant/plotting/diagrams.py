@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from replant.numerics.arguments import FloatArray
 from replant.numerics.residuals import BAND_95, BAND_99, Correlations
-from replant.plotting.over_time import Curve, Panel, draw_panel
+from replant.plotting.over_time import Curve, Panel, draw_panel, thin
 from replant.plotting.style import (
     BLUE,
     GRID,
@@ -36,7 +36,6 @@ from replant.plotting.style import (
     tidy,
     title,
 )
-from replant.plotting.thinning import thin
 
 ComplexArray = npt.NDArray[np.complex128]
 Regions = Sequence[tuple[complex, FloatArray]]  # roots, each with the covariance (2, 2) of real and imaginary part

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
+import textwrap
+from collections.abc import Sequence
 from typing import Any
 
 from replant.model.interop import unit_of, without_unit
@@ -107,6 +110,13 @@ def _digits(value: float, digits: int) -> str:
     return f"{round(value, place):.{max(place, 0)}f}"
 
 
+def wrapped(text: str, width: int) -> list[str]:
+    """Return text in lines of at most ``width`` characters, without a break between a figure and its unit."""
+    glued = re.sub(r"(?<=\d) (?=(?:%|s|h)(?:\W|$))", "\N{NO-BREAK SPACE}", text)
+    lines = textwrap.wrap(glued, max(width, 1), break_long_words=False, break_on_hyphens=False)
+    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
+
+
 def grouped(value: float, places: int = 1) -> str:
     """Return a number with commas between groups of three digits; from `WIDEST` on with a power of ten."""
     try:
@@ -160,6 +170,24 @@ def symbols(structure: Structure, input_label: str, output_label: str) -> list[s
             unit = f"1/{seconds}" if name[0] == "a" else f"{per}/{seconds}" if per else ""
         labels.append(with_unit(symbol(name), unit))
     return labels
+
+
+def fraction(model: TransferFunction) -> list[str]:
+    r"""Return G(s) as three lines of text, numerator over denominator."""
+    top, _, bottom = str(TransferFunction(model.num, model.den)).partition(" / ")
+    top, bottom = top.strip("()"), bottom.strip("()")
+    width = max(len(top), len(bottom))
+    dead_time = f" exp(-{model.delay:.4g} s)" if model.delay else ""
+    return [
+        f"       {top:^{width}}".rstrip(),
+        f"G(s) = {'-' * width}{dead_time}",
+        f"       {bottom:^{width}}".rstrip(),
+    ]
+
+
+def true_parameters(truth: TransferFunction) -> Sequence[float]:
+    """Return the coefficients of a transfer function in the order a_{n-1} .. a_0, b_m .. b_0."""
+    return [*truth.den[1:].tolist(), *truth.num.tolist()]
 
 
 def with_unit(name: str, unit: str) -> str:

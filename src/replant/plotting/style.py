@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import base64
 import html
+import io
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -69,10 +71,18 @@ def blank_figure(width: float, height: float) -> Any:
     [7.0, 4.0]
     """
     try:
-        from replant.plotting.figure import ShownFigure
+        from matplotlib.figure import Figure
     except ImportError as cause:
         raise MissingDependencyError("plots need matplotlib: pip install 'replant[report]'") from cause
-    return ShownFigure(figsize=(width, height), layout="constrained")
+    figure: Any = Figure(figsize=(width, height), layout="constrained")
+    figure._repr_png_ = partial(_as_png, figure)  # what a notebook asks an object for
+    return figure
+
+
+def _as_png(figure: Any) -> bytes:
+    drawn = io.BytesIO()
+    figure.savefig(drawn, format="png")
+    return drawn.getvalue()
 
 
 def given_axes(name: str, axes: Any, count: int) -> list[Any]:

@@ -82,7 +82,7 @@ def draw_fit(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw input, measured and simulated output, and the residual over time; samples left out are shaded.
+    """Draw input, both outputs and the residual over time, return three axes; samples left out are shaded.
 
     Parameters
     ----------
@@ -95,10 +95,6 @@ def draw_fit(
         Drawn into; without them a figure is made.
     input_label, output_label : str
         With the unit in brackets at the end, if it is known.
-
-    Returns
-    -------
-    array of three axes
 
     Raises
     ------
@@ -127,7 +123,7 @@ def draw_transients(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw each parameter's estimate over time, its band of +-2 sigma, and the true value if known.
+    """Draw each parameter's estimate over time, its band of +-2 sigma, and the true value if known; return the axes.
 
     Parameters
     ----------
@@ -141,10 +137,6 @@ def draw_transients(
         Drawn into; without them a figure is made.
     input_label, output_label : str
         With the unit in brackets at the end, if it is known.
-
-    Returns
-    -------
-    array of P axes
     """
     result = instance("result", result, Result)
     dt, count = duration("dt", dt), result.structure.size
@@ -178,7 +170,7 @@ def draw_overlay(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw each parameter's estimate over time by several methods, with its band of +-2 sigma if known.
+    """Draw each parameter's estimate by several methods, with its band of +-2 sigma if known; return the axes.
 
     A fit of the whole record is a horizontal line; a method with an estimate only at the end is a dot.
 
@@ -195,10 +187,6 @@ def draw_overlay(
         Drawn into; without them a figure is made.
     input_label, output_label : str
         With the unit in brackets at the end, if it is known; of the input after its map.
-
-    Returns
-    -------
-    array of P axes
     """
     chosen = reference or next(iter(results))
     axes = _for_parameters(axes, results[chosen].structure.size, 1.7)
@@ -209,33 +197,16 @@ def draw_overlay(
 def draw_outputs(
     results: Mapping[str, Result], y: FloatArray, dt: float, *, axes: Any = None, output_label: str = "output"
 ) -> Any:
-    """Draw the output of each method's model, simulated from the input alone, over the measured one.
+    """Draw the output of each method's model, simulated from the input alone, over the measured one; return two axes.
 
     The first axes show the whole record, the second its last tenth, where the curves can be told apart.
-
-    Parameters
-    ----------
-    results : dict of Result
-        By the name of the method; all of the same record.
-    y : (K,) array
-        Measured output.
-    dt : float
-        Sampling time in s.
-    axes : two matplotlib axes, optional
-        Drawn into; without them a figure is made.
-    output_label : str
-        With the unit in brackets at the end, if it is known.
-
-    Returns
-    -------
-    array of two axes
     """
     axes = axes_for("axes", axes, 2, (9.0, 5.4))
     return draw_panels(axes, output_panels(results, y, dt, output_label), SHOWN_SMALL)
 
 
 def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, clock: Clock | None = None) -> Any:
-    """Draw how well the samples of each window of a record determine the parameters.
+    """Draw how well the samples of each window of a record determine the parameters, and return both axes.
 
     Values that are rounding errors are drawn at the edge: eigenvalues below 1e-12, condition numbers above 1e10.
 
@@ -249,10 +220,6 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, cl
         For the smallest eigenvalue of the scaled information matrix, and for the condition number.
     clock : Clock, optional
         Of an irregular clock.
-
-    Returns
-    -------
-    array of two axes
     """
     dt = duration("dt", dt)
     axes = axes_for("axes", axes, 2, (9.0, 4.2), sharex=True)
@@ -265,7 +232,7 @@ def draw_excitation(found: Excitation | None, dt: float, *, axes: Any = None, cl
 
 
 def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None) -> Any:
-    """Draw the residual's autocorrelation and its cross-correlation with the input, with 95 and 99 % limits.
+    """Draw the residual's correlation with itself and with the input, with 95 and 99 % limits; return both axes.
 
     For a model that explains the record, 95 % of the lags lie within the inner limits.  Cross-correlation at negative
     lags, where the input follows the residual, indicates feedback.
@@ -278,17 +245,13 @@ def draw_correlations(found: Correlations | None, dt: float, *, axes: Any = None
         Sampling time in s.
     axes : two matplotlib axes, optional
         Drawn into; without them a figure is made.
-
-    Returns
-    -------
-    array of two axes
     """
     found = instance("found", found, Correlations, None)
     return diagrams.draw_correlations(found, duration("dt", dt), axes)
 
 
 def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = None, ax: Any = None) -> Any:
-    """Draw poles (crosses) and zeros (circles), with their 95 % confidence ellipses if a covariance is known.
+    """Draw poles (crosses) and zeros (circles), with 95 % ellipses if a covariance is known; return the axes.
 
     Parameters
     ----------
@@ -297,10 +260,6 @@ def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = Non
         The true plant of a simulated record.
     ax : matplotlib axes, optional
         Drawn into; without it a figure is made.
-
-    Returns
-    -------
-    axes
     """
     model = result.transfer_function
     return diagrams.draw_poles({"model": (model.poles, model.zeros, regions(result))}, ax, truth=truth)
@@ -346,7 +305,7 @@ def draw_bode(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw magnitude and phase over angular frequency up to the Nyquist frequency, with a band of +-2 sigma if known.
+    """Draw magnitude and phase up to the Nyquist frequency, with a band of +-2 sigma if known; return both axes.
 
     Parameters
     ----------
@@ -359,10 +318,6 @@ def draw_bode(
         Drawn into; without them a figure is made.
     input_label, output_label : str
         With the unit in brackets at the end, if it is known.
-
-    Returns
-    -------
-    array of two axes
     """
     result, dt = instance("result", result, Result), duration("dt", dt)
     found = _response(result, frequencies(result.transfer_function, dt), dt)
@@ -385,24 +340,9 @@ def draw_responses(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw magnitude and phase of each method's model over angular frequency, with bands of +-2 sigma where known.
+    """Draw magnitude and phase of each method's model, with bands of +-2 sigma where known; return both axes.
 
-    Parameters
-    ----------
-    results : dict of Result
-        By the name of the method.
-    dt : float
-        Sampling time in s.
-    reference : str, optional
-        The method whose response sets the limits of the axes, by default the first: curves far beyond it are cut off.
-    axes : two matplotlib axes, optional
-        Drawn into; without them a figure is made.
-    input_label, output_label : str
-        With the unit in brackets at the end, if it is known; of the input after its map.
-
-    Returns
-    -------
-    array of two axes
+    The response of the ``reference``, by default the first, sets the limits: curves far beyond it are cut off.
     """
     chosen, unit = reference or next(iter(results)), gain_unit(input_label, output_label)
     found = responses_of(results, dt, chosen)
@@ -427,7 +367,7 @@ def draw_step(
     input_label: str = "input",
     output_label: str = "output",
 ) -> Any:
-    """Draw the output by a unit step of the input of G(s), until it has settled, with its band of +-2 sigma.
+    """Draw the output by a unit step until it has settled, with its band of +-2 sigma, and return the axes.
 
     Parameters
     ----------
@@ -438,10 +378,6 @@ def draw_step(
         Drawn into; without it a figure is made.
     input_label, output_label : str
         With the unit in brackets at the end, if it is known.
-
-    Returns
-    -------
-    axes
     """
     (axis,) = axes_for("ax", ax, 1, (6.2, 3.4))
     with np.errstate(all="ignore"):
@@ -452,7 +388,7 @@ def draw_step(
 
 
 def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, ax: Any = None) -> Any:
-    """Draw the power spectral density of the residual and of its model, over the angular frequency.
+    """Draw the power spectral density of the residual and of its model, and return the axes.
 
     Parameters
     ----------
@@ -463,10 +399,6 @@ def draw_spectrum(noise: NoiseModel | None, residual: FloatArray, dt: float, *, 
         Sampling time in s.
     ax : matplotlib axis, optional
         Drawn into; without it a figure is made.
-
-    Returns
-    -------
-    axis
     """
     found = periodogram(residual, dt)
     if found is None or not (found[1] > 0.0).any():

@@ -14,6 +14,7 @@ import numpy as np
 
 from replant.errors import ReplantError
 from replant.estimation.filters import StateVariableFilter
+from replant.fitting.model import Model
 from replant.logs.log import Log
 from replant.logs.recording import digest
 from replant.model.preprocess import Preprocess
@@ -149,6 +150,16 @@ def coefficients(material: Material) -> str:
             row += [number(float(true)), off_by(value, float(true)).replace("-", MINUS)]
     note = NO_STD if known is None else UNCERTAIN
     return table(headings, rows, "Coefficients") + f'<p class="note">{note}</p>'
+
+
+def gain_and_times(model: Model) -> tuple[str, list[str]]:
+    """Return DC gain and time constants of a model, each with its standard deviation where that is known."""
+    known, g = model.uncertainty, model.transfer_function
+    stds: list[float | None] = (
+        [None] * len(g.modes) if known is None else [each.time_constant_std for each in known.modes]
+    )
+    gain = uncertain(float(g.dc_gain), None if known is None else known.dc_gain_std)
+    return gain, [uncertain(mode.time_constant, std) for mode, std in zip(g.modes, stds, strict=True)]
 
 
 def poles(material: Material) -> str:

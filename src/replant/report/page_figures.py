@@ -17,9 +17,8 @@ from replant.numerics.arguments import FloatArray
 from replant.plotting import style
 from replant.plotting.diagrams import reach_of
 from replant.plotting.numbers import complex_number, gain_unit, number, percent
-from replant.plotting.over_time import SHOWN_SMALL, Curve, Panel, draw_panels, within_reason
+from replant.plotting.over_time import POINTS, SHOWN_SMALL, Curve, Panel, draw_panels, thin, within_reason
 from replant.plotting.style import blank_figure
-from replant.plotting.thinning import POINTS, thin
 from replant.report import figures
 from replant.report.material import Material
 from replant.report.panels import first_estimate

@@ -1,4 +1,4 @@
-"""What is drawn over time of a result, of several, of an excitation and of a log: as panels of curves."""
+"""What is drawn of a result, of several, of an excitation and of a log, as panels of curves; and of several models."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from replant.fitting.inspect import Inspection
+from replant.fitting.model import Model
 from replant.logs.columns import Column
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Clock, History, Result
-from replant.plotting import style
+from replant.plotting import diagrams, style
 from replant.plotting.numbers import mapped_label, symbols, with_unit
-from replant.plotting.over_time import SHOWN, Curve, Panel, constant, true_value
-from replant.plotting.thinning import POINTS, thin
+from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, constant, draw_panel, thin, true_value
 from replant.report.findings import Excitation
 from replant.verdict import WORST_CONDITION
 
@@ -219,10 +219,12 @@ def excitation_panels(found: Excitation | None, clock: Clock) -> list[Panel]:
 def column_panels(found: Inspection) -> list[Panel]:
     """Return the columns of numbers of a log over time, or over samples where the log has no time column."""
     dt = 1.0 if found.clock is None or math.isnan(found.clock.dt) else found.clock.dt
-    panels = []
+    panels, roles = [], found.roles
+    named = ((roles.input, style.INPUT), (roles.output, style.MEASURED), (roles.reference, style.TRUTH))
     for column in columns_drawn(found):
         drawn = thin(found.contents.values[column.number], SHOWN)
-        curve = Curve(dt * drawn.places, drawn.values, "", _colour(column, found), width=1.0)
+        colour = next((colour for role, colour in named if role is not None and role.column == column), style.RESIDUAL)
+        curve = Curve(dt * drawn.places, drawn.values, "", colour, width=1.0)
         panels.append(Panel(column.name, [curve], (0.0, dt * max(1, column.rows - 1))))
     return panels
 
@@ -236,7 +238,21 @@ def columns_drawn(found: Inspection) -> list[Column]:
     return [*first, *(column for column in rest if column not in first and not math.isnan(column.low))][:MOST]
 
 
-def _colour(column: Column, found: Inspection) -> str:
-    roles = found.roles
-    named = ((roles.input, style.INPUT), (roles.output, style.MEASURED), (roles.reference, style.TRUTH))
-    return next((colour for role, colour in named if role is not None and role.column == column), style.RESIDUAL)
+def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
+    """Draw the step response of each model with its band of two standard deviations."""
+    longest = max(float(model.step().time[-1]) for model in models.values())
+    curves = []
+    for (name, model), (colour, dashes) in zip(models.items(), style.LINES, strict=False):
+        step = model.step(longest)
+        std = None if step.std is None else np.minimum(step.std, 0.5 * (np.ptp(step.output) or 1.0))
+        curves.append(Curve(step.time, step.output, name, colour, std, dashes=dashes))
+    draw_panel(axis, Panel("", curves, (0.0, longest)))
+    axis.set(xlabel="time [s]", ylabel="step response")
+
+
+def draw_poles_of(models: Mapping[str, Model], axis: Any) -> None:
+    """Draw the poles and zeros of each model with their 95 % regions."""
+    found = {name: model.poles() for name, model in models.items()}
+    regions = {name: [(mode.mode.pole, mode.covariance) for mode in each.uncertain] for name, each in found.items()}
+    drawn = {n: (each.values, each.zeros, diagrams.with_conjugates(regions[n])) for n, each in found.items()}
+    diagrams.draw_poles(drawn, axis)

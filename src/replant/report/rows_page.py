@@ -21,15 +21,13 @@ from replant.numerics.residuals import Correlations, correlation_lags, correlati
 from replant.online.runs.result import MOST_SHADES, Clock
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import gain_unit, mathml, number, percent, symbols, uncertain, with_unit
-from replant.plotting.over_time import Panel, draw_panels
+from replant.plotting.over_time import POINTS, Panel, draw_panels, thin
 from replant.plotting.style import blank_figure
-from replant.plotting.thinning import POINTS, thin
 from replant.report import material as tables
 from replant.report.findings import findings
-from replant.report.models_page import draw_poles_of
 from replant.report.page import Html, asset, facts, filled, folded, script, table, uplot, words, write_page
 from replant.report.page_figures import HALF, charts_of, look, svg, time_picture
-from replant.report.panels import input_panel, model_panels, part_panel, whole_record
+from replant.report.panels import draw_poles_of, input_panel, model_panels, part_panel, whole_record
 from replant.report.result_page import drawn, in_small, reproduction, section, verdict_of
 
 SAME = 1e-9  # part of a dead time that is rounding [part]
@@ -118,16 +116,21 @@ def write_rows(
     candidates: str = "",
 ) -> Path:
     """Write the report of the rows of a model into one self-contained HTML file, and return its path."""
-    panels = {"fit": _over_time(outputs)}
+    several = len(outputs) > 1
+    numbers = [str(i) if i > 1 else "" for i in range(1, len(outputs) + 1)]
+    of_outputs = [panel for each, which in zip(outputs, numbers, strict=True) for panel in each.panels(which)]
+    panels, said = {"fit": [*of_outputs, *outputs[0].inputs]}, _of_fit(outputs)
     with look(), np.errstate(all="ignore"):
         plots = charts_of(panels)
         fields = {
-            "verdicts": "".join(_verdict(each, several=len(outputs) > 1) for each in outputs),
+            "verdicts": "".join(
+                verdict_of(findings(each.fitted, len(each.log)), None, each.name if several else "") for each in outputs
+            ),
             "models": _matrix(outputs, _formula),
-            "figures": "".join(_figures(each, several=len(outputs) > 1) for each in outputs),
+            "figures": "".join(_figures(each, several=several) for each in outputs),
             "zoom": asset("zoom.html"),
-            "fit": drawn(_of_fit(outputs), time_picture("fit", panels["fit"], _of_fit(outputs)), plots["fit"]),
-            "left": "".join(_left(each, i, several=len(outputs) > 1) for i, each in enumerate(outputs)),
+            "fit": drawn(said, time_picture("fit", panels["fit"], said), plots["fit"]),
+            "left": "".join(_left(each, i, several=several) for i, each in enumerate(outputs)),
             "gains": _gains(outputs),
             "steps": _matrix(outputs, _step) + _note("Bands are two standard deviations wide to either side."),
             "bode": _matrix(outputs, _bode),
@@ -163,17 +166,6 @@ def save_figures(folder: Path, outputs: Sequence[Output]) -> list[Path]:
             paths.append(folder / f"{name}{number_of}.png")
             figure.savefig(paths[-1], dpi=130)
     return paths
-
-
-def _over_time(outputs: Sequence[Output]) -> list[Panel]:
-    numbers = [str(i) if i > 1 else "" for i in range(1, len(outputs) + 1)]
-    of_outputs = [panel for each, which in zip(outputs, numbers, strict=True) for panel in each.panels(which)]
-    return [*of_outputs, *outputs[0].inputs]
-
-
-def _verdict(output: Output, *, several: bool) -> str:
-    found = findings(output.fitted, len(output.log))
-    return verdict_of(found, None, output.name if several else "")
 
 
 def _matrix(outputs: Sequence[Output], cell: Callable[[Output, str, str], str]) -> str:
@@ -269,14 +261,9 @@ def _gains(outputs: Sequence[Output]) -> str:
     rows = []
     for output in outputs:
         for name, model in output.pairs.items():
-            known, g = model.uncertainty, model.transfer_function
-            gain = uncertain(g.dc_gain, None if known is None else known.dc_gain_std)
-            modes = [
-                uncertain(mode.time_constant, None if known is None else known.modes[i].time_constant_std)
-                for i, mode in enumerate(g.modes)
-            ]
-            unit = gain_unit(name, output.name)
-            rows.append((_said(output, name), f"{gain} {unit}".strip(), f"{g.delay:.4g}", "; ".join(modes)))
+            gain, times = tables.gain_and_times(model)
+            gain = f"{gain} {gain_unit(name, output.name)}".strip()
+            rows.append((_said(output, name), gain, f"{model.transfer_function.delay:.4g}", "; ".join(times)))
     return table(("from, to", "DC gain", "dead time [s]", "time constants [s]"), rows, "Gains")
 
 

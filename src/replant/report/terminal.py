@@ -1,21 +1,36 @@
-"""A result, a kept model and a model of several inputs as tables for the terminal; a result as an object of JSON."""
+"""Results, models, methods compared, structures tried, validations: as tables for the terminal, and as JSON."""
 
 from __future__ import annotations
 
 import math
-import re
-import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 from replant.fitting import model_json
 from replant.fitting.model import Model
+from replant.fitting.model_json import finite, verdict_object
 from replant.fitting.row_model import RowModel
+from replant.fitting.search_result import Candidate, SearchResult
+from replant.fitting.validation import Validation
+from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.online.runs.result import Clock, Result
-from replant.plotting.numbers import duration, interval, off_by, percent, std_alone, with_std
-from replant.report.findings import colour_of
+from replant.online.runs.result import Result
+from replant.online.runs.run_log import Contender, best
+from replant.plotting.numbers import (
+    duration,
+    fraction,
+    interval,
+    off_by,
+    percent,
+    std_alone,
+    true_parameters,
+    uncertain,
+    with_std,
+    wrapped,
+)
+from replant.report.findings import BAD, COLOURS, GOOD, colour_of, findings, without_reasons
 from replant.verdict.verdict import Verdict
+from replant.verdict.verdict import percent as share
 
 INDENT = 9  # indent of what stands behind a heading [columns]
 
@@ -47,8 +62,11 @@ def print_result(
     if record:
         _say(console, "Record", record)
     _say(console, "Samples", _samples(result.samples, result.rejected))
-    if result.clock is not None and result.clock.irregular:
-        _say(console, "Clock", _irregular(result.clock))
+    clock = result.clock
+    if clock is not None and clock.irregular:
+        between = f"{clock.shortest:.4g} to {clock.longest:.4g} s between samples, usually {clock.dt:.4g} s"
+        gaps = f"; {len(clock.gaps):,} gap{'s' if len(clock.gaps) > 1 else ''}" if len(clock.gaps) else ""
+        _say(console, "Clock", f"irregular: {between}{gaps}")
     print_verdict(console, result.verdict, lead)
 
 
@@ -123,13 +141,6 @@ def _source(model: Model | RowModel) -> str:
     return f"{made.source or 'samples'}, {made.method}, replant {made.version}, {made.date}"
 
 
-def _irregular(clock: Clock) -> str:
-    """Return in words what the intervals of an irregular clock are."""
-    gaps = len(clock.gaps)
-    said = f"irregular: {clock.shortest:.4g} to {clock.longest:.4g} s between samples, usually {clock.dt:.4g} s"
-    return said + (f"; {gaps:,} gap{'s' if gaps > 1 else ''}" if gaps else "")
-
-
 def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> None:
     _print_lines(console, fraction(model.transfer_function))
     console.print(_parameter_table(model, truth))
@@ -140,22 +151,25 @@ def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> 
     _say(console, "DC gain", with_std(model.transfer_function.dc_gain, known.dc_gain_std if known else None))
 
 
-def wrapped(text: str, width: int) -> list[str]:
-    """Return text in lines of at most ``width`` characters, without a break between a figure and its unit."""
-    glued = re.sub(r"(?<=\d) (?=(?:%|s|h)(?:\W|$))", "\N{NO-BREAK SPACE}", text)
-    lines = textwrap.wrap(glued, max(width, 1), break_long_words=False, break_on_hyphens=False)
-    return [line.replace("\N{NO-BREAK SPACE}", " ") for line in lines]
-
-
-def table(*headings: str) -> Any:
-    """Return an empty table whose columns are flush right."""
+def table(
+    headings: Sequence[str],
+    rows: Iterable[Sequence[Any]],
+    *,
+    left: Collection[int] = (),
+    bold: Callable[[Any], bool] = lambda row: False,
+    no_wrap: bool = False,
+) -> Any:
+    """Return a table whose columns are flush right, but for those in ``left``; text is shown to the letter."""
     from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for heading in headings:
-        table.add_column(Text(heading), justify="right")  # as Text: rich would take "[s]" for a style
-    return table
+    shown = Table(box=None, pad_edge=False, padding=(0, GAP, 0, 0))
+    for k, heading in enumerate(headings):  # as Text: rich would take "[s]" for a style
+        shown.add_column(Text(heading), justify="left" if k in left else "right", no_wrap=no_wrap)
+    for row in rows:
+        cells = (Text(cell) if isinstance(cell, str) else cell for cell in row)
+        shown.add_row(*cells, style="bold" if bold(row) else None)
+    return shown
 
 
 def _parameter_table(model: Model, truth: TransferFunction | None) -> Any:
@@ -168,15 +182,12 @@ def _parameter_table(model: Model, truth: TransferFunction | None) -> Any:
         true = true_parameters(truth)
         columns["true"] = [f"{value:.4g}" for value in true]
         columns["off by"] = [*map(off_by, model.parameters.tolist(), true)]
-    shown = table(*columns)
-    for cells in zip(*columns.values(), strict=False):
-        shown.add_row(*cells)
-    return shown
+    return table(list(columns), zip(*columns.values(), strict=False))
 
 
 def _mode_table(model: Model) -> Any:
     """Return the table of poles: frequency, damping and time constant, with standard deviations if known."""
-    shown = table("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]")
+    rows = []
     uncertain = model.uncertainty.modes if model.uncertainty else None
     for i, mode in enumerate(model.transfer_function.modes):
         known = uncertain and uncertain[i]
@@ -185,45 +196,24 @@ def _mode_table(model: Model) -> Any:
         pole = f"{mode.pole.real:.4g}" + (f" +- {mode.pole.imag:.4g}j" if mode.pole.imag else "")
         if not mode.pole.imag:
             cells[1] = f"{mode.damping:.3g}"  # of a real pole it is exactly 1 or -1
-        shown.add_row(pole, *cells)
-    return shown
-
-
-def fraction(model: TransferFunction) -> list[str]:
-    r"""Return G(s) as three lines of text, numerator over denominator."""
-    top, _, bottom = str(TransferFunction(model.num, model.den)).partition(" / ")
-    top, bottom = top.strip("()"), bottom.strip("()")
-    width = max(len(top), len(bottom))
-    dead_time = f" exp(-{model.delay:.4g} s)" if model.delay else ""
-    return [
-        f"       {top:^{width}}".rstrip(),
-        f"G(s) = {'-' * width}{dead_time}",
-        f"       {bottom:^{width}}".rstrip(),
-    ]
-
-
-def true_parameters(truth: TransferFunction) -> Sequence[float]:
-    """Return the coefficients of a transfer function in the order a_{n-1} .. a_0, b_m .. b_0."""
-    return [*truth.den[1:].tolist(), *truth.num.tolist()]
+        rows.append([pole, *cells])
+    return table(("pole [rad/s]", "frequency [Hz]", "damping", "time constant [s]"), rows)
 
 
 def _row_coefficients(model: RowModel) -> Any:
     """Return the table of coefficients with their standard deviations."""
-    known = model.uncertainty
-    shown = table("input", "coefficient", "identified", *(["std"] if known else []))
+    known, rows = model.uncertainty, []
     for number, (name, structure) in enumerate(zip(model.input_names, model.structures, strict=True)):
         values = model.parameters[model.places[number]].tolist()
         stds = known[number].std.tolist() if known else [math.nan] * len(values)
         for k, (coefficient, value, std) in enumerate(zip(structure.names, values, stds, strict=True)):
-            cells = [_plain(name) if k == 0 else "", coefficient, f"{value:.4g}", *([std_alone(std)] if known else [])]
-            shown.add_row(*cells)
-    return shown
+            rows.append([name if k == 0 else "", coefficient, f"{value:.4g}", *([std_alone(std)] if known else [])])
+    return table(("input", "coefficient", "identified", *(["std"] if known else [])), rows)
 
 
 def _row_gains(model: RowModel) -> Any:
     """Return the table of DC gain, dead time and time constants from each input."""
-    shown = table("input", "DC gain", "dead time [s]", "time constants [s]")
-    known = model.uncertainty
+    known, rows = model.uncertainty, []
     for number, (name, g) in enumerate(zip(model.input_names, model.transfer_functions, strict=True)):
         gain = with_std(g.dc_gain, known[number].dc_gain_std if known else None)
         modes = known[number].modes if known else [None] * len(g.modes)
@@ -231,12 +221,197 @@ def _row_gains(model: RowModel) -> Any:
             with_std(mode.time_constant, None if std is None else std.time_constant_std)
             for mode, std in zip(g.modes, modes, strict=True)
         )
-        shown.add_row(_plain(name), gain, f"{g.delay:.4g}", ", ".join(constants))
-    return shown
+        rows.append([name, gain, f"{g.delay:.4g}", ", ".join(constants)])
+    return table(("input", "DC gain", "dead time [s]", "time constants [s]"), rows)
 
 
-def _plain(text: str) -> Any:
-    """Return a text as rich prints it to the letter: a name may have a unit in brackets."""
+OUTCOME = ("verdict", "simulated", "one step", "time")
+VERDICT = 1 + OUTCOME.index("verdict")  # its column, behind the method's
+GAP = 2  # spaces between columns of the terminal's table [columns]
+
+
+def comparison_as_json(contenders: Sequence[Contender]) -> dict[str, Any]:
+    """Return the JSON object of `run` by method; ``{"problem": reason}`` for a method that found no model."""
+    return {
+        entry.name: {"problem": entry.problem} if entry.result is None else as_json(entry.result)
+        for entry in contenders
+    }
+
+
+def cells_of(entry: Contender, size: int) -> list[str]:
+    """Return the row of a method: verdict, fits, time, and the ``size`` coefficients, with their std if known."""
+    result = entry.result
+    if result is None:
+        return ["no model", *["–"] * (len(OUTCOME) - 1 + size)]
+    known = result.uncertainty
+    stds: Sequence[float | None] = [None] * size if known is None else known.std.tolist()
+    return [
+        without_reasons(result.verdict.status, excited=result.verdict.excited),
+        percent(result.simulation.fit),
+        percent(result.one_step),
+        f"{result.elapsed:.2f} s",
+        *(uncertain(value, std) for value, std in zip(result.parameters.tolist(), stds, strict=True)),
+    ]
+
+
+def gravity_of(entry: Contender, samples: int) -> str:
+    """Return the gravity of the gravest finding about a method's model, see `Finding.gravity`."""
+    return BAD if entry.result is None else findings(entry.result, samples)[0].gravity
+
+
+def print_comparison(console: Any, contenders: Sequence[Contender], structure: Structure, samples: int) -> None:
+    """Print a table with a row for each method, that of the best simulated fit in bold.
+
+    On a narrow terminal the columns are printed in several blocks.
+    """
+    from rich.cells import cell_len
     from rich.text import Text
 
-    return Text(text)
+    headings = ["method", *OUTCOME, *structure.names]
+    columns: list[list[Any]] = [[entry.name for entry in contenders]]
+    columns += [
+        _aligned(column) for column in zip(*(cells_of(entry, structure.size) for entry in contenders), strict=True)
+    ]
+    widths = [max(map(cell_len, [heading, *cells])) for heading, cells in zip(headings, columns, strict=True)]
+    columns[VERDICT] = [
+        Text(verdict, f"bold {COLOURS[gravity_of(entry, samples)]}")
+        for verdict, entry in zip(columns[VERDICT], contenders, strict=True)
+    ]
+    top = first.name if (first := best(contenders)) else None
+    for chosen in _blocks(widths, console.width):
+        rows = zip(*(columns[i] for i in chosen), strict=True)
+        look: Any = {"left": [k for k, i in enumerate(chosen) if i in (0, VERDICT)], "no_wrap": True}
+        console.print(table([headings[i] for i in chosen], rows, bold=lambda row: row[0] == top, **look))
+        console.print()
+    for entry in contenders:
+        if gravity_of(entry, samples) != GOOD:
+            why = entry.problem if entry.result is None else "; ".join(entry.result.verdict.reasons[:1])
+            console.print(f"{entry.name}: {why}", style="dim", highlight=False, markup=False)
+
+
+def _aligned(cells: Sequence[str]) -> list[str]:
+    """Return the cells of a right-aligned column with their plus-minus signs below each other."""
+    parts = [cell.partition(" ± ") for cell in cells]
+    width = max(len(std) for _, _, std in parts)
+    if width == 0:
+        return list(cells)
+    return [value + (f" +- {std:<{width}}" if sign else " " * (width + 4)) for value, sign, std in parts]
+
+
+def _blocks(widths: Sequence[int], room: int) -> list[list[int]]:
+    """Return the columns of each block: all in one if they fit, else the outcome first, then as many as fit."""
+    if sum(widths) + GAP * (len(widths) - 1) <= room:
+        return [list(range(len(widths)))]
+    blocks = [list(range(len(OUTCOME) + 1)), [0]]
+    for i in range(len(OUTCOME) + 1, len(widths)):
+        if sum(widths[k] + GAP for k in [*blocks[-1], i]) - GAP > room and len(blocks[-1]) > 1:
+            blocks.append([0])
+        blocks[-1].append(i)
+    return blocks
+
+
+HEADINGS = ("poles", "zeros", "dead time", "fit", "least known coefficient", "evidence", "")
+CHOSEN = "chosen"
+
+
+def rows_of(found: SearchResult) -> list[tuple[str, ...]]:
+    """Return a row for each structure worth reading, its evidence beside the most; the chosen one is marked."""
+    rows: list[tuple[str, ...]] = []
+    for candidate in found.likely:
+        size = (candidate.of_inputs("poles"), candidate.of_inputs("zeros"), f"{candidate.of_inputs('delay')} s")
+        evidence = 0.5 * (found.likely[0].criterion - candidate.criterion)
+        known = f"± {share(candidate.uncertainty)}" if candidate.uncertainty < 1.0 else "unknown"
+        figures = (percent(candidate.fit), known, f"{evidence:.1f}")
+        rows.append((*size, *figures, CHOSEN if candidate is found.chosen else ""))
+    return rows
+
+
+def candidates_as_json(found: SearchResult) -> list[dict[str, Any]]:
+    """Return an object of JSON for each structure; figures that are not finite become null."""
+    return [_object(candidate, chosen=candidate is found.chosen) for candidate in found.candidates]
+
+
+def _object(candidate: Candidate, *, chosen: bool) -> dict[str, Any]:
+    orders = {name: [getattr(each, name) for each in candidate.structures] for name in ("poles", "zeros", "delay")}
+    single = not isinstance(candidate.structure, tuple)
+    return {
+        **{name: each[0] if single else each for name, each in orders.items()},
+        "fit": finite(candidate.fit),
+        "uncertainty": finite(candidate.uncertainty),
+        "likelihood": finite(candidate.likelihood),
+        "criterion": finite(candidate.criterion),
+        "chosen": chosen,
+    }
+
+
+def weights_in_words(result: Result) -> str:
+    """Return a line on structures that learned side by side, and one on which of them was served, and since when."""
+
+    def in_words(structure: Structure) -> str:
+        delay = f" {structure.delay:g} s" if structure.delay else ""
+        return f"poles {structure.poles} zeros {structure.zeros}{delay}"
+
+    weights = ", ".join(f"{in_words(each)} {weight:.3f}" for each, weight in result.weights)
+    served = "; ".join(f"from sample {each.taken:,} on {in_words(each.structure)}" for each in result.leads)
+    return f"Weights: {weights}\nServed: {served or 'none'}"
+
+
+def weights_as_json(result: Result) -> dict[str, Any]:
+    """Return what JSON has of structures that learned side by side."""
+    return {
+        "structures": [_orders(structure) | {"weight": weight} for structure, weight in result.weights],
+        "leads": [
+            {"taken": lead.taken, **_orders(lead.structure), "weight": lead.weight, "status": lead.status}
+            for lead in result.leads
+        ],
+    }
+
+
+def _orders(structure: Structure) -> dict[str, Any]:
+    return {"poles": structure.poles, "zeros": structure.zeros, "delay": structure.delay}
+
+
+def print_candidates(console: Any, found: SearchResult) -> None:
+    """Print the table, and the dead time where it lies between the points of the grid."""
+    console.print(table(HEADINGS, rows_of(found), bold=lambda row: row[-1] == CHOSEN))
+    if found.rest:
+        console.print(found.rest, highlight=False)
+    if found.likely[0] is not found.chosen:
+        console.print("Orders are compared with the dead time found between the points of the grid", highlight=False)
+    if found.delays != tuple(each.delay for each in found.chosen.structures):
+        delays = ", ".join(f"{delay:.4g}" for delay in found.delays)
+        console.print(f"\nThe dead time between the points of the grid: {delays} s", highlight=False)
+
+
+def validation_as_json(validation: Validation, source: str) -> dict[str, Any]:
+    """Return the JSON object of a validation; figures that are not known become null."""
+    auto, cross = validation.outside
+    by_frequency = validation.by_frequency
+    return {
+        "source": source,
+        "fit": {"one_step": finite(validation.one_step), "simulated": finite(validation.fit)},
+        "offset": finite(validation.offset),
+        "samples": validation.samples,
+        "residual": {"outside_auto": finite(auto), "outside_cross": finite(cross)},
+        "worst_error": None if by_frequency is None else finite(by_frequency.worst),
+        "verdict": verdict_object(validation.verdict),
+    }
+
+
+def print_validation(console: Any, validation: Validation, source: str) -> None:
+    """Print a validation: fits, offset, tests of the residual, and the verdict in words."""
+    console.print(f"\nOn {source}", highlight=False, markup=False, style="bold")
+    simulated, one_step = (percent(fit, ascii_only=True) for fit in (validation.fit, validation.one_step))
+    console.print(f"Fit      {simulated} {validation.how}, {one_step} one step ahead", highlight=False)
+    if math.isfinite(validation.offset):
+        console.print(f"Offset   {validation.offset:+.4g} beside the model's working point", highlight=False)
+    auto, cross = validation.outside
+    if math.isfinite(auto):
+        outside = f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input"
+        console.print(f"Residual correlated beyond the 95 % limit: {outside} (of a right model 5 %)", highlight=False)
+    if validation.by_frequency is not None:
+        worst = validation.by_frequency.worst
+        error = f"up to {share(worst)} of |G|" if worst else "none beyond chance"
+        console.print(f"Error    {error}, by frequency", highlight=False)
+    console.print(f"Samples  {validation.samples:,}", highlight=False)
+    print_verdict(console, validation.verdict)

@@ -11,8 +11,7 @@ from replant.fitting.inspect import Inspection, options_of
 from replant.fitting.model_json import finite
 from replant.logs.columns import Column, Kind
 from replant.logs.sampling_time import time_candidates
-from replant.plotting.numbers import duration, interval
-from replant.report.terminal import wrapped
+from replant.plotting.numbers import duration, interval, wrapped
 from replant.verdict.verdict import percent as share
 
 FEW = 8  # different values up to which their number is shown [count]

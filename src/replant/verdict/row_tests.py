@@ -23,7 +23,8 @@ LATER = 10  # later inputs that a residual is tested against [samples]
 
 def lacking(row: Row, point: Point, noise: Autoregression, covariance: FloatArray | None = None) -> Iterator[Finding]:
     """What filters of the inputs could explain of the residual, of a model with a covariance of another record too."""
-    significance, part = _of_filters(row, point, noise, *row.inputs.T, covariance=covariance)
+    signals = row.inputs if row.outside is None else row.outside.signals
+    significance, part = _of_filters(row, point, noise, *signals.T, covariance=covariance)
     if significance > 1.0 and part > MATTERS:
         yield Finding(
             "inconsistent",
@@ -67,8 +68,9 @@ def _moves(signal: FloatArray) -> bool:
 
 
 def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
-    """Inputs that answer to the residual."""
-    for i in range(len(row.structures)):
+    """Inputs that answer to the residual, beside those that references move."""
+    free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
+    for i in free:
 
         def later(stretch: Stretch, i: int = i) -> FloatArray:
             u = np.append(stretch.inputs[i].u, np.full(LATER, stretch.inputs[i].u[-1]))
@@ -78,7 +80,7 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
             yield Finding(
                 "inconsistent",
                 f"input {row.names[i]} answers to disturbances of the output: a controller makes it, and the transfer "
-                "functions may be off; move the inputs from outside",
+                "functions may be off; give what is applied from outside, as a set-point or a dither, as the reference",
             )
 
 
@@ -92,10 +94,10 @@ def _explained(
     """Return a score statistic over its limit, and the power of the whitened error that columns explain beyond chance.
 
     The columns are whitened, and freed of what offset and initial states explain.  A model of this record explains what
-    its slopes do; the error of one of another record is larger, by the model's covariance.
+    its instruments do; the error of one of another record is larger, by the model's covariance.
     """
     parts = []
-    for stretch, phi in zip(row.stretches, point.phi, strict=True):
+    for stretch, phi in zip(row.stretches, point.zeta, strict=True):
         white = row.whitened(noise, columns(stretch), stretch)
         _, _, free = row.signals(point.theta, stretch, np.zeros(row.nuisances - 1))
         parts.append((without(white, row.whitened(noise, free, stretch)), phi))

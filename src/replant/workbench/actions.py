@@ -19,7 +19,7 @@ from replant.workbench import tasks
 from replant.workbench.cards import Card, judged
 from replant.workbench.opened import with_role
 from replant.workbench.session import LARGEST, SUFFIX, Session, logs_folder
-from replant.workbench.setup import Stretch, text
+from replant.workbench.setup import text
 
 POINTS = 1200  # places in time of a curve, unless the page asks for fewer [count]
 MOST_POINTS = 4000  # the same at the most [count]
@@ -65,7 +65,8 @@ def compared(session: Session, asked: Asked) -> dict[str, Any]:
     log = session.log(asked.get("log", ""))
     log.setup.check()
     models = _models(session)
-    part = _part(log.setup.validate_on, asked.get("part", ""))
+    number, stretches = asked.get("part", ""), log.setup.validate_on
+    part = stretches[int(number)] if number.isdecimal() and int(number) < len(stretches) else None  # all of the log
     found: dict[str, Any] = session.work.do(
         tasks.compared, models, str(log.path), log.setup, part, log.modified, _between(asked), _points(asked)
     )
@@ -87,11 +88,6 @@ def _models(session: Session) -> dict[str, str]:
     """Return the models that are compared, as their files hold them."""
     cards = [session.card(name) for name in session.compared]
     return {card.name: card.model for card in cards if card.model}
-
-
-def _part(stretches: tuple[Stretch, ...], number: str) -> Stretch | None:
-    """Return the stretch to compare on by its number; all of the log where there is none."""
-    return stretches[int(number)] if number.isdecimal() and int(number) < len(stretches) else None
 
 
 ASKED: dict[str, Callable[[Session, Asked], dict[str, Any]]] = {
@@ -180,21 +176,8 @@ def _word(given: Given, name: str) -> str:
     return text(name, given.get(name, ""))
 
 
-def _activate(session: Session, given: Given) -> None:
-    session.active = session.log(_word(given, "log")).name
-
-
-def _close(session: Session, given: Given) -> None:
-    session.close_log(_word(given, "log"))
-
-
-def _again(session: Session, given: Given) -> None:
-    session.log(_word(given, "log")).read_again()
-
-
 def _role(session: Session, given: Given) -> None:
-    log = session.log(_word(given, "log"))
-    role = _word(given, "role")
+    log, role = session.log(_word(given, "log")), _word(given, "role")
     if role not in ("time", "input", "output", "reference", ""):
         raise InvalidArgumentError("a column is time, input, output, reference or unused")
     session.choose(log.name, with_role(log, _word(given, "column"), role))
@@ -211,33 +194,8 @@ def _wish(session: Session, given: Given) -> None:
 
 
 def _fit(session: Session, given: Given) -> Given:
-    log = session.log(_word(given, "log"))
-    return {"made": session.fit(log.name, log.wish.changed(_object(given, "wish")))}
-
-
-def _stop(session: Session, given: Given) -> None:
-    session.jobs.stop(session.card(_word(given, "card")).name)
-
-
-def _repeat(session: Session, given: Given) -> None:
-    session.again(_word(given, "card"))
-
-
-def _rename(session: Session, given: Given) -> None:
-    session.rename(_word(given, "card"), _word(given, "title"))
-
-
-def _remove(session: Session, given: Given) -> None:
-    session.remove(_word(given, "card"))
-
-
-def _sort(session: Session, given: Given) -> None:
-    session.sort(_word(given, "order"))
-
-
-def _show(session: Session, given: Given) -> None:
-    """Choose which models are compared."""
-    session.show(session.card(_word(given, "card")).name, chosen=bool(given.get("chosen")))
+    _wish(session, given)
+    return {"made": session.fit(_word(given, "log"))}
 
 
 def _object(given: Given, name: str) -> Given:
@@ -248,17 +206,17 @@ def _object(given: Given, name: str) -> Given:
 
 
 ACTIONS: dict[str, Callable[[Session, Given], Given | None]] = {
-    "activate": _activate,
-    "close": _close,
-    "read-again": _again,
+    "activate": lambda session, given: session.activate(_word(given, "log")),
+    "close": lambda session, given: session.close_log(_word(given, "log")),
+    "read-again": lambda session, given: session.log(_word(given, "log")).read_again(),
     "role": _role,
     "setup": _setup,
     "wish": _wish,
     "fit": _fit,
-    "stop": _stop,
-    "repeat": _repeat,
-    "rename": _rename,
-    "remove": _remove,
-    "sort": _sort,
-    "show": _show,
+    "stop": lambda session, given: session.jobs.stop(session.card(_word(given, "card")).name),
+    "repeat": lambda session, given: session.again(_word(given, "card")),
+    "rename": lambda session, given: session.rename(_word(given, "card"), _word(given, "title")),
+    "remove": lambda session, given: session.remove(_word(given, "card")),
+    "sort": lambda session, given: session.sort(_word(given, "order")),
+    "show": lambda session, given: session.show(_word(given, "card"), chosen=bool(given.get("chosen"))),
 }

@@ -1,12 +1,17 @@
-"""The application: the page of the workbench, what it asks for, and what it does, under the dashboard's protections."""
+"""The workbench: opens logs or a session, and serves their page, what it asks for and what it does, until Ctrl-C."""
 
 from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Awaitable, Callable
-from functools import cache
+import sys
+import threading
+import webbrowser
+from collections.abc import Awaitable, Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import cache, partial
 from importlib import resources
+from pathlib import Path
 from typing import Any
 
 from starlette.applications import Starlette
@@ -18,9 +23,70 @@ from starlette.websockets import WebSocket
 from replant.errors import InvalidArgumentError, ReplantError
 from replant.live.dashboard.app import dashboard_assets, file_answer, page_app, stream
 from replant.live.dashboard.hub import Hub
+from replant.live.dashboard.server import Dashboard, serve
+from replant.live.session.progress import stop_on_signals
+from replant.numerics.operating_system import Worker
 from replant.workbench import actions
 from replant.workbench.actions import ACTIONS, Upload
-from replant.workbench.session import SUFFIX, Session
+from replant.workbench.session import SUFFIX, Session, newest_session, read, session_of, token
+
+PERIOD = 2.0  # time between two looks at whether a log has changed [s]
+
+
+def start(logs: Sequence[Path], host: str, port: int) -> None:
+    """Serve the workbench of logs, or of a session's file, until Ctrl-C."""
+    ended = threading.Event()
+    with opened(logs, host, port) as served, stop_on_signals(ended.set):
+        print(f"replant: the workbench is at {served.url}", file=sys.stderr)
+        print("replant: Ctrl-C ends it; the session is kept", file=sys.stderr, flush=True)
+        if sys.stdout.isatty():
+            webbrowser.open(served.url)
+        while served.alive and not ended.wait(0.5):
+            pass
+
+
+@contextmanager
+def opened(logs: Sequence[Path], host: str = "127.0.0.1", port: int = 0) -> Iterator[Dashboard]:
+    """Open logs, or the file of a session, and serve their workbench for the ``with`` block."""
+    for path in logs:
+        if not path.exists():
+            raise InvalidArgumentError(f"{path}: no such file; check the path")
+    own = logs[0] if len(logs) == 1 and logs[0].suffix == SUFFIX else None
+    if own is None and any(path.suffix == SUFFIX for path in logs):
+        raise InvalidArgumentError(f"open one session ({SUFFIX}) by itself, or logs")
+    kept_in = own or (session_of(logs) if logs else newest_session())
+    hub = Hub(notice=lambda text: print(f"replant: {json.dumps(text)[1:-1]}", file=sys.stderr))
+    session, ended = Session(kept_in, hub.publish), threading.Event()
+
+    def watch() -> None:
+        while not ended.wait(PERIOD):
+            session.look_for_growth()
+
+    try:
+        if kept_in.exists():
+            session.restore(read(kept_in), str(kept_in))
+        for path in [] if own else logs:
+            session.open(path)
+        session.changed()
+        Worker(watch).start()
+        with _served(session, hub, host, port) as served:
+            yield served
+            served.announce_end()
+    finally:
+        ended.set()
+        session.close()
+
+
+def _served(session: Session, hub: Hub, host: str, port: int) -> Dashboard:
+    """Serve a session, on the next free port where the wanted one is in use."""
+    word, application = token(), partial(create_app, session)
+    try:
+        return serve(hub, host, port, word, application)
+    except InvalidArgumentError as error:
+        if "in use" not in str(error):
+            raise
+        return serve(hub, host, 0, word, application)
+
 
 LARGEST = 1 << 20  # body of an action [bytes]
 _SCRIPTS = ("workbench", "page", "data", "marks", "models", "compare", "keep", "curves")

@@ -17,9 +17,9 @@ from typing import Any
 from replant.errors import InvalidArgumentError, ReplantError, shown
 from replant.numerics.operating_system import one_line, replacing
 from replant.workbench.cards import DONE, FAILED, OPEN, ORDERS, RUNNING, STOPPED, Card, card_of, in_order, title_of
-from replant.workbench.jobs import Jobs, Outcome, Work
 from replant.workbench.opened import BROKEN, Opened
 from replant.workbench.setup import Setup, Wish, words_of
+from replant.workbench.tasks import Jobs, Outcome, Work
 
 
 def folder() -> Path:
@@ -129,7 +129,8 @@ class Session:
 
     def open(self, path: Path, setup: Setup | None = None, wish: Wish | None = None, name: str = "") -> Opened:
         """Open a log, or go to it where it is open."""
-        path = _record_of(path)
+        path = path.absolute()
+        path = path / "samples" if (path / "samples").is_dir() else path  # of a live session
         with self.lock:
             same = next((each for each in self.logs.values() if each.path == path), None)
             if same is None:
@@ -143,6 +144,10 @@ class Session:
             self.active = same.name
         self.changed()
         return same
+
+    def activate(self, name: str) -> None:
+        """Show a log."""
+        self.active = self.log(name).name
 
     def close_log(self, name: str) -> None:
         """Close a log; its models stay."""
@@ -175,13 +180,16 @@ class Session:
 
     # --- models ---
 
-    def fit(self, name: str, wish: Wish) -> list[str]:
-        """Ask for models of a log; return their names."""
+    def fit(self, name: str) -> list[str]:
+        """Ask for the models that are wished of a log; return their names."""
         with self.lock:
             log = self.log(name)
-            log.wish = wish
             log.setup.check()
-            made = [self._new_card(log, each) for each in wish.alone]
+            made = []
+            for wish in log.wish.alone:
+                words = words_of(log.path, log.setup, wish)
+                made.append(Card(self._next("m"), title_of(wish), log.name, log.path, log.setup, wish, words))
+            self.cards |= {card.name: card for card in made}
         for card in made:
             self.jobs.start(card.name, card.words)
         return [card.name for card in made]
@@ -192,13 +200,6 @@ class Session:
             card = replace(self.card(name), state="waiting", error="", percent=0, stage="")
             self.cards[name] = card
         self.jobs.start(name, card.words)
-
-    def _new_card(self, log: Opened, wish: Wish) -> Card:
-        name = self._next("m")
-        words = words_of(log.path, log.setup, wish)
-        card = Card(name, title_of(wish), log.name, log.path, log.setup, wish, words)
-        self.cards[name] = card
-        return card
 
     def rename(self, name: str, title: str) -> None:
         """Give a card another title."""
@@ -220,6 +221,7 @@ class Session:
 
     def show(self, name: str, *, chosen: bool) -> None:
         """Compare a card, or no longer.  Its place gives its colour: it stays, and the first free one is taken."""
+        name = self.card(name).name if chosen else name
         if not chosen:
             self.shown = ["" if each == name else each for each in self.shown]
         elif name not in self.shown:
@@ -312,12 +314,6 @@ def _ended(card: Card, outcome: Outcome | None) -> Card:
     if outcome.error or outcome.found is None:
         return replace(card, state=FAILED, error=outcome.error)
     return replace(card, state=DONE, found=outcome.found, model=outcome.model, percent=100)
-
-
-def _record_of(path: Path) -> Path:
-    """Return the log that a path names: of a folder of a live session its samples."""
-    path = path.absolute()
-    return path / "samples" if (path / "samples").is_dir() else path
 
 
 def parsed(written: str, source: str) -> tuple[list[dict[str, Any]], list[Card], dict[str, Any]]:

@@ -114,15 +114,20 @@ class Wish:
         return tuple(found)
 
 
-def numbers(text: str) -> list[str]:
-    """Return the numbers of a range first:last or first:last:step, as they are written; one number by itself."""
+def grid(text: str) -> list[float]:
+    """Return the numbers of a range first:last or first:last:step, to the bit as the command line has them."""
     parts = [float(part) for part in text.split(":")]
     if len(parts) == 1:
-        return [text]
+        return parts
     step = parts[2] if len(parts) > 2 else 1.0
     if not step > 0.0 or parts[1] < parts[0] or (parts[1] - parts[0]) / step > 1000:
         raise InvalidArgumentError(f"{text} is no range; write 1:4, or 0:1:0.1")
-    return [plain(parts[0] + k * step) for k in range(int((parts[1] - parts[0]) / step * (1 + 1e-12)) + 1)]
+    return [parts[0] + k * step for k in range(int((parts[1] - parts[0]) / step * (1 + 1e-12)) + 1)]
+
+
+def numbers(text: str) -> list[str]:
+    """Return the numbers of a range as they are written."""
+    return [plain(value) for value in grid(text)] if ":" in text else [text]
 
 
 def text(name: str, given: Any) -> str:
@@ -295,28 +300,13 @@ def _within(stretch: Stretch) -> str:
 
 def _model(wish: Wish) -> Iterator[str]:
     if wish.kind == SEARCH:
-        poles, zeros = _list(wish.poles), _list(wish.zeros) if wish.zeros else None
-        if zeros is None and ":" not in wish.poles:
-            zeros = "[0]"
-        delays = f"[{', '.join(repr(value) for value in _grid(wish.delay))}]"
+        poles, zeros = (f"[{', '.join(numbers(given))}]" if given else "" for given in (wish.poles, wish.zeros))
+        zeros = zeros or ("" if ":" in wish.poles else "[0]")
         more = f", zeros={zeros}" if zeros else ""
-        yield f"model = rp.search(log, poles={poles}{more}, delays={delays}).best.model"
+        yield f"model = rp.search(log, poles={poles}{more}, delays={grid(wish.delay)!r}).best.model"
         return
     size = f"poles={wish.poles}, zeros={wish.zeros or 0}, delay={float(wish.delay)!r}"
     if wish.kind == RUN:
         yield f"model = judged_by_log(rp.run(log, {size}), log).model"
     else:
         yield f"model = rp.fit(log, {size}).model"
-
-
-def _list(text: str) -> str:
-    return f"[{', '.join(numbers(text))}]"
-
-
-def _grid(text: str) -> list[float]:
-    """Return the dead times of a range to the bit as the command line has them."""
-    parts = [float(part) for part in text.split(":")]
-    if len(parts) == 1:
-        return parts
-    step = parts[2] if len(parts) > 2 else 1.0
-    return [parts[0] + k * step for k in range(int((parts[1] - parts[0]) / step * (1 + 1e-12)) + 1)]

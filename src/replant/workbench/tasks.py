@@ -1,26 +1,42 @@
-"""What a worker process computes for the page: the inspection of a log, conditioned signals, and models beside them.
+"""What is computed beside the page: commands, each a process that can be stopped; and requests, by one worker.
 
-Each function takes and returns plain values, and keeps what it has read for the next request.
+The functions for the worker take and return plain values, and keep what they have read for the next request.
 """
 
 from __future__ import annotations
 
+import contextlib
+import json
 import math
+import os
+import re
+import signal
+import subprocess
 import sys
-from dataclasses import replace
+import tempfile
+import threading
+import traceback
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from replant.errors import ReplantError
 from replant.fitting.inspect import Inspection, inspect, key_of
 from replant.fitting.model import Model
+from replant.fitting.model_json import finite
 from replant.fitting.validation import Validation
 from replant.logs import open_recording
 from replant.logs.columns import Kind
 from replant.logs.conditioning import STEPS
 from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
+from replant.numerics.operating_system import one_line
 from replant.numerics.residuals import BAND_95
 from replant.report.terminal_look import as_json, findings_of
 from replant.workbench.samples import doubts, joined_extremes, rounded
@@ -123,7 +139,7 @@ def compared(
 def _beside(found: Validation, t: FloatArray, rows: slice, points: int) -> dict[str, Any]:
     correlations, by_frequency = found.correlations, found.by_frequency
     return {
-        "fit": _known(found.fit),
+        "fit": finite(found.fit),
         "how": found.how,
         "output": thinned(t, found.output, rows, points),
         "residual": thinned(t, found.residual, rows, points),
@@ -166,7 +182,7 @@ def _responses(model: Model, lasts: float, omega: FloatArray) -> dict[str, Any]:
                  "turn": rounded(turn)},
         "poles": [_complex(pole) for pole in poles.values], "zeros": [_complex(zero) for zero in poles.zeros],
         "regions": [
-            {**_complex(mode.mode.pole), "covariance": [[_known(each) for each in row] for row in mode.covariance]}
+            {**_complex(mode.mode.pole), "covariance": [[finite(each) for each in row] for row in mode.covariance]}
             for mode in poles.uncertain
         ],
     }  # fmt: skip
@@ -177,11 +193,7 @@ def _twice(std: FloatArray | None, size: int) -> FloatArray:
 
 
 def _complex(value: complex) -> dict[str, float | None]:
-    return {"real": _known(value.real), "imag": _known(value.imag)}
-
-
-def _known(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return {"real": finite(value.real), "imag": finite(value.imag)}
 
 
 def _clock(log: Log) -> FloatArray:
@@ -199,3 +211,167 @@ def thinned(t: FloatArray, signal: FloatArray, rows: slice, points: int) -> dict
     every = max(1, -(-values.size // points))
     low, high = joined_extremes(values, values, every)
     return {"t": rounded(time[::every], 12), "low": rounded(low), "high": None if every == 1 else rounded(high)}
+
+
+class Work:
+    """One worker process, started at the first request, and anew where it has died."""
+
+    def __init__(self) -> None:
+        self._process: Any = None
+        self._turn, self._closed = threading.Lock(), False
+
+    def do(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Return what a function of `replant.workbench.tasks` gives; waits for it."""
+        with self._turn:
+            try:
+                self._start()
+                self._wire.send((function, arguments))
+                answer = self._wire.recv()
+            except (EOFError, OSError):
+                self._process = None
+                raise ReplantError(
+                    "the process that computes this has died: the memory may be too small; try again"
+                ) from None
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
+
+    def close(self) -> None:
+        """End the process, whatever it is computing."""
+        self._closed, process = True, self._process
+        if process is not None:
+            process.kill()
+
+    def _start(self) -> None:
+        if self._closed:
+            raise EOFError
+        if self._process is None:
+            spawn = get_context("spawn")
+            self._wire, far = spawn.Pipe()
+            self._process = spawn.Process(target=_answer, args=(far,), daemon=True)
+            self._process.start()
+            far.close()  # so that the end of the process is the end of what comes from it
+
+
+def _answer(wire: Any) -> None:
+    """Answer requests until the workbench has gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the server
+    while True:
+        try:
+            function, arguments = wire.recv()
+        except (EOFError, OSError):
+            return
+        try:
+            answer = function(*arguments)
+        except Exception as error:
+            error.add_note(traceback.format_exc())
+            answer = error
+        wire.send(answer)
+
+
+AT_ONCE = max(1, min(4, (os.cpu_count() or 1) - 1))  # commands that run at a time: a core is left to the page [count]
+PATIENCE = 3.0  # time that a command gets to end by itself when it is stopped [s]
+_PROGRESS = re.compile(r"replant: (.+?) (\d+) %")
+_SAID = "replant: "
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command has left: its JSON object and the file of the model, or why there is none."""
+
+    found: dict[str, Any] | None = None
+    model: str = ""
+    error: str = ""
+
+
+class Jobs:
+    """Runs commands; each tells its progress, a stage and a part in percent, and its outcome, from other threads."""
+
+    def __init__(
+        self, progress: Callable[[str, str, int], None], finished: Callable[[str, Outcome | None], None]
+    ) -> None:
+        self._progress, self._finished = progress, finished
+        self._pool, self._lock, self._closed = ThreadPoolExecutor(AT_ONCE), threading.Lock(), False
+        self._futures: dict[str, Future[None]] = {}
+        self._running: dict[str, subprocess.Popen[str]] = {}
+        self._stopped: set[str] = set()
+
+    def start(self, name: str, words: tuple[str, ...]) -> None:
+        """Run a command, when its turn has come."""
+        with self._lock:
+            if not self._closed:
+                self._stopped.discard(name)
+                self._futures[name] = self._pool.submit(self._run, name, words)
+
+    def stop(self, name: str) -> None:
+        """Stop a command, or take it off those that wait."""
+        with self._lock:
+            self._stopped.add(name)
+            process, future = self._running.get(name), self._futures.get(name)
+        if process is not None:
+            end(process)
+        elif future is not None and future.cancel():
+            self._finished(name, None)
+
+    def close(self) -> None:
+        """Stop all of them."""
+        with self._lock:
+            self._closed, running = True, list(self._running.values())
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        for process in running:
+            end(process)
+
+    def _run(self, name: str, words: tuple[str, ...]) -> None:
+        try:
+            outcome = self._outcome(name, words)
+        except Exception as error:
+            outcome = Outcome(error=one_line(error))
+        with self._lock:
+            self._running.pop(name, None)
+            stopped = self._closed or name in self._stopped
+        self._finished(name, None if stopped else outcome)
+
+    def _outcome(self, name: str, words: tuple[str, ...]) -> Outcome:
+        self._progress(name, "starting", 0)
+        with tempfile.TemporaryDirectory(prefix="replant-job-") as folder:
+            saved, printed = Path(folder, "model.json"), Path(folder, "printed.json")
+            with printed.open("wb") as output:
+                process = subprocess.Popen(
+                    [sys.executable, "-m", "replant", *words, "--json", "--progress", "--save", str(saved)],
+                    stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.PIPE, text=True,
+                    encoding="utf-8", errors="replace",
+                )  # fmt: skip
+            with self._lock:
+                self._running[name] = process
+                stopped = self._closed or name in self._stopped
+            if stopped:
+                end(process)
+            last = self._listen(name, process)
+            if process.wait() or not saved.is_file():
+                return Outcome(error=last.removeprefix(_SAID) or f"the command ended with code {process.returncode}")
+            found = json.loads(printed.read_text(encoding="utf-8"))
+            return Outcome(found, saved.read_text(encoding="utf-8"))
+
+    def _listen(self, name: str, process: subprocess.Popen[str]) -> str:
+        """Pass the progress on until the command ends; return the last line that is none."""
+        last = ""
+        assert process.stderr is not None
+        with process.stderr:
+            for line in process.stderr:
+                found = _PROGRESS.fullmatch(line.strip())
+                if found:
+                    self._progress(name, found[1], int(found[2]))
+                elif line.strip():
+                    last = line.strip()
+        return last
+
+
+def end(process: subprocess.Popen[str]) -> None:
+    """End a process, by force if it does not listen."""
+    with contextlib.suppress(OSError):
+        process.terminate()
+    try:
+        process.wait(PATIENCE)
+    except subprocess.TimeoutExpired:
+        with contextlib.suppress(OSError):
+            process.kill()

@@ -10,7 +10,7 @@ from replant.estimation.settings import Request
 from replant.online.runs.result import Clock, ClockRecorder
 from replant.online.runs.run_log import compare
 from replant.online.runs.thinning import batched
-from replant.plotting.thinning import Thinner, thin
+from replant.plotting.over_time import Thinner, thin
 
 SIGNAL = np.array([0.0, 0.0, 9.0, 0.0, 0.0, -7.0, 0.0, 0.0])
 

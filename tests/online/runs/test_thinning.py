@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 
-from replant.plotting.thinning import thin
+from replant.plotting.over_time import thin
 
 signals = some.lists(
     some.one_of(some.floats(-1e3, 1e3), some.just(np.nan), some.just(np.inf)), min_size=1, max_size=400
@@ -41,14 +41,14 @@ def test_a_spike_of_one_sample_in_a_million_is_drawn_where_it_was() -> None:
     signal = np.zeros(1_000_000)
     signal[123_456] = 7.0
     drawn = thin(signal, 3000)
-    assert drawn.times(0.5)[drawn.values.argmax()] == pytest.approx(123_456 * 0.5, abs=0.5 * 2 * drawn.step)
+    assert 0.5 * drawn.places[drawn.values.argmax()] == pytest.approx(123_456 * 0.5, abs=0.5 * 2 * drawn.step)
 
 
 def test_a_hole_stays_a_hole() -> None:
     signal = np.ones(100_000)
     signal[20_000:60_000] = np.nan
     drawn = thin(signal, 1000)
-    at = drawn.times(1.0)
+    at = drawn.places
     inside = (at > 20_500) & (at < 59_500)
     assert np.isnan(drawn.values[inside]).all()
     assert (drawn.values[(at < 19_500) | (at > 60_500)] == 1.0).all()

@@ -38,8 +38,8 @@ class Hub:
     def __init__(
         self,
         *,
-        command: Callable[[str], None],
-        report: Callable[[], bytes],
+        command: Callable[[str], None] = lambda name: None,
+        report: Callable[[], bytes] = bytes,
         notice: Callable[[str], None] = lambda text: None,
     ) -> None:
         self._command = command

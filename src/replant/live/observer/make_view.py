@@ -20,9 +20,8 @@ from replant.numerics.arguments import BoolArray, FloatArray
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of, newest_samples
 from replant.plotting.diagrams import mirrored
-from replant.plotting.numbers import mapped_label
-from replant.plotting.thinning import thin
-from replant.report.terminal import true_parameters
+from replant.plotting.numbers import mapped_label, true_parameters
+from replant.plotting.over_time import thin
 from replant.verdict import Verdict, simulate
 
 MOST_ROWS = 1000  # rows of history kept [rows]

@@ -23,9 +23,9 @@ from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
 from replant.online.runs.result import Clock, History, Result
-from replant.plotting.numbers import grouped, off_by, std_alone, with_std
+from replant.plotting.numbers import fraction, grouped, off_by, std_alone, true_parameters, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
-from replant.report.terminal import fraction, true_parameters, wrapped
+from replant.report.terminal import table
 from replant.verdict import fit_percent, simulate
 
 LINES_APART = 5.0  # time between two lines where nobody watches [s]
@@ -156,25 +156,19 @@ def _lost(view: View) -> str:
 
 
 def _coefficients(view: View, truth: TransferFunction | None) -> Any:
-    from rich.table import Table
-
-    true = true_parameters(truth) if truth is not None else []
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0))
-    for heading in ("coefficient", "estimate", "std", *(("true", "off by") if true else ())):
-        table.add_column(heading, justify="right")
+    true, rows = true_parameters(truth) if truth is not None else [], []
     for i, name in enumerate(view.names):
         value, std = float(view.parameters[i]), float(view.std[i])
         cells = [name, f"{value:.5g}", std_alone(std)]
         if i < len(true):
             cells += [f"{true[i]:.5g}", off_by(value, true[i])]
-        table.add_row(*cells)
-    return table
+        rows.append(cells)
+    return table(("coefficient", "estimate", "std", *(("true", "off by") if true else ())), rows)
 
 
 def _fit(view: View) -> str:
-    if not math.isfinite(view.simulated):
-        return ""
-    return f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"
+    said = f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"
+    return said if math.isfinite(view.simulated) else ""
 
 
 ROUNDING = 1e-6  # difference between an interval and the sampling time that is rounding [sampling times]

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.plotting.thinning import POINTS, Thinned, Thinner
+from replant.plotting.over_time import POINTS, Thinned, Thinner
 
 Batch = tuple[FloatArray, ...]  # input, output, the reference if there is one, the stamps if there are some; (K,) each
 

@@ -1,0 +1,404 @@
+"""Several methods over one log, and saved models over one log: their numbers, figures and pages."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError
+from replant.estimation.simulation.stretches import stretches_of
+from replant.fitting.model import Model
+from replant.fitting.validation import Validation
+from replant.logs.log import Log
+from replant.model.preprocess import Preprocess
+from replant.numerics.arguments import instance
+from replant.online.runs.result import Clock, Result
+from replant.online.runs.run_log import Contender, best
+from replant.plotting import diagrams, style
+from replant.plotting.numbers import mapped_label, number, percent, symbols
+from replant.plotting.over_time import SHOWN_SMALL, draw_panels
+from replant.plotting.style import Shown, axes_for, blank_figure
+from replant.report import material as tables
+from replant.report import programs
+from replant.report.figures import draw_outputs, draw_overlay, draw_responses, responses_of
+from replant.report.findings import BAD, GOOD, Finding, findings
+from replant.report.page import NO_BREAK, Html, code, facts, icon, section, table, words, write_page
+from replant.report.page_figures import HALF, look, svg, variable
+from replant.report.panels import draw_poles_of, draw_steps, output_panels
+from replant.report.result_page import in_small
+from replant.report.terminal import OUTCOME, cells_of, gravity_of
+from replant.verdict import Assessment, Simulation
+
+BANDS = "Bands are two standard deviations wide to either side"
+
+
+def results_of(contenders: Sequence[Contender]) -> dict[str, Result]:
+    """Return the results of the methods that found a model, by their names."""
+    return {entry.name: entry.result for entry in contenders if entry.result is not None}
+
+
+def reference_of(contenders: Sequence[Contender]) -> str:
+    """Return the method that sets the limits of the figures: the best, else the first that found a model."""
+    first = best(contenders)
+    return first.name if first else next(iter(results_of(contenders)))
+
+
+def swatches_of(contenders: Sequence[Contender]) -> dict[str, str]:
+    """Return, by method, a sample of its line in the figures."""
+    return {name: _swatch(*line) for name, line in zip(results_of(contenders), style.LINES, strict=False)}
+
+
+def _swatch(colour: str, dashes: Any, width: float = 2.4) -> str:
+    pattern = "" if dashes == "solid" else f' stroke-dasharray="{" ".join(f"{1.4 * x:g}" for x in dashes[1])}"'
+    return (
+        f'<svg class="swatch" viewBox="0 0 42 8" aria-hidden="true"><path d="M0 4h42" fill="none" '
+        f'stroke="var(--{variable(colour)})" stroke-width="{width:g}"{pattern}/></svg>'
+    )
+
+
+def pictures(
+    contenders: Sequence[Contender],
+    words: Mapping[str, str],
+    height: float,
+    draw: Callable[[list[Any]], object],
+    caption: str,
+    first: str = "",
+) -> str:
+    """Return pictures side by side, by their names in the page with the text of each, below one legend."""
+    with look():
+        axes = [blank_figure(HALF, height).subplots() for _ in words]
+        draw(axes)
+        drawn = "".join(svg(axis.figure, *each) for axis, each in zip(axes, words.items(), strict=True))
+    entries = "".join(f"<li>{mark}{html.escape(name)}</li>" for name, mark in swatches_of(contenders).items())
+    return (
+        f'<figure><ul class="lines">{first}{entries}</ul><div class="panels">{drawn}</div>'
+        f"<figcaption>{html.escape(caption)}</figcaption></figure>"
+    )
+
+
+def estimates(contenders: Sequence[Contender], log: Log, labels: dict[str, str]) -> str:
+    """Return the estimates over time, a picture for each coefficient."""
+    results, reference = results_of(contenders), reference_of(contenders)
+    said = {}
+    for i, name in enumerate(results[reference].structure.names):
+        ends = ", ".join(f"{method} {number(float(each.parameters[i]))}" for method, each in results.items())
+        said[name] = f"{name} over time by method; at the end: {ends}"
+    whole = [name for name, each in results.items() if each.history is None]
+    late = [name for name, each in results.items() if each.history is not None and not each.history.parameters.any()]
+    caption = "Each coefficient's estimate over time, by method"
+    caption += f"; a horizontal line: {' and '.join(whole)}, fitted to the whole record at once" if whole else ""
+    caption += f"; a dot: {' and '.join(late)}, with an estimate only at the end" if late else ""
+    return pictures(
+        contenders, said, 2.5, lambda axes: draw_overlay(results, log.dt, reference=reference, axes=axes, **labels),
+        f"{caption}. {BANDS}; curves far from the best model are cut off.",
+    )  # fmt: skip
+
+
+def outputs(contenders: Sequence[Contender], log: Log) -> str:
+    """Return the simulated outputs of all methods over the measured one."""
+    results = results_of(contenders)
+    said = "Measured output, and that of each model, simulated from the input alone"
+    fits = ", ".join(f"{name} {percent(result.simulation.fit)}" for name, result in results.items())
+    return pictures(
+        contenders,
+        {"outputs0": f"{said}; fit: {fits}", "outputs1": "The same over the last tenth of the record"},
+        2.9,
+        lambda axes: draw_outputs(results, log.output, log.dt, axes=axes, output_label=log.output_name),
+        f"{said}; on the right or below, over the last tenth of the record. Outputs that leave the range of the "
+        "measured one by more than its size are cut off.",
+        f"<li>{_swatch(style.MEASURED, 'solid', 3.6)}measured</li>",
+    )
+
+
+def responses(contenders: Sequence[Contender], log: Log, labels: dict[str, str]) -> str:
+    """Return the Bode diagrams of all methods in common axes."""
+    results, reference = results_of(contenders), reference_of(contenders)
+    said = "Bode diagram of each model"
+    return pictures(
+        contenders, {"responses0": f"{said}: magnitude in dB", "responses1": f"{said}: phase in degrees"}, 2.9,
+        lambda axes: draw_responses(results, log.dt, reference=reference, axes=axes, **labels),
+        f"{said}. {BANDS}, where they are known.",
+    )  # fmt: skip
+
+
+def _labels(log: Log, input_map: Any) -> dict[str, str]:
+    return {"input_label": mapped_label(log.input_name, input_map), "output_label": log.output_name}
+
+
+def save_figures(folder: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess) -> list[Path]:
+    """Draw outputs, Bode diagrams and estimates over time of all methods into PNG files, and return their paths."""
+    results = results_of(contenders)
+    more: Any = {"reference": reference_of(contenders), **_labels(log, preprocess.input_map)}
+    drawn = {
+        "outputs": draw_outputs(results, log.output, log.dt, output_label=log.output_name)[0],
+        "bode": draw_responses(results, log.dt, **more)[0],
+        "parameters": draw_overlay(results, log.dt, **more)[0],
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    return [_saved(folder / f"{name}.png", axis) for name, axis in drawn.items()]
+
+
+def _saved(path: Path, axis: Any) -> Path:
+    """Write the figure of an axis with a legend of its curves, if there are any, above it."""
+    handles, names = axis.get_legend_handles_labels()
+    if names:
+        axis.figure.legend(
+            handles, names, loc="outside upper left", ncols=-(-len(names) // -(-len(names) // 6)), frameon=False,
+            labelcolor=style.INK, handlelength=3.4,
+        )  # fmt: skip
+    axis.figure.savefig(path, dpi=130)
+    return path
+
+
+def write_comparison(
+    path: Path, contenders: Sequence[Contender], log: Log, preprocess: Preprocess, command: str = ""
+) -> Path:
+    """Write a comparison of methods into one self-contained HTML file, and return its path."""
+    labels = _labels(log, preprocess.input_map)
+    structure = next(iter(results_of(contenders).values())).structure
+    listed = _html_table(contenders, symbols(structure, *labels.values()), len(log))
+    body = [
+        section("", f'<p class="claim">{html.escape(claim(contenders))}</p>', listed, _remarks(contenders, len(log))),
+        section("Outputs", outputs(contenders, log)),
+        section("Frequency responses", responses(contenders, log, labels)),
+        section("Estimates over time", estimates(contenders, log, labels)),
+        section("How to reproduce this", code("shell", command) if command else "", _programs(contenders, log)),
+        section("Record and versions", facts([*tables.of_record(log), ("versions", tables.versions())])),
+    ]
+    lede = (
+        f"{log.input_name} → {log.output_name}, {len(contenders)} methods on the same {len(log):,} samples, "
+        f"{tables.lasts(log)}"
+    )
+    title = log.path.name or "Simulated record"
+    return write_page(path, title=title, eyebrow="Methods compared", lede=lede, body="".join(body))
+
+
+def claim(contenders: Sequence[Contender]) -> str:
+    """Return which method has the best simulated fit, and what the verdicts add where that is not trusted."""
+    first, results = best(contenders), results_of(contenders)
+    if first is None:
+        return "No method found a model that can be simulated."
+    fits = {name: result.simulation.fit for name, result in results.items()}
+    top = fits[first.name]
+    said = f"Simulated from the input alone, the model of {first.name} has the best fit: {percent(top)}."
+    level = [name for name, fit in fits.items() if name != first.name and fit > top - 0.5]
+    said += f" Within half a percentage point: {', '.join(level)}." if level else ""
+    trusted = {name: fits[name] for name, result in results.items() if result.verdict.status == "trusted"}
+    if not trusted:
+        said += " No model is trusted."
+    elif first.name not in trusted:
+        name = max(trusted, key=lambda each: trusted[each])
+        said += f" It is not trusted; of the models that are, that of {name} is best: {percent(trusted[name])}."
+    return said.replace(" %", NO_BREAK + "%")
+
+
+def _html_table(contenders: Sequence[Contender], labels: Sequence[str], samples: int) -> str:
+    swatches = swatches_of(contenders)
+    rows = []
+    for entry in contenders:
+        status, *cells = cells_of(entry, len(labels))
+        name = Html(swatches.get(entry.name, '<svg class="swatch" aria-hidden="true"></svg>') + html.escape(entry.name))
+        verdict = Html(f'<span class="status">{icon(gravity_of(entry, samples))}{html.escape(status)}</span>')
+        outcome = [cell.replace(" ", NO_BREAK) for cell in cells[: len(OUTCOME) - 1]]
+        rows.append([name, verdict, *outcome, *(Html(in_small(cell)) for cell in cells[len(outcome) :])])
+    headings = ("method", "verdict", "simulated fit", "one-step fit", "time", *labels)
+    return (
+        table(headings, rows, "Methods compared", "table wide methods")
+        + '<p class="note">Estimate ± standard deviation, if the method gives one.</p>'
+    )
+
+
+def _remarks(contenders: Sequence[Contender], samples: int) -> str:
+    """Return the findings against each model, the gravest first."""
+    remarks = []
+    for entry in contenders:
+        found = [Finding(BAD, "No model", f"{entry.problem[:1].upper()}{entry.problem[1:]}.")]
+        if entry.result is not None:
+            found = [each for each in findings(entry.result, samples) if each.gravity != GOOD]
+        remarks += [(each.gravity != BAD, entry.name, each) for each in found]
+    items = "".join(
+        f"<li>{icon(each.gravity)}<div><b>{html.escape(name)}: {html.escape(each.headline.lower())}.</b> "
+        f"{shortened(' '.join((each.text, *each.more)))}</div></li>"
+        for _, name, each in sorted(remarks, key=lambda entry: entry[0])
+    )
+    return f'<ul class="remarks">{items}</ul>' if items else ""
+
+
+def shortened(text: str) -> str:
+    """Return the first two sentences, and the others folded away."""
+    sentences = re.split(r"(?<=[.?!]) (?=[A-Z0-9])", words(text))
+    first, rest = " ".join(sentences[:2]), " ".join(sentences[2:])
+    return f"{first} <details><summary>More</summary>{rest}</details>" if rest else first
+
+
+def _programs(contenders: Sequence[Contender], log: Log) -> str:
+    """Return the Python programs that reproduce each method's result."""
+    parts = []
+    for entry in contenders:
+        if entry.fitted is not None and entry.result is not None:
+            program = programs.fit_as_python(entry.fitted, [log])
+        elif entry.result is not None and entry.result.settings is not None:
+            program = programs.run_as_python(entry.result, log)
+        else:
+            continue
+        summary = f"<summary>{html.escape(entry.name)} alone, in Python</summary>"
+        parts.append(f"<details>{summary}{code('python', program)}</details>")
+    return "".join(parts)
+
+
+# --- saved models
+
+HEADINGS = ("model", "verdict", "simulated", "one step", "poles", "zeros", "dead time", "DC gain", "time constants [s]")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ModelComparison(Shown):
+    """Several models beside one record.
+
+    Attributes
+    ----------
+    models : dict of Model
+        By name.
+    validations : dict of Validation
+        Of each model by the record, by the same names.
+    log : Log
+        The record.
+    """
+
+    models: Mapping[str, Model]
+    validations: Mapping[str, Validation]
+    log: Log
+
+    @property
+    def best(self) -> str:
+        """Name of the model whose simulated output fits the record best."""
+        return reference_of(self.contenders)
+
+    @property
+    def rows(self) -> list[tuple[str, ...]]:
+        """The table: a row of words for each model, see `HEADINGS`."""
+        rows: list[tuple[str, ...]] = []
+        for name, model in self.models.items():
+            found, structure = self.validations[name], model.structure
+            gain, times = tables.gain_and_times(model)
+            size = (str(structure.poles), str(structure.zeros), f"{structure.delay:.4g} s")
+            fits = percent(found.fit), percent(found.one_step)
+            rows.append((name, found.verdict.status, *fits, *size, gain, "; ".join(times)))
+        return rows
+
+    @property
+    def contenders(self) -> list[Contender]:
+        """The models with their outputs as results, for the figures."""
+        return [Contender(name, self._result(name)) for name in self.models]
+
+    def plot(self, axes: Any = None) -> Any:
+        """Draw outputs, step responses, magnitudes and poles of all models; return four axes of matplotlib.
+
+        Parameters
+        ----------
+        axes : four matplotlib axes, optional
+            Drawn into; without them a figure is made.
+        """
+        output, step, magnitude, poles = axes_for("axes", axes, 4, (11.0, 7.0), nrows=2, ncols=2)
+        results, log = results_of(self.contenders), self.log
+        draw_panels([output], output_panels(results, log.output, log.dt, log.output_name)[:1], SHOWN_SMALL)
+        draw_steps(self.models, step)
+        diagrams.draw_magnitude(magnitude, responses_of(results, log.dt, self.best), reference=self.best)
+        draw_poles_of(self.models, poles)
+        style.legend(output)
+        return np.array([output, step, magnitude, poles], dtype=object)
+
+    def __repr__(self) -> str:
+        rows = [f"{name}: {self.models[name].transfer_function}, {self.validations[name]!r}" for name in self.models]
+        more = [f"... {len(rows) - 10} more"] if len(rows) > 10 else []
+        return "\n  ".join([f"<ModelComparison over {self.log!r}", *rows[:10], *more]) + ">"
+
+    def _result(self, name: str) -> Result:
+        found = self.validations[name]
+        simulation = Simulation(found.output, found.offset, found.fit, is_prediction=found.is_prediction)
+        verdict = Assessment(found.verdict.status, found.verdict.reasons, found.verdict.excited, found.samples)
+        return Result(
+            self.models[name], found.one_step, simulation, found.samples, {}, verdict, 0.0,
+            left_out=stretches_of(~np.isfinite(found.residual)), clock=Clock.of(self.log.dt, self.log.stamps),
+        )  # fmt: skip
+
+
+def compare(models: Mapping[str, Model] | Sequence[Model], log: Log) -> ModelComparison:
+    """Compare several models over one record; of each, offset and initial state are estimated and nothing else.
+
+    Parameters
+    ----------
+    models : dict or sequence of Model
+        By name; of a sequence the names are "model 1" and so on.
+    log : Log
+        A record that they were not made from tells most.
+
+    Returns
+    -------
+    ModelComparison
+        With a table, the validation of each model, and a plot of all.
+
+    Raises
+    ------
+    ArgumentTypeError
+        If one is no model, or the log no log.
+    InvalidArgumentError
+        If there is no model.
+
+    Examples
+    --------
+    >>> import replant as rp
+    >>> log = rp.examples.motor()
+    >>> found = compare({"one pole": rp.fit(log, poles=1, delay=0.01).model, "two": rp.fit(log, poles=2).model}, log)
+    >>> found.best, len(found.rows)
+    ('two', 2)
+    """
+    if not isinstance(models, Mapping | Sequence):
+        raise ArgumentTypeError("models must be several: compare([model, other], log); model.validate(log) takes one")
+    named = dict(models) if isinstance(models, Mapping) else {f"model {k + 1}": each for k, each in enumerate(models)}
+    if not named:
+        raise InvalidArgumentError("there is no model to compare")
+    named = {name: instance(f"models, {name},", model, Model) for name, model in named.items()}
+    log = instance("log", log, Log)
+    return ModelComparison(named, {name: model.validate(log) for name, model in named.items()}, log)
+
+
+def write_models(path: Path, comparison: ModelComparison, command: str = "") -> Path:
+    """Write a comparison of models into one self-contained HTML file, and return its path."""
+    log, contenders = comparison.log, comparison.contenders
+    found = comparison.validations[comparison.best]
+    said = f"{comparison.best} follows the record best: {percent(found.fit)}, {found.verdict.status}."
+    swatches = swatches_of(contenders)
+    rows = [[Html(swatches[name] + html.escape(name)), *rest] for name, *rest in comparison.rows]
+    listed = table(HEADINGS, rows, "Models compared", "table wide methods")
+    reasons = "".join(
+        f"<li><div><b>{html.escape(name)}:</b> {html.escape(each.verdict.reasons[0])}</div></li>"
+        for name, each in comparison.validations.items()
+        if each.verdict.status != "trusted" and each.verdict.reasons
+    )
+    reasons = f'<ul class="remarks">{reasons}</ul>' if reasons else ""
+    body = [
+        section("", f'<p class="claim">{html.escape(said)}</p>', listed, reasons),
+        section("Outputs", outputs(contenders, log)),
+        section("Step responses and poles", _steps_and_poles(comparison)),
+        section("Frequency responses", responses(contenders, log, _labels(log, "identity"))),
+        section("How to reproduce this", code("shell", command) if command else "", facts(tables.of_record(log))),
+    ]
+    lede = f"{log.input_name} → {log.output_name}, {len(comparison.models)} models over {len(log):,} samples"
+    title = log.path.name or "Models compared"
+    return write_page(path, title=title, eyebrow="Models compared", lede=lede, body="".join(body))
+
+
+def _steps_and_poles(comparison: ModelComparison) -> str:
+    def draw(axes: list[Any]) -> None:
+        draw_steps(comparison.models, axes[0])
+        draw_poles_of(comparison.models, axes[1])
+
+    said = {"models0": "Response to a unit step of each model", "models1": "Poles of each model in the complex plane"}
+    return pictures(comparison.contenders, said, 3.2, draw, f"{BANDS}; regions of poles hold 95 %.")
