@@ -189,8 +189,8 @@ def _advantage(solution: Solution, settings: Settings, present: FloatArray) -> f
 def solve_whole(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a solution of every sample so far; None where the present estimate stays.
 
-    It stays where older samples are forgotten or no longer kept, where the plant has changed (`_has_changed`), and where
-    it explains the record better beyond chance.
+    It stays where older samples are forgotten or no longer kept, where the plant has changed (`_has_changed`), and
+    where it explains the record better beyond chance.
     """
     kept = RecentSamples.of(old, STORED)
     if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):
