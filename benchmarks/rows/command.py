@@ -2,9 +2,13 @@
 
     python benchmarks/rows [--seed 1] [--family known] [--runs 100]
 
-"known" has the four cases of `rows.known`.  Of each method there are the largest root mean square of a coefficient's
-error over that of maximum likelihood begun at the truth, the coverage of 95 % intervals pooled over coefficients, the
-joint statistic of the mean errors over its limit at 1 %, and how many runs diverged and were trusted.
+"known" has the four cases of `rows.known`, "feedback" the three of `rows.feedback`.  Of each method there are the
+largest root mean square of a coefficient's error over that of maximum likelihood begun at the truth, the coverage of
+95 % intervals pooled over coefficients, the joint statistic of the mean errors over its limit at 1 %, and how many runs
+diverged and were trusted.
+
+"random" has ``--records`` random plants of ``--inputs`` inputs, through the identifier and `fit`; "starts" asks how
+often the start of a random plant leads to the minimum near the truth.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from rich.table import Table
 
 from accuracy.work import prepare_environment
 from replant.fleet import sweep
-from rows import known
+from rows import campaign, feedback, known
 from rows.likelihood import scores
 
 
@@ -52,7 +56,37 @@ def of_cases(family: Any, options: argparse.Namespace, console: Console) -> None
     console.print(shown)
 
 
-FAMILIES: dict[str, Callable[[argparse.Namespace, Console], None]] = {"known": partial(of_cases, known)}
+def of_random(options: argparse.Namespace, console: Console) -> None:
+    """Run random plants, and print how many are explained and trusted, and those that are wrong."""
+    begun, numbers = time.monotonic(), options.only or range(options.records)
+    found = sweep(partial(campaign.judged, options.seed, options.inputs), numbers, options.on)
+    shown = Table("", "measured", "wanted")
+    for line in campaign.lines(found):
+        shown.add_row(*line)
+    seconds = time.monotonic() - begun
+    shown.title = f"{options.inputs} inputs, seed {options.seed}, {len(found)} records, {seconds:.0f} s"
+    console.print(shown)
+    for one in found:
+        if one.is_good != (one.status == "trusted") or options.only:
+            console.print(f"  {one}", markup=False, soft_wrap=True)
+
+
+def of_starts(options: argparse.Namespace, console: Console) -> None:
+    """Print how often the start leads to the minimum near the truth."""
+    for correlation in (0.0, 0.9):
+        wanted = partial(campaign.is_started, options.seed, options.inputs, correlation)
+        found = sweep(wanted, range(options.runs), options.on)
+        lost = [number for number, is_started in enumerate(found) if not is_started]
+        console.print(
+            f"starts, {options.inputs} inputs, correlation {correlation}, seed {options.seed}: "
+            f"{sum(found)} of {len(found)}; not {lost}",
+        )
+
+
+FAMILIES: dict[str, Callable[[argparse.Namespace, Console], None]] = {
+    "known": partial(of_cases, known), "feedback": partial(of_cases, feedback), "random": of_random,
+    "starts": of_starts,
+}  # fmt: skip
 
 
 def read_options() -> argparse.Namespace:
@@ -60,7 +94,10 @@ def read_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--family", choices=FAMILIES, help="this one alone; default: all")
-    parser.add_argument("--runs", type=int, default=100, help="of each case")
+    parser.add_argument("--runs", type=int, default=100, help="of each case, and starts")
+    parser.add_argument("--records", type=int, default=300, help="random plants")
+    parser.add_argument("--inputs", type=int, default=2, help="of random plants")
+    parser.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="these random plants alone")
     parser.add_argument(
         "--on", default="processes:1", metavar="WHERE", help="threads:N, processes:N or dask://HOST:PORT"
     )

@@ -21,7 +21,7 @@ TRUTH = np.array([1.4, 1.0, 1.0, 0.2, 0.1])
 PROPORTIONAL, INTEGRAL = 2.0, 1.0  # gains of the controller, of the latter per s
 #: Cases by name: the pole of the disturbance, and whether it is a load.
 CASES = {"white": (0.0, False), "AR(.9)": (0.9, False), "load": (0.95, True)}
-METHODS = "likelihood from the truth", "fit, no reference", "fit", "Identifier"
+METHODS = "likelihood from the truth", "fit", "Identifier"
 
 
 def closed(r: FloatArray, other: FloatArray, noise: FloatArray, load: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -54,12 +54,11 @@ def carry_out(seed: int, task: tuple[str, int]) -> list[Estimate]:
     """Return the estimates of `METHODS` of one run."""
     u, y, r = drawn(seed, *task)
     asked = {"poles": (2, 1), "delay": (0.0, 0.3)}
-    plain = rp.fit(u, y, DT, **asked)
     fitted = rp.fit(u, y, DT, **asked, reference=r)
     online = rp.Identifier(**asked, dt=DT)
     online.update_many(u, y, r=r)
     return [
         likeliest_from(TRUTH, STRUCTURES, u, y, DT),
-        *(Estimate(each.parameters, each.covariance, each.verdict.status) for each in (plain, fitted)),
+        Estimate(fitted.parameters, fitted.covariance, fitted.verdict.status),
         Estimate(online.parameters, online.covariance, online.assess().status),
     ]
