@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 READY  := $(VENV)/.ready
 
-.PHONY: demo build wheels wheels-test release test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps recorded public-logs sensitivity mutants pages clean help
+.PHONY: demo build wheels wheels-test release test docs docs-serve slow lint types check bench bench-fleet bench-live regression soak fuzz faults accuracy campaign steps rows recorded public-logs sensitivity mutants pages clean help
 
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -104,6 +104,9 @@ campaign: $(READY)  ## the default on 1,000 random plants, and 500 field records
 
 steps: $(READY)  ## the structure search and `fit` on 60 step tests, and the time of a search; SEED=2 gives others
 	$(BIN)/python benchmarks/steps --seed $(or $(SEED),1) $(ARGS)
+
+rows: $(READY)  ## several inputs: known plants beside maximum likelihood, feedback, random plants; SEED=2 gives others
+	$(BIN)/python benchmarks/rows --seed $(or $(SEED),1) $(ARGS)
 
 recorded: $(READY)  ## `run` beside `fit` on every recorded log
 	$(BIN)/python benchmarks/recorded.py

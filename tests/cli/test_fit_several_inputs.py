@@ -11,6 +11,7 @@ import pytest
 
 import replant as rp
 from cli.test_commands import call
+from fitting.test_rows_in_feedback import looped
 from support.cases import every
 
 DT, SAMPLES = 0.1, 900
@@ -126,7 +127,7 @@ def test_two_logs_give_one_model_and_decimated_inputs_run_straight(capsys: Any, 
         ("no column 'Q3'", ["-i", "Q1", "-i", "Q3", "-o", "T1", "-p", "1,1"]),
         ("missing --poles, a number for each input", list(NAMED)),
         ("several inputs take no --bias yet", [*NAMED, "-p", "1,1", "--bias"]),
-        ("several inputs take no --reference yet", [*NAMED, "-p", "1,1", "--reference", "t"]),
+        ("several inputs take no --method yet", [*NAMED, "-p", "1,1", "--method", "srivc"]),
     ],
 )
 def test_a_mistake_is_one_line(capsys: Any, log: Path, words: str, asked: list[Any]) -> None:
@@ -181,3 +182,18 @@ def test_compare_names_the_command_for_a_model_of_several_inputs(capsys: Any, lo
     code, _, err = call(capsys, "compare", saved, log)
     assert code == 2
     assert "it has several inputs, and compare takes models of one" in err
+
+
+@every("command", ["fit", "run"])
+def test_a_reference_is_a_column(capsys: Any, tmp_path: Path, command: str) -> None:
+    u, y, r = looped(0, load=True, pole=0.95, samples=1500)
+    path = tmp_path / "loop.csv"
+    columns = np.column_stack([0.1 * np.arange(1500), u, y, r])
+    np.savetxt(path, columns, delimiter=",", header="t,u1,u2,y,r", comments="", fmt="%.9g")
+    asked = ("-i", "u1", "-i", "u2", "-o", "y", "--reference", "r", "-p", "2,1", "--delay", "0,0.3")
+    code, out, _ = call(capsys, command, path, *asked, "--json")
+    assert code == 0
+    whole = json.loads(out)
+    assert "input u1 is moved by the reference" in " ".join(whole["verdict"]["reasons"])
+    direct = rp.fit(u, y, 0.1, poles=(2, 1), delay=(0.0, 0.3), reference=r)
+    assert whole["dc_gain"] == pytest.approx([g.dc_gain for g in direct.transfer_functions], rel=1e-4)

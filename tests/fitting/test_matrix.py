@@ -122,7 +122,8 @@ def test_one_input_and_orders_of_each_output() -> None:
     [
         (Y, {"poles": (1, 1, 1)}, "poles has 3 entries and u 2 inputs"),
         (Y, {"poles": ((1, 1),) * 3}, "poles has 3 tuples and y 2 outputs"),
-        (Y, {"poles": (1, 1), "reference": Y[:, 0]}, "several outputs take no reference yet"),
+        (Y, {"poles": (1, 1), "reference": Y[:9]}, "reference must have one value for each of 600 samples"),
+        (Y, {"poles": (1, 1), "method": "srivc"}, "several outputs take no method yet"),
         (Y[:9], {"poles": (1, 1)}, "u has 600 rows and y 9 samples"),
     ],
 )

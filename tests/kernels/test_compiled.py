@@ -15,15 +15,17 @@ import pytest
 import replant as rp
 from replant.estimation.engine.state import State, step_kernels
 from replant.kernels.filters import bank, chain, series
+from replant.kernels.filters.reference import functions
 from replant.kernels.filters.series import fill_all_pole, fill_play
 from replant.kernels.monitoring import interruptions, scatter
 from replant.kernels.native import KERNELS, Kernel, interpreted
-from replant.kernels.schema import LAGS
+from replant.kernels.schema import LAGS, LAGUERRE
 from replant.kernels.step.bank import weigh
 from replant.kernels.step.row import REFUSED, learn
 from replant.kernels.step.soundness import is_sound
 from replant.kernels.step.stages import regressors
 from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import FloatArray
 from support.cases import every
 from support.places import ROOT
 
@@ -236,6 +238,13 @@ def check_series() -> None:
 
     check(filtered)
 
+    def followed() -> tuple[Any, ...]:
+        states, written = np.zeros((2, LAGUERRE)), np.zeros((50, 2 * LAGUERRE))
+        functions(noise[:100].reshape(50, 2), np.array([0.5, 0.9]), states, written)
+        return states, written
+
+    check(followed)
+
 
 @once
 def check_row() -> None:
@@ -244,18 +253,19 @@ def check_row() -> None:
     rows[LAGS + 20] = 1e200
     measured, usual = np.arange(30) % 11 != 5, np.arange(30) % 7 != 3
 
-    def work() -> tuple[Any, ...]:
+    def work(instruments: FloatArray) -> tuple[Any, ...]:
         delta, factor, diagonal, squares = np.zeros(3), np.eye(3), np.full(3, 1e3), np.zeros(1)
         counts, errors, estimates = np.zeros(3, np.int64), np.zeros(30), np.zeros((30, 2))
         models, powers = np.tril(np.full((LAGS + 1, LAGS + 1), 0.3)), np.linspace(2.0, 1.0, LAGS + 1)
         learn(
-            rows, measured.astype(np.int64), usual.astype(np.int64), True, 2, models, powers, delta, factor, diagonal,
-            counts, squares, errors, estimates, np.zeros(10),
+            rows, instruments, measured.astype(np.int64), usual.astype(np.int64), True, 2, models, powers, delta,
+            factor, diagonal, counts, squares, errors, estimates, np.zeros(13),
         )  # fmt: skip
         assert counts[REFUSED] == 3  # as the noise model sees it in the two after it, too
         return delta, factor, diagonal, counts, squares, errors, estimates
 
-    check(work)
+    check(functools.partial(work, np.zeros((0, 3))))
+    check(functools.partial(work, np.random.default_rng(6).standard_normal((LAGS + 30, 3))))
 
 
 @once

@@ -205,7 +205,7 @@ def test_an_input_that_rests_is_named() -> None:
         (lambda: begun().update(1.0, 2.0), r"u must be a number for each of 2 inputs"),
         (lambda: begun().update((1.0, 2.0, 3.0), 2.0), "a number for each of 2 inputs"),
         (lambda: begun().update((1.0, "x"), 2.0), "u must hold real numbers"),
-        (lambda: begun().update((1.0, 1.0), 2.0, r=1.0), "several inputs take no reference yet"),
+        (lambda: begun().update((1.0, 1.0), 2.0, r="x"), "reference must hold real numbers"),
         (lambda: begun().update_many(np.zeros((3, 2)), np.zeros(2)), "of 2 samples|for 2 outputs"),
     ],
 )

@@ -41,7 +41,7 @@ from replant.report.terminal import (
 
 #: Options that one input takes, and several do not, with what they are without them.
 NOT_YET = {
-    "bias": False, "feedthrough": False, "input_map": "identity", "reference_column": None, "method": "auto",
+    "bias": False, "feedthrough": False, "input_map": "identity", "method": "auto",
     "optimizer": "auto", "full_trace": None,
 }  # fmt: skip
 CHUNK = 8192  # samples taken between two marks of progress [samples]
@@ -111,12 +111,13 @@ def passed_over(startup: int | None) -> Solver:
         first = min(max(count // 10, 1), RECENT) if startup is None else startup
         hold, names = log.input_hold, log.input_names
         ident = RowIdentifier(dt=log.dt, startup=first, input_hold=hold, input_names=names, **asked)
-        u, y, t = log.inputs, log.output, log.stamps
+        u, y, t, r = log.inputs, log.output, log.stamps, log.reference
         with progress_bar(rate=True) as bar:
             task = bar.add_task("identifying", total=count)
             for begin in range(0, count, CHUNK):
                 rows = slice(begin, begin + CHUNK)
-                ident.update_many(u[rows], y[rows], None if t is None else t[rows])
+                stamps, references = (None if each is None else each[rows] for each in (t, r))
+                ident.update_many(u[rows], y[rows], stamps, references)
                 bar.update(task, completed=min(begin + CHUNK, count))
         if startup is None or not ident.has_model:
             ident.finish()

@@ -35,7 +35,7 @@ METHODS = (AUTO, "srivc", "least_squares")
 @overload
 def fit(
     u: Any, y: Any = None, dt: float | None = None, structure: None = None, *, poles: tuple[int, ...],
-    zeros: int | tuple[int, ...] = 0, delay: float | tuple[float, ...] = 0.0, t: Any = None,
+    zeros: int | tuple[int, ...] = 0, delay: float | tuple[float, ...] = 0.0, t: Any = None, reference: Any = None,
 ) -> RowFit: ...  # fmt: skip
 
 
@@ -110,7 +110,8 @@ def fit(
     reference : (K,) array, optional
         Where a controller makes the input: the set-point or a dither, whatever is applied from outside and knows
         nothing of the disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is
-        left out.
+        left out.  Or (K, p) of p references, where there are several inputs: an input that none of them moves counts
+        as one from outside; one that moves with them by chance, though nobody controls it, is to be given among them.
     input, output : str, optional
         Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
         columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
@@ -152,16 +153,15 @@ def fit(
     if is_matrix(y) or is_row(u, poles, zeros, delay):
         given = {
             "structure": structure is not None, "method": method != AUTO, "filter": filter != AUTO,
-            "preprocess": preprocess is not None, "reference": reference is not None, "input": input is not None,
-            "output": output is not None,
+            "preprocess": preprocess is not None, "input": input is not None, "output": output is not None,
         }  # fmt: skip
         for name, is_given in given.items():
             if is_given:
                 several = "outputs" if is_matrix(y) else "inputs"
                 raise InvalidArgumentError(f"several {several} take no {name} yet: leave it out")
         if is_matrix(y):
-            return fit_matrix(u, y, dt, t, poles, zeros, delay)
-        return fit_row(Samples.of(u, y, dt, t, None), poles, zeros, delay)
+            return fit_matrix(u, y, dt, t, poles, zeros, delay, reference)
+        return fit_row(Samples.of(u, y, dt, t, reference), poles, zeros, delay)
     wanted: tuple[Any, Any, Any] = poles, zeros, delay
     structure = Structure.wanted(structure, *wanted)
     return fit_samples(Samples.of(u, y, dt, t, reference, input, output), structure, method, filter, preprocess)

@@ -245,7 +245,9 @@ def outputs_of(y: Any) -> list[FloatArray]:
     return [column.copy() for column in columns.T]
 
 
-def fit_matrix(u: Any, y: Any, dt: float | None, t: Any, poles: Any, zeros: Any, delay: Any) -> MatrixFit:
+def fit_matrix(
+    u: Any, y: Any, dt: float | None, t: Any, poles: Any, zeros: Any, delay: Any, reference: Any = None
+) -> MatrixFit:
     """Return the fit of each output (K, p) by itself; orders are those of all outputs, or a tuple for each."""
     inputs = np.asarray(array_of_reals("u", u), np.float64)
     inputs = inputs[:, None] if inputs.ndim == 1 else inputs
@@ -256,7 +258,7 @@ def fit_matrix(u: Any, y: Any, dt: float | None, t: Any, poles: Any, zeros: Any,
         orders = [of_output(name, given, number, len(columns)) for name, given in
                   (("poles", poles), ("zeros", zeros), ("delay", delay))]  # fmt: skip
         one = inputs.shape[1] == 1 and not iterable(orders[0])
-        samples = replace(Samples.of(inputs, column, dt, t, None), output_name=f"y{number + 1}")
+        samples = replace(Samples.of(inputs, column, dt, t, reference), output_name=f"y{number + 1}")
         rows.append(fit_row(samples, (orders[0],) if one else orders[0], *orders[1:]))
     return MatrixFit(tuple(rows))
 

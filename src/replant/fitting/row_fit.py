@@ -11,6 +11,7 @@ from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.row import Row, RowRecord
 from replant.fitting.fields import Provenance
 from replant.fitting.row_model import RowModel, one_step_percent
+from replant.fitting.row_outside import held, references_of, with_outside
 from replant.fitting.row_solve import RowEstimate, solve_record
 from replant.fitting.row_verdict import judged
 from replant.fitting.samples import Samples
@@ -119,14 +120,19 @@ def is_row(u: Any, *orders: Any) -> bool:
     return columns or several or any(isinstance(each, tuple) for each in orders)
 
 
-def ready_row(given: Samples, poles: Any, zeros: Any, delay: Any) -> tuple[RowRecord, tuple[Structure, ...]]:
-    """Return the record of a row, made ready, and the structure of each input, checked."""
+def ready_row(
+    given: Samples, poles: Any, zeros: Any, delay: Any
+) -> tuple[RowRecord, tuple[Structure, ...], FloatArray | None]:
+    """Return the record of a row, made ready, the structure of each input, checked, and the references (J, p)."""
     columns = _inputs(given.inputs)
     output, dt = vector("y", given.y), duration("dt", given.dt)
     if output.size != len(columns):
         raise InvalidArgumentError(f"u has {len(columns)} rows and y {output.size} samples: give one row for each")
     structures = structures_of(columns.shape[1], poles, zeros, delay)
     stamps = None if given.t is None else increasing(given.t, output.size)
+    references = references_of(given.reference, output.size)
+    if references is not None:
+        output = np.where(np.isfinite(references).all(axis=1), output, np.nan)
     ready = RowRecord.of(columns, output, dt, stamps, given.input_hold, given.begins)
     record = ready.record
     with np.errstate(over="ignore", invalid="ignore"):
@@ -144,15 +150,17 @@ def ready_row(given: Samples, poles: Any, zeros: Any, delay: Any) -> tuple[RowRe
         raise InvalidArgumentError(
             f"the dead time of {longest:g} s is no shorter than the record, which lasts {record.span:.6g} s"
         )
-    return ready, structures
+    return ready, structures, None if references is None else held(references[ready.used])
 
 
 @quiet
 def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> RowFit:
     """Return the fit of a row to samples of several inputs, see `replant.fitting.fit.fit`."""
-    ready, structures = ready_row(given, poles, zeros, delay)
+    ready, structures, references = ready_row(given, poles, zeros, delay)
     columns, output, dt = _inputs(given.inputs), vector("y", given.y), duration("dt", given.dt)
-    solution = solve_record(structures, ready, given.input_names)
+    names = given.input_names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
+    ready, of_references = with_outside(ready, references, names)
+    solution = solve_record(structures, ready, names)
     if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
     row, found, _ = solution
@@ -160,7 +168,12 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     doubt = np.full(output.size, Doubt.MISSING)
     doubt[ready.used] = solution.doubt
     outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
-    others = [*found.findings, *left_out(row, found.point, found.noise, rest), *left_out_finding(stuck.size)]
+    others = [
+        *found.findings,
+        *of_references,
+        *left_out(row, found.point, found.noise, rest),
+        *left_out_finding(stuck.size),
+    ]
     verdict = judged(row, row.record, found.point, found.noise, found.covariance, others)
     simulated = ready.simulated(row, found.point, found.noise)
     fits = fit_percent(ready.explained(row, output), simulated), one_step_percent(row, found.point)

@@ -20,6 +20,7 @@ from replant.estimation.simulation.row import Point, Row, evaluate
 from replant.estimation.solver.row_start import start
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.fitting.row_fit import fit_row, ready_row
+from replant.fitting.row_outside import with_outside
 from replant.fitting.row_solve import covariance_of, likeliest
 from replant.fitting.samples import Samples
 from replant.fitting.search_result import ALPHA, BETWEEN, WORTH, Candidate, SearchResult, top_of_parabola
@@ -205,7 +206,9 @@ def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[
     """Return the structures with the most evidence that changes of one input at a time lead to."""
     smallest = [Structure(*each.sizes()[0], max(each.delays)) for each in options]
     orders: Any = [tuple(getattr(each, name) for each in smallest) for name in ("poles", "zeros", "delay")]
-    ready, _ = ready_row(given, *orders)
+    ready, _, references = ready_row(given, *orders)
+    ready, _ = with_outside(ready, references, ["u"] * len(options))
+    inputs = ready.inputs if ready.outside is None else ready.outside.inputs
     count = sum(len(each.sizes()) + len(each.delays) for each in options)
 
     def say(done: int) -> None:
@@ -213,7 +216,7 @@ def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[
 
     record = leaving_out(ready.record, suspected(ready.record, ready.inputs))
     for _ in range(2):
-        sweep = _Search(record, ready.inputs, options, say)
+        sweep = _Search(record, inputs, options, say)
         on_grid, chosen = sweep.found()
         orders = [tuple(getattr(each, name) for each in chosen.structures) for name in ("poles", "zeros", "delay")]
         best = fit_row(given, *orders)

@@ -3,6 +3,9 @@
 With a noise model the estimate is efficient; without one, by the least output error, it is consistent whatever the
 noise.  Where the two differ beyond chance, or the inputs explain more of the output, the structure is not right: the
 one without is served.
+
+Where references move inputs, the likeliest model of what comes from outside of these is where steps with instruments
+begin; their estimate is consistent whatever the noise.
 """
 
 from __future__ import annotations
@@ -15,22 +18,22 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate, noise_of
+from replant.estimation.simulation.row import Point, Row, RowRecord, colour_of, evaluate, noise_of
 from replant.estimation.solver import solve
 from replant.estimation.solver.row_start import start
-from replant.estimation.solver.row_steps import refine
+from replant.estimation.solver.row_steps import instrumental, refine
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information
+from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of
 from replant.numerics.projections import products
 from replant.verdict.row_tests import controlled, lacking
 from replant.verdict.verdict import Finding
 
 GIVEN_UP = (
     "the structure leaves slow parts of the output, which a noise model would take for noise: none was used; try more "
-    "poles, or a further input"
+    "poles, a further input, or, where a controller makes an input, its reference"
 )
 
 ROUNDS = 3  # times that the noise model is estimated [count]
@@ -81,7 +84,7 @@ Begins = Callable[[Row], Callable[[Autoregression], list[Point]]]
 
 def started(row: Row) -> Callable[[Autoregression], list[Point]]:
     """Return what begins with a row afresh."""
-    return partial(start, row.structures, row.record, row.inputs)
+    return partial(start, row.structures, row.record, row.from_outside.inputs)
 
 
 def solve_record(
@@ -95,7 +98,7 @@ def solve_record(
     doubt = solve.suspected(record, ready.inputs)
     as_it_came = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
     for _ in range(solve.ROUNDS):
-        row = Row(structures, solve.leaving_out(record, doubt), ready.inputs, names)
+        row = Row(structures, solve.leaving_out(record, doubt), ready.inputs, names, ready.outside)
         again = begins_of(row) if solution is None else partial(_at, row, solution.found.point.theta)
         begins = [begin for begin in again(white) if math.isfinite(begin.cost)] if row.record.count else []
         if not begins and (doubt != as_it_came).any() and solution is None:
@@ -120,11 +123,13 @@ def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -
 
 
 def _at(row: Row, theta: FloatArray, noise: Autoregression) -> list[Point]:
-    return [evaluate(row, theta, noise)]
+    return [evaluate(row.from_outside, theta, noise)]
 
 
 def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> RowEstimate:
     """Return the estimate that begins lead to; ``again`` gives those to begin at with a noise model."""
+    if row.outside is not None:
+        return _by_instruments(row, likeliest(row.from_outside, begins, again).point.theta)
     free, point, noise = likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
     # without a noise model the two are the same; in feedback the estimate without one is that which is off
@@ -132,6 +137,25 @@ def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], l
         return RowEstimate(point, noise, covariance_of(row, point), findings)
     white = Autoregression.white(1.0, row.count)
     return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), (Finding("inconsistent", GIVEN_UP),))
+
+
+def _by_instruments(row: Row, theta: FloatArray) -> RowEstimate:
+    """Return the estimate by instruments, its noise model that of what it leaves."""
+    point, noise = evaluate(row, theta, Autoregression.white(1.0, row.count)), Autoregression.white(1.0, row.count)
+    for _ in range(ROUNDS):
+        noise = noise_of(row, point)
+        point = instrumental(row, point.theta, noise, point, SHORT)
+    return RowEstimate(point, noise, _sandwich(row, point), tuple(controlled(row, point, noise)))
+
+
+def _sandwich(row: Row, point: Point) -> FloatArray:
+    """Return M^-1 Q M^-T, M = sum zeta phi': a noise model does not take all colour of what acts within the loop."""
+    colour = colour_of(row, point.error)
+    inverse = inverse_of(np.asarray(sum(products(zeta, phi) for zeta, phi in zip(point.zeta, point.phi, strict=True))))
+    backwards = [colour.colour(zeta[::-1]) for zeta in point.zeta]
+    squares = np.asarray(sum(products(each, each) for each in backwards))
+    size = point.theta.size + row.nuisances * len(row.stretches)
+    return np.asarray(colour.power / max(colour.count - size, 1.0) * inverse @ squares @ inverse.T)
 
 
 def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> _Estimates:

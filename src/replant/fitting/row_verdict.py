@@ -20,6 +20,8 @@ from replant.verdict.estimate_tests import MOST_UNCERTAIN
 from replant.verdict.row_tests import lacking
 from replant.verdict.verdict import Finding, Verdict, conclude, percent
 
+USELESS = "input {} explains nothing of the output: leave it out"
+
 
 def judged(
     row: Row, record: Record, point: Point, noise: Autoregression, covariance: FloatArray, others: list[Finding]
@@ -27,7 +29,8 @@ def judged(
     """Return the verdict of a point, with other findings about it."""
     findings = [*_at_rest(row), *_uncertain(row, record, point, covariance)]
     if not findings:
-        findings += [*_useless(row, point, noise), *lacking(row, point, noise)]
+        useless = _useless(row, point, noise) if row.outside is None else _untold(row, point, covariance)
+        findings += [*useless, *lacking(row, point, noise)]
     return Verdict(
         *conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
     )
@@ -88,7 +91,19 @@ def _useless(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]
         )
         return
     for i in useless:
-        yield Finding("inconsistent", f"input {row.names[i]} explains nothing of the output: leave it out")
+        yield Finding("inconsistent", USELESS.format(row.names[i]))
+
+
+def _untold(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]:
+    """Inputs whose numerator is nought within chance, by the same criterion: in feedback likelihoods are no judges."""
+    end = 0
+    for structure, name in zip(row.structures, row.names, strict=True):
+        end += structure.size
+        rows = slice(end - structure.zeros - 1, end)
+        b = point.theta[rows]
+        statistic = float(b @ np.linalg.lstsq(covariance[rows, rows], b, rcond=None)[0])
+        if len(row.structures) > 1 and statistic < structure.size * math.log(row.count):
+            yield Finding("inconsistent", USELESS.format(name))
 
 
 def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) -> bool:

@@ -101,7 +101,7 @@ def search(
     """
     given = Samples.of(u, y, dt, t, reference, input, output)
     if is_row(u):
-        for name, is_given in (("bias", bias), ("preprocess", preprocess), ("reference", reference is not None)):
+        for name, is_given in (("bias", bias), ("preprocess", preprocess)):
             if is_given:
                 raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
         return search_rows(given, _options(given, poles, zeros, delays), progress)

@@ -9,30 +9,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.dimensions import RECENT
-from replant.estimation.filters import RefinedFilter
-from replant.estimation.settings import AUTO, STORED
-from replant.fitting.model import Model
 from replant.fitting.structure_evidence import numbers_of
-from replant.model.noise import NoiseModel
-from replant.model.structure import Structure
-from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
-from replant.numerics.arguments import FloatArray, IntArray, record, whole
+from replant.numerics.arguments import FloatArray, record
 from replant.numerics.levels import ALPHA
-from replant.online.bank_weights import EVENTS, MOST, Lead, Weights
+from replant.online.bank_members import Members
+from replant.online.bank_weights import EVENTS, Lead, Weights
 from replant.online.change_response import AGAIN
-from replant.online.estimate import Estimate
-from replant.online.trace import Trace
-from replant.online.turns import Shared, Turn, changes, reads
-from replant.verdict import Assessment
+from replant.online.trace import BankTrace, Trace
+from replant.online.turns import Turn, changes, reads
 
 if TYPE_CHECKING:
     from replant.online.checkpoint.encoding import Progress
@@ -41,50 +30,9 @@ if TYPE_CHECKING:
 # a call of a member then takes some ten times as long as its overhead
 LOOKED = 512  # samples between two looks at the weights [samples]
 LEAST = 4  # samples of a record that the weights begin with, at the least [count for each unknown]
-#: What the members of a bank choose from the data, so that their predictions compare.
-CHOSEN = "scaling", "optimizer", "replay", "instruments", "normalize", "background"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class BankTrace:
-    """The course of a chunk of K samples, M members learning side by side.
-
-    Attributes
-    ----------
-    pieces : tuple of tuple of Trace
-        Of each part of the chunk, those of the members.
-    weights : (K, M) array
-        After each sample.
-    lead : (K,) array of int
-        Number of the member that was served after each sample.
-    """
-
-    pieces: tuple[tuple[Trace, ...], ...]
-    weights: FloatArray
-    lead: IntArray
-
-    def __len__(self) -> int:
-        return self.lead.size
-
-    def __repr__(self) -> str:
-        newest = ", ".join(f"{each:.3g}" for each in self.weights[-1].tolist()) if len(self) else "none"
-        return f"<BankTrace of {len(self):,} samples: weights {newest} after the last>"
-
-    @property
-    def errors(self) -> FloatArray:
-        """A-priori output errors (K, M) of the members, in the unit of y."""
-        return np.concatenate([np.column_stack([each.errors for each in piece]) for piece in self.pieces])
-
-    @cached_property
-    def members(self) -> tuple[Trace, ...]:
-        """The trace of each member, as `Identifier.update_many` of it alone returns it.
-
-        Joined when it is asked for: the estimates of a start-up are solved for where somebody reads them.
-        """
-        return tuple(_joined(each) for each in zip(*self.pieces, strict=True))
-
-
-class Bank(Shared):
+class Bank(Members):
     r"""Identify G(s) of a structure that is not known, online; what `Identifier` makes of a list of structures.
 
     The weight of a structure is its probability, given the samples so far,
@@ -144,7 +92,6 @@ class Bank(Shared):
             _origin=0, _ready=0, _likeliest=0, _lead=0, _leads=(), _adapts=True,
         )  # fmt: skip
 
-    _members: tuple[Any, ...]  # identifiers
     _weights: Weights  # after all samples but those of `_held`
     _held: list[list[float]]  # errors of single samples since then
     _chunk: tuple[Any, ...] | None  # u, y, t and r that are being taken
@@ -154,7 +101,6 @@ class Bank(Shared):
     _origin: int  # accepted samples before the change that the most probable member believes in
     _ready: int  # members that had begun by then
     _likeliest: int
-    _lead: int
     _leads: tuple[Lead, ...]
     _adapts: bool
 
@@ -398,17 +344,6 @@ class Bank(Shared):
                 (member.resume if adapt else member.freeze)()
 
     @property
-    def structures(self) -> tuple[Structure, ...]:
-        """Of the members."""
-        return tuple(member.structure for member in self._members)
-
-    @property
-    @reads
-    def members(self) -> tuple[Any, ...]:
-        """Copies of the members, identifiers in the same state."""
-        return tuple(member.clone() for member in self._members)
-
-    @property
     @reads
     def weights(self) -> FloatArray:
         """Probability (M,) of each structure, given the samples so far; equal while no member has a model."""
@@ -417,81 +352,9 @@ class Bank(Shared):
 
     @property
     @reads
-    def lead(self) -> int:
-        """Number of the member that is served."""
-        return self._lead
-
-    @property
-    @reads
     def leads(self) -> tuple[Lead, ...]:
         """The events, the newest hundred: since when which structure is served."""
         return self._leads
-
-    @property
-    def _served(self) -> Estimate:
-        served: Estimate = self._members[self.lead]
-        return served
-
-    @property
-    def structure(self) -> Structure:
-        """That of the model that is served."""
-        return self._served.structure
-
-    @property
-    def dt(self) -> float:
-        """Sampling time in s."""
-        return self._served.dt
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters of the model that is served."""
-        return self._served.names
-
-    @property
-    def has_model(self) -> bool:
-        """Whether there is an estimate."""
-        return self._served.has_model
-
-    @property
-    def parameters(self) -> FloatArray:
-        """The estimate (P,) that is served."""
-        return self._served.parameters
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Its covariance (P, P)."""
-        return self._served.covariance
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """Its standard deviations."""
-        return self._served.uncertainty
-
-    @property
-    def noise(self) -> NoiseModel | None:
-        """The model of its residual's noise."""
-        return self._served.noise
-
-    @property
-    def transfer_function(self) -> TransferFunction:
-        """It as G(s)."""
-        return self._served.transfer_function
-
-    @property
-    def model(self) -> Model:
-        """What is worth keeping of it; see `Identifier.model`."""
-        model: Model = self._members[self.lead].model
-        return model
-
-    @property
-    def samples(self) -> int:
-        """Accepted samples."""
-        return self._served.samples
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Rejected samples by reason, as the member that leads has counted them."""
-        return self._served.rejected
 
     @property
     @reads
@@ -499,51 +362,7 @@ class Bank(Shared):
         """Samples given so far, rejected ones included: where to go on after an interrupt."""
         return self._taken
 
-    @property
-    def status(self) -> str:
-        """`Identifier.status` of the member that leads."""
-        return self._served.status
-
-    def assess(self) -> Assessment:
-        """Return the verdict on the model that is served; see `Identifier.assess`."""
-        return self._served.assess()
-
     def __repr__(self) -> str:
         pairs = zip(self.structures, self.weights.tolist(), strict=True)
         each = ", ".join(f"{one.poles}/{one.zeros} {weight:.2g}" for one, weight in pairs)
         return f"<Identifier of {len(self._members)} structures, poles/zeros and weight: {each}; {self._served!r}>"
-
-
-def _joined(traces: Sequence[Trace]) -> Trace:
-    """Return the trace of a member over all pieces of a chunk."""
-    first = traces[0]
-    if len(traces) == 1:
-        return first
-    time = None if first.time is None else np.concatenate([each.time for each in traces if each.time is not None])
-    parameters, errors = (np.concatenate([getattr(each, name) for each in traces]) for name in ("parameters", "errors"))
-    return Trace(first.names, first.start, parameters, errors, time)
-
-
-def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the arguments of each member, checked."""
-    for name in ("poles", "zeros", "delay"):
-        if given.get(name) is not None:
-            raise InvalidArgumentError(f"a list of structures has its own {name}: leave out {name}")
-    for name in CHOSEN:
-        if name in given:
-            raise InvalidArgumentError(f"the members of a list of structures take no {name}: leave it out")
-    chosen = given.get("filter", AUTO)
-    if not isinstance(chosen, RefinedFilter) and not (isinstance(chosen, str) and chosen == AUTO):
-        raise InvalidArgumentError(
-            "the members of a list of structures take the refined filter alone: leave out filter"
-        )
-    wrong = next((each for each in structures if not isinstance(each, Structure)), None)
-    if wrong is not None:
-        raise ArgumentTypeError(f"structure must hold Structures, got {shown(wrong)}: write Structure(poles=2)")
-    if not 2 <= len(structures) <= MOST:
-        raise InvalidArgumentError(f"structure must be a Structure, or a list of 2 to {MOST}, got {len(structures)}")
-    twice = next((each for i, each in enumerate(structures) if each in structures[:i]), None)
-    if twice is not None:
-        raise InvalidArgumentError(f"structure has {shown(twice)} twice: give each once")
-    history = whole("history", given.get("history", STORED), RECENT, STORED)
-    return [given | {"structure": each, "history": history} for each in structures]

@@ -150,7 +150,8 @@ class Identifier(Lifecycle):
         """Return an identifier; of several inputs, or of several structures, one of its own kind."""
         structure = args[0] if args else given.get("structure")
         if cls is Identifier and isinstance(structure, list | tuple):
-            from replant.online.bank import Bank, asked_for
+            from replant.online.bank import Bank
+            from replant.online.bank_members import asked_for
 
             more = given | dict(zip(("dt",), args[1:], strict=False))
             return Bank([Identifier(**each) for each in asked_for(structure, more)])

@@ -14,6 +14,7 @@ from replant.estimation.settings import STORED
 from replant.fitting.fields import Provenance
 from replant.fitting.row_fit import row_model, structures_of
 from replant.fitting.row_model import RowModel, one_step_percent
+from replant.fitting.row_outside import references_of
 from replant.kernels.schema import Doubt
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
@@ -148,7 +149,7 @@ class RowIdentifier(Shared):
 
         return encode_other(ROW, *parts_of(self._now), progress)
 
-    def update(self, u: Any, y: float, t: float | None = None, r: None = None) -> float:
+    def update(self, u: Any, y: float, t: float | None = None, r: Any = None) -> float:
         """Take one sample; return its a-priori output error, in the unit of y.
 
         NaN stands for "no prediction": the sample was rejected, has no output, or is collected for the start-up.
@@ -162,19 +163,22 @@ class RowIdentifier(Shared):
         t : float, optional
             Time stamp in s, given with every sample or with none.  One that does not advance is rejected; after a gap
             of 20 dt offset and initial states are estimated anew.
-        r : None
-            A reference is not used yet.
+        r : float or sequence of float, optional
+            Where a controller makes an input: the set-point or a dither, or several of them, given with every sample or
+            with none, as for `replant.fit`.  NaN leaves the output of the sample out.
 
         Raises
         ------
         InvalidArgumentError, ArgumentTypeError
             If an argument is not a number; the state stays as it was.
         """
-        trace = self.update_many([u], [number("y", y)], None if t is None else [number("t", t)], r)
+        trace = self.update_many(
+            [u], [number("y", y)], None if t is None else [number("t", t)], None if r is None else [r]
+        )
         return float(trace.errors[0])
 
     @changes
-    def update_many(self, u: Any, y: Any, t: Any = None, r: None = None) -> Trace:
+    def update_many(self, u: Any, y: Any, t: Any = None, r: Any = None) -> Trace:
         """Take a chunk of samples: equal, to the bit, to a loop of `update`.
 
         Parameters
@@ -184,7 +188,8 @@ class RowIdentifier(Shared):
         y : (K,) array
         t : (K,) array, optional
             See `update`.
-        r : None
+        r : (K,) or (K, p) array, optional
+            One reference, or a column for each.
 
         Returns
         -------
@@ -196,7 +201,7 @@ class RowIdentifier(Shared):
         InvalidArgumentError, ArgumentTypeError
             If shapes or types do not fit; the state stays as it was.
         """
-        columns, output, stamps = self._checked(u, y, t, r)
+        columns, output, stamps, references = self._checked(u, y, t, r)
         size = output.size
         trace = Trace(self.names, self.parameters, np.empty((size, self._settings.size)), np.full(size, np.nan), stamps)
         taken = 0
@@ -204,14 +209,12 @@ class RowIdentifier(Shared):
             some = slice(taken, taken + PIECE)
             stamped = None if stamps is None else stamps[some]
             self._now, count = self._now.take(
-                columns[some], output[some], stamped, trace.errors[some], trace.parameters[some]
+                columns[some], output[some], stamped, references[some], trace.errors[some], trace.parameters[some]
             )
             taken += count
         return trace
 
-    def _checked(self, u: Any, y: Any, t: Any, r: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        if r is not None:
-            raise InvalidArgumentError("several inputs take no reference yet: leave out r")
+    def _checked(self, u: Any, y: Any, t: Any, r: Any) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray]:
         columns, output, count = array_of_reals("u", u), vector("y", y), len(self.structures)
         if columns.shape != (output.size, count):
             raise InvalidArgumentError(
@@ -221,7 +224,14 @@ class RowIdentifier(Shared):
         stamped = self._now.stamped
         if output.size and stamped is not None and stamped != (t is not None):
             raise InvalidArgumentError("give t with every sample, or with none")
-        return columns, output, None if t is None else stamps_of(t, output.size)
+        given = references_of(r, output.size)
+        references = np.empty((output.size, 0)) if given is None else given
+        if output.size and self._now.samples and references.shape[1] != self._now.references:
+            raise InvalidArgumentError(
+                f"give r with every sample, or with none: {self._now.references} references came before, now "
+                f"{references.shape[1]}"
+            )
+        return columns, output, None if t is None else stamps_of(t, output.size), references
 
     @changes
     def finish(self) -> None:
@@ -310,6 +320,12 @@ class RowIdentifier(Shared):
     def noise(self) -> NoiseModel | None:
         """The model of the residual's noise; None during start-up."""
         return None if self._now.recursion is None else self._now.recursion.noise_model
+
+    @property
+    def recent(self) -> tuple[FloatArray, FloatArray]:
+        """Inputs (K, q) and outputs (K,) of the newest accepted samples, as many as the verdict looks at."""
+        values = self._now.kept.values[-RECENT:]
+        return values[:, : len(self.structures)].copy(), values[:, -2].copy()
 
     @property
     def samples(self) -> int:

@@ -13,13 +13,14 @@ import numpy as np
 from replant.estimation.engine.record import SAME, Record
 from replant.estimation.engine.state import GAP
 from replant.estimation.simulation.branches import Branches
-from replant.estimation.simulation.row import Row
+from replant.estimation.simulation.outside import Law, with_moved
+from replant.estimation.simulation.row import Row, Stretch
 from replant.fitting.row_solve import RowEstimate
 from replant.kernels.filters.whitening import IRREGULAR
 from replant.kernels.schema import LAGS
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import compose, factor_covariance, factor_information, quiet
 from replant.numerics.projections import products
@@ -30,6 +31,42 @@ Derivation: a thousandth of the output's size is then as good as nothing known, 
 """
 
 DYING = 100  # samples after which a response to an initial state has shown how large it is [samples]
+
+
+@dataclass(frozen=True, eq=False)
+class Instruments:
+    """What goes on to make instruments, where references move inputs."""
+
+    law: Law  # by which inputs follow what comes from outside
+    is_moved: BoolArray  # (q,)
+    models: Branches  # that run what comes from outside of the inputs
+    origin: FloatArray  # (q,): from where these count
+    tail: FloatArray  # (LAGS, P + N): instruments of the newest samples
+
+    @classmethod
+    def of(cls, row: Row, stretch: Stretch, theta: FloatArray, columns: FloatArray) -> Instruments | None:
+        """Return those behind the last stretch of a record, whose instruments (K, P + N) are known; None without."""
+        outside, models = row.outside, row.ended_outside(theta, stretch)
+        if outside is None or models is None:
+            return None
+        return cls(outside.law, outside.is_moved, models, outside.inputs[stretch.rows][0], _newest(columns))
+
+    def take(
+        self, u: FloatArray, r: FloatArray, coefficients: list[FloatArray], intervals: FloatArray, free: FloatArray
+    ) -> tuple[Instruments, FloatArray]:
+        """Return those after K samples of inputs and references, and the instruments (LAGS + K, P + N)."""
+        law, explained = self.law.follow(np.column_stack([r, u[:, ~self.is_moved]]))
+        models, outside = self.models.copy(), with_moved(u, self.is_moved, explained)
+        records = _records(outside - self.origin, intervals)
+        _, slopes, _ = models.run(coefficients, np.zeros(free.shape[1] - 1), records, on=True)
+        rows = np.vstack([self.tail, np.column_stack([*slopes, free])])
+        return replace(self, law=law, models=models, tail=rows[-LAGS:].copy()), rows
+
+    def begun_at(self, u: FloatArray, coefficients: list[FloatArray], states: FloatArray) -> Instruments:
+        """Return those of a stretch that begins at inputs (q,)."""
+        models = self.models.copy()
+        models.begin(coefficients, states)
+        return replace(self, models=models, origin=u.copy())
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +92,7 @@ class RowRecursion:
     diagonal: FloatArray
     counts: IntArray
     squares: FloatArray
+    instruments: Instruments | None = None  # where references move inputs
 
     @classmethod
     @quiet
@@ -65,22 +103,24 @@ class RowRecursion:
         outputs, slopes, free = row.signals(theta, stretch, weights[1:])
         columns = np.hstack([slopes, free])
         error = np.where(stretch.measured, stretch.y - outputs.sum(axis=1) - free @ weights, 0.0)
-        white = row.whitened(found.noise, columns, stretch)
+        made = row.instruments(theta, stretch)
+        zeta = columns if made is None else np.hstack([made, free])
+        white = row.whitened(found.noise, zeta, stretch)
         information = products(white, white)
-        for phi in point.phi[:-1]:  # of the stretches before, offset and initial states are their own
-            information[: theta.size, : theta.size] += products(phi, phi)
+        for each in point.zeta[:-1]:  # of the stretches before, offset and initial states are their own
+            information[: theta.size, : theta.size] += products(each, each)
         factor, diagonal = factor_information(information)
         variance = point.cost / max(row.count - columns.shape[1], 1)
         plain = np.diag(compose(factor, diagonal))[: theta.size] * variance
         scale = np.sqrt(np.diag(found.covariance) / np.where(plain > 0.0, plain, 1.0))
         known = min(int(stretch.known[-1]) + 1, LAGS) if stretch.measured[-1] else 0
-        rows = np.column_stack([columns, error])
-        tail = np.vstack([np.zeros((LAGS, rows.shape[1])), rows])[-LAGS:]
+        tail = _newest(np.column_stack([columns, error]))
         return cls(
             theta, weights, found.noise, row.dt, float(np.std(row.record.y[row.record.is_measured])),
             point.power / max(row.count - columns.shape[1], 1), scale,
             row.ended(theta, stretch, weights[1:]), row.inputs[stretch.rows][0], level, 0.0,
             tail, np.zeros(columns.shape[1]), factor, diagonal, np.array([known, row.count, 0]), np.array([point.cost]),
+            Instruments.of(row, stretch, theta, zeta),
         )  # fmt: skip
 
     @property
@@ -112,9 +152,9 @@ class RowRecursion:
 
     @quiet
     def take(
-        self, u: FloatArray, y: FloatArray, intervals: FloatArray, *, learns: bool = True
+        self, u: FloatArray, y: FloatArray, r: FloatArray, intervals: FloatArray, *, learns: bool = True
     ) -> tuple[RowRecursion, FloatArray, FloatArray]:
-        """Take K samples of q inputs; return the recursion after them, the errors (K,) and the estimates (K, P).
+        """Take K samples of q inputs and p references; return the recursion after them, errors (K,), estimates (K, P).
 
         An output that is not finite was not measured.  The interval before each sample is in s.
         """
@@ -124,11 +164,11 @@ class RowRecursion:
             rows = slice(begin, end)
             if begin < end:
                 taken = taken._begun_at(u[begin]) if begin in gaps else taken
-                taken = taken._take(u[rows], y[rows], intervals[rows], learns, errors[rows], estimates[rows])
+                taken = taken._take(u[rows], y[rows], r[rows], intervals[rows], learns, errors[rows], estimates[rows])
         return taken, errors, estimates + self.theta
 
     def _take(
-        self, u: FloatArray, y: FloatArray, intervals: FloatArray, learns: bool, errors: FloatArray,
+        self, u: FloatArray, y: FloatArray, r: FloatArray, intervals: FloatArray, learns: bool, errors: FloatArray,
         estimates: FloatArray,
     ) -> RowRecursion:  # fmt: skip
         """Take samples without a gap but before the first; write errors and estimates less theta."""
@@ -142,22 +182,26 @@ class RowRecursion:
         measured = np.isfinite(y) & ~(left > SAME * intervals)
         usual = np.abs(intervals - self.dt) <= IRREGULAR * self.dt
         usual[0] &= not begins
-        records = [Record(np.ascontiguousarray(each), np.zeros(y.size), intervals) for each in (u - self.origin).T]
+        records = _records(u - self.origin, intervals)
         outputs, slopes, free = models.run(self._coefficients, self.weights[1:], records, on=True)
         error = np.where(measured, y - self.level, 0.0) - self.weights[0]
         for each in outputs:
             error = error - each
-        rows = np.column_stack([*slopes, np.ones(y.size), *free, np.where(measured, error, 0.0)])
+        nuisances = np.column_stack([np.ones(y.size), *free])
+        rows = np.column_stack([*slopes, nuisances, np.where(measured, error, 0.0)])
         rows = np.vstack([self.tail, rows])
+        instruments, zeta = self.instruments, np.zeros((0, self.delta.size))
+        if instruments is not None:
+            instruments, zeta = instruments.take(u, r, self._coefficients, intervals, nuisances)
         new = replace(
             self, models=models, waits=max(float(left[-1]), 0.0), tail=rows[-LAGS:].copy(), delta=self.delta.copy(),
             factor=self.factor.copy(), diagonal=self.diagonal.copy(), counts=self.counts.copy(),
-            squares=self.squares.copy(),
+            squares=self.squares.copy(), instruments=instruments,
         )  # fmt: skip
         learn(
-            rows, measured.astype(np.int64), usual.astype(np.int64), learns, self.noise.order, self.noise.models,
+            rows, zeta, measured.astype(np.int64), usual.astype(np.int64), learns, self.noise.order, self.noise.models,
             self.noise.powers, new.delta, new.factor, new.diagonal, new.counts, new.squares, errors, estimates,
-            np.empty(3 * self.delta.size + 1),
+            np.empty(4 * self.delta.size + 1),
         )  # fmt: skip
         return new
 
@@ -182,7 +226,20 @@ class RowRecursion:
         deviations = DIFFUSE * self.size / np.where(sizes > 0.0, sizes, 1.0)
         diagonal[first:] = deviations**2 / max(self.variance, 1e-300)
         delta = np.concatenate([self.delta[:first], np.zeros(self.weights.size)])
+        instruments = self.instruments
+        if instruments is not None:
+            instruments = instruments.begun_at(u, self._coefficients, weights[1:])
         return replace(
             self, weights=weights, models=models, origin=u.copy(), waits=-1.0, delta=delta, factor=factor,
-            diagonal=diagonal,
+            diagonal=diagonal, instruments=instruments,
         )  # fmt: skip
+
+
+def _newest(rows: FloatArray) -> FloatArray:
+    """Return the newest rows (LAGS, ...), behind zeros where there are fewer."""
+    return np.vstack([np.zeros((LAGS, rows.shape[1])), rows])[-LAGS:]
+
+
+def _records(columns: FloatArray, intervals: FloatArray) -> list[Record]:
+    """Return a record of each of several inputs (K, q), with outputs of zero."""
+    return [Record(np.ascontiguousarray(each), np.zeros(len(columns)), intervals) for each in columns.T]

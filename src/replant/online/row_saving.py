@@ -9,19 +9,22 @@ import numpy as np
 
 from replant.errors import DamagedCheckpointError
 from replant.estimation.simulation.branches import Branches
-from replant.kernels.schema import LAGS
+from replant.estimation.simulation.outside import Law
+from replant.kernels.schema import LAGS, LAGUERRE
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import duration
 from replant.online.checkpoint.encoding import ARRAYS, ROW, described
-from replant.online.row_recursion import RowRecursion
+from replant.online.row_recursion import Instruments, RowRecursion
 from replant.online.row_state import RowHistory, RowSettings, RowState
 from replant.verdict.verdict import STATUSES, Finding
 
 #: The fields of a recursion that are arrays, and those that are numbers.
 VECTORS = "theta", "weights", "scale", "origin", "tail", "delta", "factor", "diagonal", "counts", "squares"
 NUMBERS = "dt", "size", "power", "level", "waits"
+#: The same of what makes instruments, and of the law in it.
+OF_INSTRUMENTS, OF_LAW = ("origin", "tail"), ("poles", "origins", "states", "weights")
 #: The same of a noise model.
 OF_NOISE = "coefficients", "models", "powers", "sums"
 HOLDS = "zoh", "foh"
@@ -34,7 +37,7 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
     plain: dict[str, Any] = {
         "structures": [[each.poles, each.zeros, each.delay] for each in structures],
         "dt": dt, "startup": startup, "history": history, "hold": hold, "names": names,
-        "rejected": state.rejected, "stamped": state.stamped, "adapts": state.adapts,
+        "rejected": state.rejected, "stamped": state.stamped, "references": state.references, "adapts": state.adapts,
         "findings": [[each.status, each.reason] for each in state.findings],
         **{name: getattr(state, name) for name in COUNTS},
     }  # fmt: skip
@@ -44,8 +47,18 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
         arrays["numbers"] = np.array([getattr(known, name) for name in NUMBERS])
         arrays |= {f"noise.{name}": getattr(known.noise, name) for name in OF_NOISE}
         arrays["noise"] = np.array([known.noise.power, known.noise.count])
-        arrays |= {f"{name}.{i}": each for i, states in enumerate(known.models.arrays) for name, each in states.items()}
+        arrays |= _of_branches(known.models)
+        if (made := known.instruments) is not None:
+            arrays |= {f"instruments.{name}": getattr(made, name) for name in OF_INSTRUMENTS}
+            arrays["instruments.is_moved"] = made.is_moved.astype(np.int64)
+            arrays |= {f"law.{name}": getattr(made.law, name) for name in OF_LAW}
+            arrays |= _of_branches(made.models, "instruments.")
     return plain, arrays
+
+
+def _of_branches(models: Branches, before: str = "") -> dict[str, Any]:
+    states = enumerate(models.arrays)
+    return {f"{before}{name}.{i}": each for i, arrays in states for name, each in arrays.items()}
 
 
 def restored(attributes: dict[str, Any]) -> RowState:
@@ -59,7 +72,10 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     hold, names = one_of("input_hold", plain["hold"], HOLDS), tuple(map(str, plain["names"]))
     settings = RowSettings(structures, duration("dt", plain["dt"]), plain["startup"], plain["history"], hold, names)
     kept, state = arrays.pop("kept"), RowState.of(settings)
-    _check("kept", kept, (len(kept), len(structures) + 2))
+    references = plain.get("references", 0)  # checkpoints of before have none
+    if type(references) is not int or references < 0:
+        raise DamagedCheckpointError("its references are not valid")
+    _check("kept", kept, (len(kept), len(structures) + references + 2))
     counts = [settings.startup, settings.history, *(plain[name] for name in COUNTS), *plain["rejected"].values()]
     if any(type(each) is not int or each < 0 for each in counts) or set(plain["rejected"]) != set(state.rejected):
         raise DamagedCheckpointError("its counts are not valid")
@@ -69,11 +85,13 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
         state, kept=RowHistory(kept, settings.history, 0, len(kept)), rejected=plain["rejected"],
         stamped=plain["stamped"], adapts=bool(plain["adapts"]), **{name: plain[name] for name in COUNTS},
         findings=tuple(Finding(*map(str, each)) for each in plain["findings"]),
-        recursion=_recursion(structures, hold, arrays) if arrays else None,
+        recursion=_recursion(structures, hold, references, arrays) if arrays else None,
     )  # fmt: skip
 
 
-def _recursion(structures: tuple[Structure, ...], hold: str, arrays: dict[str, FloatArray]) -> RowRecursion:
+def _recursion(
+    structures: tuple[Structure, ...], hold: str, references: int, arrays: dict[str, FloatArray]
+) -> RowRecursion:
     coefficients, states = sum(each.size for each in structures), 1 + sum(each.poles for each in structures)
     size, lags = coefficients + states, LAGS + 1
     shapes = {
@@ -90,18 +108,47 @@ def _recursion(structures: tuple[Structure, ...], hold: str, arrays: dict[str, F
     if not 0 <= order <= LAGS or not (arrays["diagonal"] >= 0.0).all():
         raise DamagedCheckpointError("its numbers are not valid")
     numbers = dict(zip(NUMBERS, arrays["numbers"].tolist(), strict=True))
-    models = Branches(structures, numbers["dt"], hold)
+    models = _branches(structures, numbers["dt"], hold, arrays)
+    power, count = arrays["noise"].tolist()
+    noise = Autoregression(power=power, count=count, **{name: arrays[f"noise.{name}"] for name in OF_NOISE})
+    fields: dict[str, Any] = {**numbers, **{name: arrays[name] for name in VECTORS}}
+    instruments = None
+    if "instruments.tail" in arrays:
+        instruments = _instruments(structures, numbers["dt"], hold, references, arrays, size)
+    return RowRecursion(noise=noise, models=models, instruments=instruments, **fields)
+
+
+def _branches(
+    structures: tuple[Structure, ...], dt: float, hold: str, arrays: dict[str, FloatArray], before: str = ""
+) -> Branches:
+    models = Branches(structures, dt, hold)
     for i, each in enumerate(models.arrays):
         for name, fresh in each.items():
-            given = arrays[f"{name}.{i}"]
+            given = arrays[f"{before}{name}.{i}"]
             _check(name, given, fresh.shape)
             fresh[:] = given
     if not models.are_sound:
         raise DamagedCheckpointError("its state points outside of its arrays")
-    power, count = arrays["noise"].tolist()
-    noise = Autoregression(power=power, count=count, **{name: arrays[f"noise.{name}"] for name in OF_NOISE})
-    fields: dict[str, Any] = {**numbers, **{name: arrays[name] for name in VECTORS}}
-    return RowRecursion(noise=noise, models=models, **fields)
+    return models
+
+
+def _instruments(
+    structures: tuple[Structure, ...], dt: float, hold: str, references: int, arrays: dict[str, FloatArray], size: int
+) -> Instruments:
+    made, law = ({name: arrays[f"{part}.{name}"] for name in names} for part, names in
+                 (("instruments", OF_INSTRUMENTS), ("law", OF_LAW)))  # fmt: skip
+    is_moved = np.asarray(arrays["instruments.is_moved"], bool)
+    _check("is_moved", is_moved, (len(structures),))
+    moved = int(np.count_nonzero(is_moved))
+    signals = references + len(structures) - moved
+    shapes = {
+        "origin": (len(structures),), "tail": (LAGS, size), "poles": (signals,), "origins": (signals,),
+        "states": (signals, LAGUERRE), "weights": (moved, signals * LAGUERRE + 1),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        _check(name, (made | law)[name], shape)
+    models = _branches(structures, dt, hold, arrays, "instruments.")
+    return Instruments(Law(**law), is_moved, models, made["origin"], made["tail"])
 
 
 def _check(name: str, array: FloatArray, shape: tuple[int, ...]) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate
 from replant.estimation.solver.solve import leaving_out
+from replant.fitting.row_outside import with_outside
 from replant.fitting.row_solve import RowEstimate, doubts_of, solve_record, started
 from replant.fitting.row_verdict import judged
 from replant.kernels.schema import LARGEST, Doubt
@@ -65,14 +66,14 @@ class RowSettings(NamedTuple):
 class RowHistory:
     """The newest samples, at most ``most``; rows behind ``end`` belong to whoever appends to the newest history."""
 
-    rows: FloatArray  # (R, q + 2): inputs, output, time in s
+    rows: FloatArray  # (R, q + p + 2): inputs, references, output, time in s
     most: int
     begin: int = 0
     end: int = 0
 
     @property
     def values(self) -> FloatArray:
-        """The rows (K, q + 2)."""
+        """The rows (K, q + p + 2)."""
         return self.rows[self.begin : self.end]
 
     @property
@@ -81,7 +82,7 @@ class RowHistory:
         return int(np.isfinite(self.values[:, -2]).sum())
 
     def with_more(self, rows: FloatArray) -> RowHistory:
-        """Return the history with further rows (K, q + 2)."""
+        """Return the history with further rows (K, q + p + 2)."""
         room, begin, end = self.rows, self.begin, self.end
         if end + len(rows) > len(room):
             room = np.empty((max(ROOM, 2 * (end - begin + len(rows))), room.shape[1]))
@@ -128,18 +129,26 @@ class RowState:
         return cls(settings, RowHistory(rows, settings.history), settings.startup)
 
     @property
+    def references(self) -> int:
+        """How many references come with each sample; before the first sample none."""
+        return int(self.kept.rows.shape[1]) - len(self.settings.structures) - 2
+
+    @property
     def parameters(self) -> FloatArray:
         """The estimate (P,); zero while there is none."""
         return np.zeros(self.settings.size) if self.recursion is None else self.recursion.parameters
 
     @quiet
     def take(
-        self, u: FloatArray, y: FloatArray, t: FloatArray | None, errors: FloatArray, estimates: FloatArray
-    ) -> tuple[RowState, int]:
+        self, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, errors: FloatArray,
+        estimates: FloatArray,
+    ) -> tuple[RowState, int]:  # fmt: skip
         """Take samples up to one at which the record is to be solved; return the state after it and how many they were.
 
+        References (K, p) come with them, p = 0 where there are none.
         ``errors`` (K,), which are NaN, and ``estimates`` (K, P) are written.
         """
+        y = np.where(np.isfinite(r).all(axis=1), y, np.nan)
         usable, reasons = self._screened(u, y, t)
         counted = usable & np.isfinite(y) if self.recursion is None else usable
         before = self.kept.measured if self.recursion is None else self.samples
@@ -148,14 +157,16 @@ class RowState:
         rows = np.flatnonzero(usable[:end])
         rejected = {name: self.rejected[name] + int(each[:end].sum()) for name, each in reasons.items()}
         clock = np.zeros(rows.size) if t is None else t[rows]
-        kept = self.kept.with_more(np.column_stack([u[rows], y[rows], clock]))
+        r = self._held(r[rows])
+        kept = self.kept if self.samples else RowHistory(np.empty((0, u.shape[1] + r.shape[1] + 2)), self.kept.most)
+        kept = kept.with_more(np.column_stack([u[rows], r, y[rows], clock]))
         stamped = t is not None if rows.size else self.stamped
         new = replace(self, kept=kept, samples=self.samples + rows.size, rejected=rejected, stamped=stamped)
         estimates[:end] = self.parameters
         if self.recursion is not None and rows.size:
             last = self.kept.values[-1:, -1]
             intervals = np.full(rows.size, self.settings.dt) if t is None else np.diff(clock, prepend=last)
-            recursion, errors[rows], after = self.recursion.take(u[rows], y[rows], intervals, learns=self.adapts)
+            recursion, errors[rows], after = self.recursion.take(u[rows], y[rows], r, intervals, learns=self.adapts)
             newest = np.cumsum(usable[:end]) - 1  # the estimate after a sample is that after the last usable one
             estimates[:end][newest >= 0] = after[newest[newest >= 0]]
             new = replace(new, recursion=recursion)
@@ -163,6 +174,13 @@ class RowState:
             new = new.solved()
             estimates[end - 1] = new.parameters
         return new, end
+
+    def _held(self, r: FloatArray) -> FloatArray:
+        """Return references (K, p) with the last known one where one is not known, at first with nought."""
+        before = self.kept.values[-1:, len(self.settings.structures) : -2]
+        r = np.vstack([before if len(before) else np.zeros((1, r.shape[1])), r])
+        newest = np.maximum.accumulate(np.where(np.isfinite(r), np.arange(len(r))[:, None], 0), axis=0)
+        return np.take_along_axis(r, newest, axis=0)[1:]
 
     def _screened(self, u: FloatArray, y: FloatArray, t: FloatArray | None) -> tuple[BoolArray, dict[str, BoolArray]]:
         """Return which samples (K,) can be used, and which each reason turns away."""
@@ -185,7 +203,7 @@ class RowState:
         new = replace(self, solve_at=later if later <= min(RECENT, self.settings.history) or starting else 0)
         if not (self.adapts and whole):
             return new
-        ready, row = self.record()
+        ready, row, _ = self.record()
         if row.count <= row.nuisances + self.settings.size:
             return new
         afresh = starting or self.afresh_at <= self.samples <= AFRESH
@@ -195,7 +213,7 @@ class RowState:
         def begins_of(row: Row) -> Callable[[Autoregression], list[Point]]:
             present = []
             if known is not None and row.is_stable(known.parameters):
-                present = [evaluate(row, known.parameters, known.noise)]
+                present = [evaluate(row.from_outside, known.parameters, known.noise)]
             return lambda noise: [*(started(row)(noise) if afresh else ()), *present]
 
         solution = solve_record(self.settings.structures, ready, self.settings.input_names, begins_of)
@@ -213,15 +231,19 @@ class RowState:
         if not len(rest):
             return recursion
         intervals = np.diff(self.kept.values[end - 1 :, -1]) if self.stamped else np.full(len(rest), self.settings.dt)
-        return recursion.take(rest[:, :-2], rest[:, -2], intervals)[0]
+        inputs = len(self.settings.structures)
+        return recursion.take(rest[:, :inputs], rest[:, -2], rest[:, inputs:-2], intervals)[0]
 
-    def record(self, most: int | None = None) -> tuple[RowRecord, Row]:
-        """Return the samples kept, or the newest of them, as a record."""
-        values = self.kept.values if most is None else self.kept.values[-most:]
-        u, y, stamps = values[:, :-2].copy(), values[:, -2].copy(), values[:, -1].copy() if self.stamped else None
-        settings = self.settings
+    def record(self, most: int | None = None) -> tuple[RowRecord, Row, tuple[Finding, ...]]:
+        """Return the samples kept, or the newest of them, as a record, and what there is to say of its references."""
+        values, settings = self.kept.values if most is None else self.kept.values[-most:], self.settings
+        inputs = len(settings.structures)
+        u, y, stamps = values[:, :inputs].copy(), values[:, -2].copy(), values[:, -1].copy() if self.stamped else None
         ready = RowRecord.of(u, y, settings.dt, stamps, settings.input_hold)
-        return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names)
+        references = values[ready.used, inputs:-2] if self.references else None
+        ready, findings = with_outside(ready, references, settings.input_names)
+        row = Row(settings.structures, ready.record, ready.inputs, settings.input_names, ready.outside)
+        return ready, row, findings
 
     @quiet
     def newest(self) -> Newest | None:
@@ -231,11 +253,11 @@ class RowState:
             return None
         if np.isfinite(self.kept.values[-RECENT:, -2]).sum() <= known.delta.size:
             return None
-        ready, row = self.record(RECENT)
+        ready, row, of_references = self.record(RECENT)
         if row.count <= row.nuisances:
             return None
         doubt = doubts_of(row, ready, _over(row, known), known.noise)
-        row = Row(row.structures, leaving_out(ready.record, doubt), ready.inputs, row.names)
+        row = Row(row.structures, leaving_out(ready.record, doubt), ready.inputs, row.names, ready.outside)
         if row.count <= row.nuisances:
             return None
         point = _over(row, known)
@@ -243,7 +265,7 @@ class RowState:
         findings = [*(self.findings or controlled(row, point, known.noise))]
         if known.counts[2]:
             findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
-        findings += left_out_finding(int((doubt == Doubt.STUCK).sum()))
+        findings += [*of_references, *left_out_finding(int((doubt == Doubt.STUCK).sum()))]
         found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
         return Newest(ready, row, found, judged(row, row.record, point, known.noise, known.covariance, findings), doubt)
 

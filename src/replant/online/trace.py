@@ -1,16 +1,17 @@
-"""Trace: what `Identifier.update_many` returns, the history of one chunk of samples."""
+"""Trace: what `Identifier.update_many` returns, the history of one chunk of samples; of a bank `BankTrace`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.model import interop
-from replant.numerics.arguments import FloatArray, array_of_reals
+from replant.numerics.arguments import FloatArray, IntArray, array_of_reals
 
 Estimated = Callable[[], FloatArray]  # gives an estimate (P,)
 Later = list[tuple[Estimated, FloatArray]]  # the estimates to solve for, and the rows of a trace that they belong into
@@ -182,3 +183,52 @@ class StartingTrace(Trace):
             rows[:] = estimate()
         vars(self)["_later"] = []
         return estimates[0], estimates[1]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BankTrace:
+    """The course of a chunk of K samples, M members learning side by side.
+
+    Attributes
+    ----------
+    pieces : tuple of tuple of Trace
+        Of each part of the chunk, those of the members.
+    weights : (K, M) array
+        After each sample.
+    lead : (K,) array of int
+        Number of the member that was served after each sample.
+    """
+
+    pieces: tuple[tuple[Trace, ...], ...]
+    weights: FloatArray
+    lead: IntArray
+
+    def __len__(self) -> int:
+        return self.lead.size
+
+    def __repr__(self) -> str:
+        newest = ", ".join(f"{each:.3g}" for each in self.weights[-1].tolist()) if len(self) else "none"
+        return f"<BankTrace of {len(self):,} samples: weights {newest} after the last>"
+
+    @property
+    def errors(self) -> FloatArray:
+        """A-priori output errors (K, M) of the members, in the unit of y."""
+        return np.concatenate([np.column_stack([each.errors for each in piece]) for piece in self.pieces])
+
+    @cached_property
+    def members(self) -> tuple[Trace, ...]:
+        """The trace of each member, as `Identifier.update_many` of it alone returns it.
+
+        Joined when it is asked for: the estimates of a start-up are solved for where somebody reads them.
+        """
+        return tuple(_joined(each) for each in zip(*self.pieces, strict=True))
+
+
+def _joined(traces: Sequence[Trace]) -> Trace:
+    """Return the trace of a member over all pieces of a chunk."""
+    first = traces[0]
+    if len(traces) == 1:
+        return first
+    time = None if first.time is None else np.concatenate([each.time for each in traces if each.time is not None])
+    parameters, errors = (np.concatenate([getattr(each, name) for each in traces]) for name in ("parameters", "errors"))
+    return Trace(first.names, first.start, parameters, errors, time)

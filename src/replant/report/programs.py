@@ -71,7 +71,7 @@ def row_as_python(model: RowModel, logs: Sequence[Log], startup: int | None = No
     if startup is not None:
         lines = [
             f"ident = rp.Identifier({orders}, dt={log.dt!r}, startup={startup}, input_hold={log.input_hold!r})",
-            "trace = ident.update_many(log.inputs, log.output, log.stamps)",
+            f"trace = ident.update_many(log.inputs, log.output, log.stamps{_reference(log, 'r')})",
             "ident.finish()",
             "print(ident.model)",
         ]

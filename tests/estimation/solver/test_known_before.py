@@ -64,3 +64,16 @@ def test_too_few_samples_before_tell_no_dispersion() -> None:
     few = Known.before(STRUCTURE, record, 40, before.mean, before.information, before.variance)
     assert few is not None
     assert few.dispersion(record, 20) == (1.0, math.inf)
+
+
+@pytest.mark.parametrize("pole", [-800.0, math.nan])
+def test_a_model_that_cannot_be_run_over_the_record_tells_nothing(pole: float) -> None:
+    """Its output leaves float64, of which a test that failed would warn."""
+    u = binary(0, SAMPLES, 10)
+    y = PLANT.simulate(u, DT) + 0.1 * np.random.default_rng(1).standard_normal(SAMPLES)
+    before, record = known(u, y)
+    mean = before.mean.copy()
+    mean[0] = pole
+    assert Known.before(STRUCTURE, record, SAMPLES // 2, mean, before.information, before.variance) is None
+    beyond = np.full_like(before.information, math.inf)
+    assert Known.before(STRUCTURE, record, SAMPLES // 2, before.mean, beyond, before.variance) is None

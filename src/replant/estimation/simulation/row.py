@@ -3,6 +3,8 @@
 With x_i = B_i/A_i u_i the slopes are dx_i/da_k = -s^k/A_i x_i and dx_i/db_k = s^k/A_i u_i, exact for a held input.
 All branches share one error e = y - sum_i x_i.  Slopes and error are whitened by an autoregression D and freed, part by
 part, of what offset and initial states explain.
+
+The instruments zeta are the slopes themselves, or, where references move inputs, those of what comes from outside.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.estimation.simulation.branches import Branches
+from replant.estimation.simulation.outside import Outside
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import LEAST, Autoregression, sums_of
@@ -33,6 +36,7 @@ class Stretch:
     y: FloatArray  # (K,): zero where not measured
     measured: BoolArray  # (K,): which outputs were measured, and answer to inputs of the stretch
     known: IntArray  # (K,): predecessors of each, see `Record.predecessors`
+    outside: tuple[Record, ...] | None  # what comes from outside of each input, where references move some
 
 
 class Row:
@@ -47,13 +51,16 @@ class Row:
         record: Record,
         inputs: FloatArray,
         names: tuple[str, ...] = (),
+        outside: Outside | None = None,
         *,
         common: bool = False,
     ) -> None:
         self.structures, self.is_common, self.record, self.inputs = structures, common, record, inputs
+        self.outside = outside
         self.names = names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
         self.dt = float(np.median(record.intervals[-(record.intervals.size // 2 + 1) :]))
         self._models = Branches(structures, self.dt, record.input_hold)
+        self._twins = self._models.copy() if outside is not None else None  # they run what comes from outside
         self._shared = AuxiliaryModel(replace(structures[0], zeros=structures[0].poles - 1, delay=0.0), self.dt)
         self.nuisances = 1 + sum(each.poles for each in structures)
         self.stretches = tuple(self._stretches())
@@ -66,16 +73,21 @@ class Row:
             measured[: max(part.unknown(each.delay) for each in self.structures)] = False
             if int(measured.sum()) <= self.nuisances:
                 continue  # its offset and initial states explain all of it
-            columns = self.inputs[rows] - self.inputs[rows][0]
-            none = np.zeros(part.u.size)
-            given = tuple(replace(part, u=np.ascontiguousarray(u), y=none, measured=None) for u in columns.T)
+            given = _records(part, self.inputs[rows])
+            outside = None if self.outside is None else _records(part, self.outside.inputs[rows])
             known = replace(part, measured=measured).predecessors
-            yield Stretch(rows, given, np.where(measured, part.y, 0.0), measured, known)
+            yield Stretch(rows, given, np.where(measured, part.y, 0.0), measured, known, outside)
 
     def of_inputs(self, chosen: list[int]) -> Row:
         """Return the row with some of the inputs only."""
         structures, names = tuple(self.structures[i] for i in chosen), tuple(self.names[i] for i in chosen)
-        return Row(structures, self.record, self.inputs[:, chosen], names)
+        outside = None if self.outside is None else self.outside.of_inputs(chosen)
+        return Row(structures, self.record, self.inputs[:, chosen], names, outside)
+
+    @property
+    def from_outside(self) -> Row:
+        """The row driven by what comes from outside of its inputs alone: this one where no reference moves one."""
+        return self if self.outside is None else Row(self.structures, self.record, self.outside.inputs, self.names)
 
     @property
     def count(self) -> int:
@@ -109,10 +121,20 @@ class Row:
             slopes = [np.sum([each[:, :poles] for each in slopes], axis=0), *(each[:, poles:] for each in slopes)]
         return np.column_stack(outputs), np.hstack(slopes), np.hstack([np.ones((stretch.y.size, 1)), *free])
 
+    def instruments(self, theta: FloatArray, stretch: Stretch) -> FloatArray | None:
+        """Return the slopes (K, P) of what comes from outside, from rest; None where all inputs do."""
+        if self._twins is None or stretch.outside is None:
+            return None
+        return np.hstack(self._twins.run(self.branches(theta), np.zeros(self.nuisances - 1), stretch.outside)[1])
+
     def ended(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches:
         """Return the branches of a model as they are at the end of a stretch."""
         self._models.run(self.branches(theta), states, stretch.inputs)
         return self._models.copy()
+
+    def ended_outside(self, theta: FloatArray, stretch: Stretch) -> Branches | None:
+        """Return those of the instruments likewise."""
+        return None if self.instruments(theta, stretch) is None or self._twins is None else self._twins.copy()
 
     def whitened(self, noise: Autoregression, signals: FloatArray, stretch: Stretch) -> FloatArray:
         """Return D signals (K, ...) of a stretch; zero where nothing was measured."""
@@ -134,6 +156,7 @@ class Point:
     theta: FloatArray  # (P,)
     error: list[FloatArray]  # (K,) each: whitened, free of offset and initial states
     phi: list[FloatArray]  # (K, P) each: the same of the slopes
+    zeta: list[FloatArray]  # (K, P) each: the same of the instruments; ``phi`` where all inputs come from outside
     residual: list[FloatArray]  # (K,) each: not whitened
     nuisances: list[FloatArray]  # (N,) each: offset and initial states
     cost: float  # sum of squares of ``error``
@@ -154,7 +177,7 @@ def evaluate(
     row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, *, pulled: bool = False
 ) -> Point:
     """Return the point of a model; ``pulled`` takes the slopes of a common denominator from the measured output."""
-    error, phi, residual, nuisances = [], [], [], []
+    error, phi, zeta, residual, nuisances = [], [], [], [], []
     for number, stretch in enumerate(row.stretches):
         states = np.zeros(row.nuisances - 1) if before is None else before.nuisances[number][1:]
         outputs, slopes, free = row.signals(theta, stretch, states)
@@ -167,13 +190,27 @@ def evaluate(
             poles = row.structures[0].poles
             slopes[:, :poles] -= row.filtered(theta, stretch, e)
         made = row.whitened(noise, np.column_stack([slopes, e]), stretch)
-        made = made - basis @ products(basis, made) if basis.shape[1] else made
+        made = _freed(made, basis)
         error.append(made[:, -1])
         phi.append(made[:, :-1])
+        instruments = row.instruments(theta, stretch)
+        zeta.append(phi[-1] if instruments is None else _freed(row.whitened(noise, instruments, stretch), basis))
         residual.append(e)
         nuisances.append(weights)
     cost = float(sum(each @ each for each in error))
-    return Point(theta, error, phi, residual, nuisances, cost if math.isfinite(cost) else math.inf)
+    return Point(theta, error, phi, zeta, residual, nuisances, cost if math.isfinite(cost) else math.inf)
+
+
+def _records(part: Record, columns: FloatArray) -> tuple[Record, ...]:
+    """Return a stretch with each of several inputs (K, q), from its first value, and outputs of zero."""
+    none = np.zeros(len(columns))
+    given = (np.ascontiguousarray(each) for each in (columns - columns[0]).T)
+    return tuple(replace(part, u=u, y=none, measured=None) for u in given)
+
+
+def _freed(columns: FloatArray, basis: FloatArray) -> FloatArray:
+    """Return columns (K, C) without what an orthonormal basis (K, R) explains of them."""
+    return columns - basis @ products(basis, columns) if basis.shape[1] else columns
 
 
 def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -186,10 +223,15 @@ def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def noise_of(row: Row, point: Point) -> Autoregression:
     """Return the autoregression of a point's residual, one for all stretches."""
-    told = [sums_of(each, stretch.known) for each, stretch in zip(point.residual, row.stretches, strict=True)]
+    return colour_of(row, point.residual)
+
+
+def colour_of(row: Row, signals: list[FloatArray]) -> Autoregression:
+    """Return the autoregression of a signal (K,) of each stretch, one for all."""
+    told = [sums_of(each, stretch.known) for each, stretch in zip(signals, row.stretches, strict=True)]
     count = sum(number for _, number in told)
     if count < LEAST:
-        return Autoregression.white(point.power, row.count)
+        return Autoregression.white(float(sum(each @ each for each in signals)), row.count)
     return Autoregression.of_sums(np.asarray(sum(sums for sums, _ in told)), count)
 
 
@@ -201,6 +243,7 @@ class RowRecord:
     inputs: FloatArray  # (J, q)
     used: BoolArray  # (K,): the rows that have all inputs, from the first output to the last: those of the record
     level: float  # mean of the output, which was taken off
+    outside: Outside | None = None  # where references move inputs
 
     @classmethod
     def of(

@@ -2,6 +2,10 @@
 
 theta <- theta + (sum phi phi')^-1 sum phi D e, with whitened slopes phi, damped until the error falls.  The fixed
 point is the maximum of likelihood.
+
+Where references move inputs, the instruments zeta of what comes from outside take the place of phi in front:
+theta <- theta + (sum zeta phi')^-1 sum zeta D e.  The fixed point, where they explain nothing of the error, is
+consistent whatever the noise and the controller.
 """
 
 from __future__ import annotations
@@ -12,6 +16,7 @@ from replant.estimation.simulation.row import Point, Row, evaluate
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import least_norm, quiet
+from replant.numerics.projections import orthogonal, products
 
 STEPS = 30  # at the most [count]
 
@@ -20,6 +25,12 @@ DONE = 1e-8
 Derivation: of 10,000 samples it is a ten-thousandth of a unit of chi-square.
 """
 
+STILL = 1e-6
+"""What instruments explain of the error, below which they are done [variances of the error].
+Derivation: the estimate is then a thousandth of a standard deviation from the fixed point.
+"""
+
+HALVINGS = 12  # of a step with instruments, at the most [count]
 DAMPING = (1e-3, 6.0, 8)  # first damping [part of the diagonal], its growth after a step that fails, tries [ratios]
 
 
@@ -38,7 +49,7 @@ def refine(
     damping, growth, tries = DAMPING
     for _ in range(steps):
         matrix = point.information
-        vector = np.asarray(sum(phi.T @ error for phi, error in zip(point.phi, point.error, strict=True)))
+        vector = _along(point.phi, point.error)
         if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
             break
         for _ in range(tries):
@@ -55,3 +66,34 @@ def refine(
         if done:
             break
     return point
+
+
+@quiet
+def instrumental(
+    row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS
+) -> Point:
+    """Return the point that steps with instruments lead to, each halved until these explain less of the error."""
+    point = evaluate(row, theta, noise, before)
+    for _ in range(steps):
+        matrix = np.asarray(sum(products(zeta, phi) for zeta, phi in zip(point.zeta, point.phi, strict=True)))
+        turned = orthogonal(np.asarray(sum(products(zeta, zeta) for zeta in point.zeta)))
+        vector = _along(point.zeta, point.error)
+        if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
+            break
+        direction, explained = solved(matrix, vector), float(np.sum((turned.T @ vector) ** 2))
+        if explained <= STILL * point.cost / max(row.count, 1):
+            break
+        for halvings in range(HALVINGS):
+            new = point.theta + direction * 0.5**halvings
+            if row.is_stable(new):
+                tried = evaluate(row, new, noise, point)
+                if float(np.sum((turned.T @ _along(point.zeta, tried.error)) ** 2)) < explained:
+                    break
+        else:
+            break
+        point = tried
+    return point
+
+
+def _along(columns: list[FloatArray], signals: list[FloatArray]) -> FloatArray:
+    return np.asarray(sum(each.T @ signal for each, signal in zip(columns, signals, strict=True)))

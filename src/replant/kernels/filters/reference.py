@@ -16,6 +16,7 @@ Control 36.
 
 import math
 
+from replant.kernels.native import Matrix, Reals, kernel
 from replant.kernels.optimizers.covariance import measurement_update
 from replant.kernels.schema import LAGUERRE
 
@@ -28,13 +29,30 @@ def advance(reference, r):
 
     The first is sqrt(1 - a^2) / (1 - a/z), each other one (1/z - a) / (1 - a/z) of the one before.
     """
-    a, states = reference.pole, reference.states
+    carry_on(reference.states, reference.pole, r - reference.origin)
+
+
+def carry_on(states, a, r):
+    """Carry the functions with the pole a on by one sample r."""
     before = states[0]
-    states[0] = a * before + math.sqrt(1.0 - a * a) * (r - reference.origin)
+    states[0] = a * before + math.sqrt(1.0 - a * a) * r
     for i in range(1, LAGUERRE):
         old = states[i]
         states[i] = before + a * (old - states[i - 1])
         before = old
+
+
+@kernel(
+    "states.shape[0] >= poles.size and states.shape[1] == LAGUERRE and signals.shape[1] >= poles.size",
+    "written.shape[0] >= signals.shape[0] and written.shape[1] >= LAGUERRE * poles.size",
+)
+def functions(signals: Matrix, poles: Reals, states: Matrix, written: Matrix):
+    """Write the functions (K, S L) of signals (K, S), each with a pole of its own, from ``states`` (S, L) on."""
+    for k in range(signals.shape[0]):
+        for i in range(poles.size):
+            carry_on(states[i], poles[i], signals[k, i])
+            for j in range(LAGUERRE):
+                written[k, LAGUERRE * i + j] = states[i, j]
 
 
 def explained(reference, which):

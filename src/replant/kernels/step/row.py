@@ -8,6 +8,9 @@ e = e_0 - phi' delta + noise with delta = theta - theta_0.  With D(q) (noise) = 
 which is recursive least squares; offset and initial states are among the entries of delta.  Where the past is broken
 only j < p predecessors are known: the best model of order j filters, weighted by the root of V_p / V_j.
 
+In feedback P and the gain are made of instruments zeta, whitened likewise, in place of phi: their products with phi and
+with themselves are alike, as zeta is what phi has from outside, and the rest of phi is independent of it.
+
 Source: Ljung (1999), "System Identification: Theory for the User", sections 7.3 and 11.2.
 """
 
@@ -25,16 +28,17 @@ KNOWN, LEARNED, REFUSED = range(3)
 
 @kernel(
     "rows.shape[0] >= LAGS + errors.size and rows.shape[1] >= delta.size + 1",
+    "instruments.shape[0] == 0 or (instruments.shape[0] >= LAGS + errors.size and instruments.shape[1] >= delta.size)",
     "measured.size >= errors.size and usual.size >= errors.size and 0 <= order <= LAGS",
     "models.shape[0] > LAGS and models.shape[1] > LAGS and powers.size > LAGS",
     "factor.shape[0] >= delta.size and factor.shape[1] >= delta.size and diagonal.size == delta.size",
-    "counts.size >= 3 and 0 <= counts[KNOWN] <= LAGS and squares.size >= 1 and work.size >= 3 * delta.size + 1",
+    "counts.size >= 3 and 0 <= counts[KNOWN] <= LAGS and squares.size >= 1 and work.size >= 4 * delta.size + 1",
     "estimates.shape[0] >= errors.size and estimates.shape[1] <= delta.size",
 )
 def learn(
-    rows: Matrix, measured: Ints, usual: Ints, learns: bool, order: int, models: Matrix, powers: Reals,
-    delta: Reals, factor: Matrix, diagonal: Reals, counts: Ints, squares: Reals, errors: Reals, estimates: Matrix,
-    work: Reals,
+    rows: Matrix, instruments: Matrix, measured: Ints, usual: Ints, learns: bool, order: int, models: Matrix,
+    powers: Reals, delta: Reals, factor: Matrix, diagonal: Reals, counts: Ints, squares: Reals, errors: Reals,
+    estimates: Matrix, work: Reals,
 ):  # fmt: skip
     """Take K samples.
 
@@ -42,6 +46,8 @@ def learn(
     ----------
     rows : (LAGS + K, T + 1) array
         phi and e_0 of each sample, behind those of the LAGS before.
+    instruments : (LAGS + K, T) array
+        zeta likewise; without rows: phi.
     measured, usual : (K,) arrays
         Truths: whether there is an output; whether the sample comes one sampling time after the one before.
     learns : bool
@@ -57,10 +63,10 @@ def learn(
         Written: y less the output of the model before, in the unit of y; NaN where there is no output.
     estimates : (K, P) array
         Written: the first entries of delta after each sample.
-    work : (3 T + 1,) array
+    work : (4 T + 1,) array
     """
     T = delta.size
-    white, projected, gain = work, work[T + 1 :], work[2 * T + 1 :]
+    white, projected, gain, zeta = work, work[T + 1 :], work[2 * T + 1 :], work[3 * T + 1 :]
     for k in range(errors.size):
         row, known = rows[LAGS + k], counts[KNOWN] if usual[k] else 0
         error = row[T]
@@ -78,8 +84,15 @@ def learn(
             innovation = white[T]
             for i in range(T):
                 innovation -= white[i] * delta[i]
-            if math.isfinite(innovation * innovation * (1.0 + variance_along(factor, diagonal, white))):
-                alpha = measurement_update(T, factor, diagonal, white, 1.0, projected, gain)
+                zeta[i] = white[i]
+            if instruments.shape[0] > 0:
+                for i in range(T):
+                    total = instruments[LAGS + k, i]
+                    for lag in range(1, lags + 1):
+                        total += models[lags, lag] * instruments[LAGS + k - lag, i]
+                    zeta[i] = weight * total
+            if math.isfinite(innovation * innovation * (1.0 + variance_along(factor, diagonal, zeta))):
+                alpha = measurement_update(T, factor, diagonal, zeta, 1.0, projected, gain)
                 for i in range(T):
                     delta[i] += gain[i] * innovation / alpha
                 squares[0] += innovation * innovation / alpha

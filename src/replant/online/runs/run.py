@@ -20,7 +20,8 @@ from replant.model.preprocess import screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.linear_algebra import quiet
-from replant.online.bank import Bank, asked_for
+from replant.online.bank import Bank
+from replant.online.bank_members import asked_for
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
 from replant.online.runs.result import KNOTS, ClockRecorder, History, Result

@@ -1,0 +1,147 @@
+"""The members of a bank: what may be asked of them, and the one that leads, whose model is served."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.filters import RefinedFilter
+from replant.estimation.settings import AUTO, STORED
+from replant.fitting.model import Model
+from replant.model.noise import NoiseModel
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.model.uncertainty import Uncertainty
+from replant.numerics.arguments import FloatArray, whole
+from replant.online.bank_weights import MOST
+from replant.online.estimate import Estimate
+from replant.online.turns import Shared, reads
+from replant.verdict import Assessment
+
+#: What the members of a bank choose from the data, so that their predictions compare.
+CHOSEN = "scaling", "optimizer", "replay", "instruments", "normalize", "background"
+
+
+def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the arguments of each member, checked."""
+    for name in ("poles", "zeros", "delay"):
+        if given.get(name) is not None:
+            raise InvalidArgumentError(f"a list of structures has its own {name}: leave out {name}")
+    for name in CHOSEN:
+        if name in given:
+            raise InvalidArgumentError(f"the members of a list of structures take no {name}: leave it out")
+    chosen = given.get("filter", AUTO)
+    if not isinstance(chosen, RefinedFilter) and not (isinstance(chosen, str) and chosen == AUTO):
+        raise InvalidArgumentError(
+            "the members of a list of structures take the refined filter alone: leave out filter"
+        )
+    wrong = next((each for each in structures if not isinstance(each, Structure)), None)
+    if wrong is not None:
+        raise ArgumentTypeError(f"structure must hold Structures, got {shown(wrong)}: write Structure(poles=2)")
+    if not 2 <= len(structures) <= MOST:
+        raise InvalidArgumentError(f"structure must be a Structure, or a list of 2 to {MOST}, got {len(structures)}")
+    twice = next((each for i, each in enumerate(structures) if each in structures[:i]), None)
+    if twice is not None:
+        raise InvalidArgumentError(f"structure has {shown(twice)} twice: give each once")
+    history = whole("history", given.get("history", STORED), RECENT, STORED)
+    return [given | {"structure": each, "history": history} for each in structures]
+
+
+class Members(Shared):
+    """Identifiers that learn side by side, and what is served: the model of the one that leads."""
+
+    _members: tuple[Any, ...]  # identifiers
+    _lead: int
+
+    @property
+    def structures(self) -> tuple[Structure, ...]:
+        """Of the members."""
+        return tuple(member.structure for member in self._members)
+
+    @property
+    @reads
+    def members(self) -> tuple[Any, ...]:
+        """Copies of the members, identifiers in the same state."""
+        return tuple(member.clone() for member in self._members)
+
+    @property
+    @reads
+    def lead(self) -> int:
+        """Number of the member that is served."""
+        return self._lead
+
+    @property
+    def _served(self) -> Estimate:
+        served: Estimate = self._members[self.lead]
+        return served
+
+    @property
+    def structure(self) -> Structure:
+        """That of the model that is served."""
+        return self._served.structure
+
+    @property
+    def dt(self) -> float:
+        """Sampling time in s."""
+        return self._served.dt
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters of the model that is served."""
+        return self._served.names
+
+    @property
+    def has_model(self) -> bool:
+        """Whether there is an estimate."""
+        return self._served.has_model
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The estimate (P,) that is served."""
+        return self._served.parameters
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Its covariance (P, P)."""
+        return self._served.covariance
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Its standard deviations."""
+        return self._served.uncertainty
+
+    @property
+    def noise(self) -> NoiseModel | None:
+        """The model of its residual's noise."""
+        return self._served.noise
+
+    @property
+    def transfer_function(self) -> TransferFunction:
+        """It as G(s)."""
+        return self._served.transfer_function
+
+    @property
+    def model(self) -> Model:
+        """What is worth keeping of it; see `Identifier.model`."""
+        model: Model = self._members[self.lead].model
+        return model
+
+    @property
+    def samples(self) -> int:
+        """Accepted samples."""
+        return self._served.samples
+
+    @property
+    def rejected(self) -> dict[str, int]:
+        """Rejected samples by reason, as the member that leads has counted them."""
+        return self._served.rejected
+
+    @property
+    def status(self) -> str:
+        """`Identifier.status` of the member that leads."""
+        return self._served.status
+
+    def assess(self) -> Assessment:
+        """Return the verdict on the model that is served; see `Identifier.assess`."""
+        return self._served.assess()

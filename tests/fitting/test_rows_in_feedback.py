@@ -1,0 +1,125 @@
+"""Several inputs, of which a controller makes one: a reference gives instruments."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete, lfilter, tf2ss
+
+import replant as rp
+from replant.estimation.simulation.outside import Law
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import chi2_quantile
+from support.cases import every
+
+DT, SAMPLES = 0.1, 3000
+PLANT = rp.TransferFunction([1.0], [1.0, 1.4, 1.0]), rp.TransferFunction([0.1], [1.0, 0.2], delay=0.3)
+TRUE = np.array([1.4, 1.0, 1.0, 0.2, 0.1])
+ASKED: dict[str, Any] = {"poles": (2, 1), "delay": (0.0, 0.3)}
+
+
+def looped(
+    seed: int, *, load: bool = False, pole: float = 0.0, samples: int = SAMPLES
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Inputs (K, 2), output and reference of a loop u1 = 2 (r - y) + integral of it, u2 free; disturbed by 10 dB."""
+    rng = np.random.default_rng(seed)
+    r = rng.uniform(-1.0, 1.0, samples // 30 + 1).repeat(30)[:samples]
+    free = rng.choice([-1.0, 1.0], samples // 10 + 1).repeat(10)[:samples]
+    noise = lfilter([1.0], [1.0, -pole], rng.standard_normal(samples + 500))[500:]
+    a, b, c, _, _ = cont2discrete(tf2ss(PLANT[0].num, PLANT[0].den), DT)
+
+    def closed(r: FloatArray, other: FloatArray, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x, total, u, y = np.zeros(len(a)), 0.0, np.zeros(samples), np.zeros(samples)
+        for k in range(samples):
+            y[k] = c[0] @ x + other[k] + noise[k] * (not load)
+            total += DT * (r[k] - y[k])
+            u[k] = 2.0 * (r[k] - y[k]) + total
+            x = a @ x + b[:, 0] * (u[k] + noise[k] * load)
+        return u, y
+
+    other, none = PLANT[1].simulate(free, DT), np.zeros(samples)
+    clean, alone = closed(r, other, none)[1], closed(none, none, noise)[1] if load else noise
+    u, y = closed(r, other, noise * clean.std() / alone.std() * 10**-0.5)
+    return np.column_stack([u, free]), y, r
+
+
+def distance(found: Any) -> float:
+    error = found.parameters - TRUE
+    return float(error @ np.linalg.solve(found.covariance, error))
+
+
+@every("load, pole", [(False, 0.0), (False, 0.9), (True, 0.95)])
+def test_with_a_reference_the_estimate_is_right_under_any_noise(load: bool, pole: float) -> None:
+    u, y, r = looped(0, load=load, pole=pole)
+    found = rp.fit(u, y, DT, **ASKED, reference=r)
+    assert distance(found) < chi2_quantile(0.9999, TRUE.size)
+    assert found.verdict.status == "trusted"
+    assert "input u1 is moved by the reference" in " ".join(found.verdict.reasons)
+
+
+def test_under_a_load_the_estimate_without_one_is_off_and_not_trusted() -> None:
+    u, y, _ = looped(0, load=True, pole=0.95)
+    found = rp.fit(u, y, DT, **ASKED)
+    assert distance(found) > 10.0 * chi2_quantile(0.9999, TRUE.size)
+    assert found.verdict.status == "inconsistent"
+
+
+def test_each_of_two_loops_has_a_reference() -> None:
+    """The second input follows a set-point of its own; the unit of a reference does not matter."""
+    u, y, r = looped(1, load=True, pole=0.95)
+    found = rp.fit(u, y, DT, **ASKED, reference=np.column_stack([1e3 * r + 7.0, u[:, 1]]))
+    assert found.parameters == pytest.approx(rp.fit(u, y, DT, **ASKED, reference=r).parameters, rel=1e-3)
+
+
+def test_a_reference_that_is_not_known_leaves_its_output_out() -> None:
+    u, y, r = looped(2)
+    r[100:150] = np.nan
+    found = rp.fit(u, y, DT, **ASKED, reference=r)
+    assert set(range(100, 150)) <= set(found.missing.tolist())
+    assert distance(found) < chi2_quantile(0.9999, TRUE.size)
+
+
+@every(
+    "reference, words",
+    [
+        (np.ones(SAMPLES), "the reference stands still"),
+        (np.random.default_rng(9).standard_normal(SAMPLES), "the reference explains nothing of any input"),
+        ("copy", "the reference is a copy of the input"),
+    ],
+)
+def test_a_reference_of_no_use_changes_no_estimate(reference: Any, words: str) -> None:
+    u, y, _ = looped(3)
+    u[:, 0] = np.random.default_rng(4).choice([-1.0, 1.0], SAMPLES // 10).repeat(10)
+    y = PLANT[0].simulate(u[:, 0].copy(), DT) + PLANT[1].simulate(u[:, 1].copy(), DT) + 1e-3 * y
+    found = rp.fit(u, y, DT, **ASKED, reference=u[:, 0] if isinstance(reference, str) else reference)
+    assert found.parameters.tobytes() == rp.fit(u, y, DT, **ASKED).parameters.tobytes()
+    assert words in " ".join(found.verdict.reasons)
+
+
+def test_a_law_follows_in_pieces_as_it_does_whole() -> None:
+    rng = np.random.default_rng(5)
+    signals, inputs = rng.standard_normal((400, 2)), rng.standard_normal((400, 1))
+    law = Law.of(signals, inputs)
+    after, explained = law.follow(signals)
+    parts, done = law, []
+    for rows in (slice(0, 1), slice(1, 130), slice(130, 400)):
+        parts, part = parts.follow(signals[rows])
+        done.append(part)
+    assert np.concatenate(done).tobytes() == explained.tobytes()
+    assert parts.states.tobytes() == after.states.tobytes()
+
+
+def test_a_law_is_that_by_which_an_input_follows() -> None:
+    signals = np.random.default_rng(6).standard_normal((600, 1))
+    followed = lfilter([0.3], [1.0, -0.7], signals[:, 0]) + 2.0
+    _, explained = Law.of(signals, followed[:, None]).follow(signals)
+    assert explained[:, 0] == pytest.approx(followed, abs=0.02)
+
+
+def test_a_search_finds_the_structure_in_feedback() -> None:
+    u, y, r = looped(7, samples=1500)
+    found = rp.search(u, y, DT, poles=((1, 2), (1,)), delays=((0.0,), (0.3,)), reference=r)
+    assert isinstance(found.best, rp.RowFit)
+    assert [each.poles for each in found.best.model.structures] == [2, 1]
