@@ -82,19 +82,14 @@ class Parsed(click.ParamType[Any]):
             self.fail(f"{value!r} {self._wrong}", param, ctx)
 
 
-QUIET = "replant.quiet"
+QUIET, ASKED = "replant.quiet", "replant.progress"
 SAID = "replant.said"  # notes that were printed
 
 
-def silence() -> None:
-    """Have the command that is running say nothing beside its result and its errors."""
-    click.get_current_context().meta[QUIET] = True
-
-
-def is_quiet() -> bool:
-    """Return whether the command that is running was called with --quiet."""
+def is_quiet(flag: str = QUIET) -> bool:
+    """Return whether the command that is running was called with --quiet, or with --progress, `ASKED`."""
     context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(QUIET))
+    return context is not None and bool(context.meta.get(flag))
 
 
 def note(text: str) -> None:

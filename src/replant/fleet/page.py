@@ -158,15 +158,14 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
         for row in rows
     )
     listed = f'<ol class="oddities">{items}</ol>' if items else ""
-    usual = "".join(_usual(*each) for each in found.usual)
+    usual = "; ".join(
+        f"{words(quantity.name)} {number(middle)}{f' {quantity.unit}' if quantity.unit else ''}, "
+        f"spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
+        for quantity, middle, ratio in found.usual
+    )
     listed = f"<br>{listed}" if listed else ""
-    told = f'<p class="note">Usual in this fleet: {usual[2:]}.</p>' if usual else ""
+    told = f'<p class="note">Usual in this fleet: {usual}.</p>' if usual else ""
     return section("Odd rigs", f'<p class="note">{words(note)}</p>{told}', listed, anchor="odd")
-
-
-def _usual(quantity: Quantity, middle: float, ratio: float) -> str:
-    unit = f" {quantity.unit}" if quantity.unit else ""
-    return f"; {words(quantity.name)} {number(middle)}{unit}, spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
 
 
 def _linked(fleet: Fleet, rig: str, rank: int) -> str:

@@ -107,13 +107,16 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
     frozen = "" if view.adapting else "  (frozen: samples arrive, but the estimate is not updated)"
     rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis")]
     if view.window.r.size:
-        rows.append(Text(_newest(view)))
+        newest = {"reference": view.window.r, "output": view.window.y, "input": view.window.u}
+        rows.append(Text("   ".join(f"{name} {grouped(float(signal[-1]))}" for name, signal in newest.items())))
     rows.append(Text(""))
     if view.den.size:
         model = TransferFunction(view.num, view.den, view.delay)
         rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
         rows += [Text(""), _coefficients(view, truth), Text("")]
-        rows.append(Text(f"DC gain  {with_std(view.dc_gain, view.dc_gain_std)}    {_fit(view)}"))
+        fit = f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"
+        fit = fit if math.isfinite(view.simulated) else ""
+        rows.append(Text(f"DC gain  {with_std(view.dc_gain, view.dc_gain_std)}    {fit}"))
     rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
     rows += [Padding(Text(line), (0, 0, 0, 9)) for reason in view.reasons for line in wrapped(reason, REASONS_WIDTH)]
     if running:
@@ -138,13 +141,6 @@ def _traffic(view: View, *, running: bool) -> str:
     return "   ".join(part for part in (*parts, _lost(view)) if part)
 
 
-def _newest(view: View) -> str:
-    """Return the newest sample, where there is a reference: whether the output follows it."""
-    window = view.window
-    named = {"reference": window.r, "output": window.y, "input": window.u}
-    return "   ".join(f"{name} {grouped(float(signal[-1]))}" for name, signal in named.items())
-
-
 def _progress(view: View) -> list[str]:
     return [f"{grouped(view.at)} s", f"{grouped(view.samples, 0)} samples"]
 
@@ -164,11 +160,6 @@ def _coefficients(view: View, truth: TransferFunction | None) -> Any:
             cells += [f"{true[i]:.5g}", off_by(value, true[i])]
         rows.append(cells)
     return table(("coefficient", "estimate", "std", *(("true", "off by") if true else ())), rows)
-
-
-def _fit(view: View) -> str:
-    said = f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"
-    return said if math.isfinite(view.simulated) else ""
 
 
 ROUNDING = 1e-6  # difference between an interval and the sampling time that is rounding [sampling times]

@@ -248,16 +248,13 @@ def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
             text, rest = rest + block[:end], block[end:]
             if not text.isspace():
                 yield first, text
-            first += text.count(b"\n") + _lone_returns(text)
+            first += text.count(b"\n")
+            if returns := text.count(b"\r"):
+                first += returns - text.count(b"\r\n")
         if layout.is_cut:
             rest = rest[: 1 + max(rest.rfind(b"\n"), rest.rfind(b"\r"))]
         if rest and not rest.isspace():
             yield first, rest
-
-
-def _lone_returns(text: bytes) -> int:
-    returns = text.count(b"\r")
-    return returns - text.count(b"\r\n") if returns else 0
 
 
 def _approximate_rows(path: Path) -> int:
