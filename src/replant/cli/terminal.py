@@ -69,8 +69,8 @@ class Choice(click.Choice[str]):
 class Parsed(click.ParamType[Any]):
     """The type of options that a function reads, which raises ValueError for a text that it cannot read."""
 
-    def __init__(self, name: str, read: Callable[[str], Any], wrong: str, written: Callable[[Any], str] = str) -> None:
-        self.name, self._read, self._wrong, self.written = name, read, wrong, written
+    def __init__(self, name: str, read: Callable[[str], Any], wrong: str) -> None:
+        self.name, self._read, self._wrong = name, read, wrong
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return what the option says."""
@@ -84,6 +84,7 @@ class Parsed(click.ParamType[Any]):
 
 QUIET, ASKED = "replant.quiet", "replant.progress"
 SAID = "replant.said"  # notes that were printed
+TYPED = "replant.typed"  # the words behind the name of the command that is running
 
 
 def is_quiet(flag: str = QUIET) -> bool:

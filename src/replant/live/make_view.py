@@ -179,15 +179,9 @@ def make_view(
     shown = model if finite else None
     bode = bode_of(shown, uncertainty, identifier.dt)
     return View(
-        at=info.at,
+        **vars(info),
         samples=identifier.samples,
         rejected=identifier.rejected,
-        counters=dict(info.counters),
-        source=info.source,
-        source_state=info.source_state,
-        rate=info.rate,
-        lag=info.lag,
-        silence=info.silence,
         status=identifier.status,
         adapting=identifier.adapting,
         names=identifier.names,
