@@ -77,10 +77,7 @@ def cli(ctx: click.Context) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> Any:
-    """Run the command line.
-
-    A user's mistake, or a refusal of the system, prints one line to standard error and exits with code 2.
-    """
+    """Run the command line; a user's mistake, or a refusal of the system, is one line and exit code 2."""
     replace_unencodable()
     try:
         return cli.main(args=None if arguments is None else list(arguments), prog_name="replant", standalone_mode=False)

@@ -162,10 +162,7 @@ OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", 
 
 
 def command_line(*, with_output: bool = False, without: Collection[str] = ()) -> str:
-    """Return the command that is running, as typed, without the options of its output unless they are asked for.
-
-    ``without`` are the long names of options that are left out.
-    """
+    """Return the command as typed, without some options by their long names, and mostly without those of its output."""
     context = click.get_current_context()
     typed, _, _ = context.command.make_parser(context).parse_args(list(context.meta[TYPED]))
     words = ["replant", context.info_name or ""]
@@ -213,10 +210,7 @@ ONLY_FIT = {"--delay"}  # as a range
 
 
 def check_complete(given: dict[str, Any]) -> None:
-    """Check that input, output and number of poles are given.
-
-    Without input or output, what is in the log is printed to standard error first.
-    """
+    """Check that input, output and poles are given; print what is in the log where columns are not."""
     missing = [option for name, option in NEEDED.items() if given[name] is None]
     if not missing:
         return

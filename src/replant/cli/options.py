@@ -39,10 +39,7 @@ STEP = 10  # part of the work after which a line is printed [%]
 
 
 def progress_bar(*, rate: bool = False) -> Any:
-    """Return a progress bar on standard error, which only a terminal shows; with --progress lines elsewhere.
-
-    With ``rate`` it also shows samples a second and the remaining time.
-    """
+    """Return a progress bar on standard error, with ``rate`` also samples a second and the time left."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -96,7 +93,6 @@ def _lines() -> Any:
 
 STRUCTURE = "poles", "zeros", "delay"
 MOST_OFF = 0.1  # difference of the usual interval from --dt that jitter makes [part of the sampling time]
-
 BIAS = flag("--bias", "Also identify a constant added to the output of G(s).")
 FEEDTHROUGH = flag("--feedthrough", "Allow as many zeros as poles: the output jumps with the input.")
 INPUT_MAP = click.option(

@@ -13,7 +13,6 @@ from typing import Any
 import click
 
 PLAIN = "replant.plain"  # the error handler's name
-
 _SIGNS = str.maketrans({"±": "+-", "−": "-", "–": "-", "×": "x", "µ": "u", "μ": "u", "°": "deg", "∞": "inf"})
 _SUPERSCRIPTS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
 _LOWERED = str.maketrans(_SUPERSCRIPTS, "-0123456789")

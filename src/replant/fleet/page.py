@@ -272,10 +272,7 @@ class ReportTask:
 
 
 def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = None) -> int:
-    """Write the reports of the first rigs of a fleet by rank, and return how many were written.
-
-    A rig that cannot be identified has no report.
-    """
+    """Write the reports of the first rigs by rank, but for those that cannot be identified; return how many."""
     if fleet.job is None:
         raise InvalidArgumentError("a fleet that was loaded has no options: call fit again, which does nothing twice")
     table = fleet.table()

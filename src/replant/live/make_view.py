@@ -72,7 +72,6 @@ FASTER = 0.25  # a mode that settles within this part of the response gets times
 GROWN = 3.0  # time constants of an unstable mode that are shown: later it hides all others [time constants]
 SIGMAS = 2.0  # half-width of a band [standard deviations]
 WIDEST = 60.0  # half-width at which a band is cut: beyond it nothing is known anyway [dB]
-
 NOTHING = np.zeros(0)
 
 

@@ -146,7 +146,6 @@ def _last_lines(path: Path, encoding: str) -> tuple[str, str]:
 
 
 BLOCK_BYTES = 1 << 21  # text of a log held at a time [bytes]
-
 _HEAD_BYTES = 1 << 16  # beginning of a file that its layout is told from [bytes]
 _WIDE = "utf-16"  # comes as utf-8 from where the file is read
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"

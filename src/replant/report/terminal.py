@@ -84,10 +84,7 @@ def print_kept_model(console: Any, model: Model) -> None:
 
 
 def print_row(console: Any, model: RowModel, *, record: str = "", lead: str = "") -> None:
-    """Print each G(s) with its gain and time constants, the coefficients, fit and verdict.
-
-    Of a kept model, without a line on its record, also where it comes from.
-    """
+    """Print each G(s), gains, time constants, coefficients, fit and verdict; without a record, where it comes from."""
     console.print()
     for name, g in zip(model.input_names, model.transfer_functions, strict=True):
         console.print(f"From {name} to {model.output_name}", highlight=False, markup=False, style="bold")
@@ -260,10 +257,7 @@ def gravity_of(entry: Contender, samples: int) -> str:
 
 
 def print_comparison(console: Any, contenders: Sequence[Contender], structure: Structure, samples: int) -> None:
-    """Print a table with a row for each method, that of the best simulated fit in bold.
-
-    On a narrow terminal the columns are printed in several blocks.
-    """
+    """Print a row for each method, that of the best simulated fit in bold; on a narrow terminal in several blocks."""
     from rich.cells import cell_len
     from rich.text import Text
 

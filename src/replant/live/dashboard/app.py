@@ -46,10 +46,7 @@ class Frame:
 
 
 class Hub:
-    """Holds the newest view, which the identification publishes and browsers fetch.
-
-    Views are not queued: a slow browser gets the newest view and misses those in between.
-    """
+    """Holds the newest view for browsers; views are not queued: a slow browser misses those in between."""
 
     def __init__(
         self,
@@ -285,10 +282,7 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
 
 
 async def _send(hub: Hub, socket: WebSocket) -> None:
-    """Send the newest view, wait until it is sent, and repeat: a slow browser delays no other.
-
-    What changes slowly follows at most once in `HISTORY_PERIOD`, and then even if no further view comes.
-    """
+    """Send the newest view, wait until it is sent, and repeat; what changes slowly once in `HISTORY_PERIOD`."""
     clock = asyncio.get_running_loop().time
     frames = hub.subscribe()
     coming = asyncio.ensure_future(anext(frames, None))
