@@ -164,7 +164,7 @@ OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", 
 def command_line(*, with_output: bool = False, without: Collection[str] = ()) -> str:
     """Return the command as typed, without some options by their long names, and mostly without those of its output."""
     context = click.get_current_context()
-    typed, _, _ = context.command.make_parser(context).parse_args(list(context.meta[TYPED]))
+    typed, _, _ = context.command.make_parser(context).parse_args(list(context.meta.get(TYPED, ())))
     words = ["replant", context.info_name or ""]
     for parameter in context.command.params:
         name, given = parameter.name or "", typed.get(parameter.name or "")
