@@ -143,6 +143,58 @@ def test_one_column_of_several_is_the_input() -> None:
         TransferFunctionRegressor(dt=DT, column=2).fit(wide, y)
 
 
+def two_inputs(samples: int = 2000) -> tuple[np.ndarray, np.ndarray]:
+    u = np.column_stack([binary(5, samples, 20), 3.0 + binary(6, samples, 20)])
+    second = rp.TransferFunction([1.0], [1.0, 3.0], delay=0.3)
+    y = 7.0 + PLANT.simulate(u[:, 0].copy(), DT) + second.simulate(u[:, 1] - 3.0, DT)
+    return u, y + 0.05 * np.random.default_rng(7).standard_normal(samples)
+
+
+TWO: dict[str, Any] = {"poles": (1, 1), "delay": (0.0, 0.3), "dt": DT}
+
+
+def test_several_columns_are_several_inputs() -> None:
+    u, y = two_inputs()
+    model = TransferFunctionRegressor(**TWO).fit(u, y)
+    direct = rp.fit(u, y, DT, poles=(1, 1), delay=(0.0, 0.3))
+    assert (model.parameters_ == direct.parameters).all()
+    assert (model.std_ == np.sqrt(np.diag(direct.covariance))).all()
+    assert len(model.transfer_functions_) == 2
+    assert model.score(u, y) > 0.99
+    first, second = model.input_offset_
+    assert model.output_offset_ == pytest.approx(7.0 + 4.0 * first + (second - 3.0) / 3.0, abs=0.1)
+    assert clone(model).get_params() == model.get_params()
+
+
+def test_several_columns_are_learned_chunk_by_chunk() -> None:
+    u, y = two_inputs()
+    model, ident = TransferFunctionRegressor(**TWO), rp.Identifier(**TWO)
+    for rows in (slice(0, 3), slice(3, 300), slice(300, 2000)):
+        model.partial_fit(u[rows], y[rows])
+        ident.update_many(u[rows], y[rows])
+        assert np.isfinite(model.predict(u[rows])).all()
+    assert (model.parameters_ == ident.parameters).all()
+    assert model.score(u, y) > 0.99
+    assert (
+        pickle.loads(pickle.dumps(model)).partial_fit(u, y).parameters_ == model.partial_fit(u, y).parameters_
+    ).all()
+
+
+@every(
+    "asked, columns, words",
+    [
+        ({}, 3, "X must have a column for each of 2 inputs, got 3"),
+        ({"column": 0}, 2, "several inputs take no column"),
+        ({"method": "srivc"}, 2, "several inputs take no method"),
+        ({"zeros": (0,)}, 2, "zeros has 1 entry"),
+    ],
+)
+def test_what_does_not_match_several_inputs_is_named(asked: dict[str, Any], columns: int, words: str) -> None:
+    u, y = two_inputs(300)
+    with pytest.raises(rp.ReplantError, match=words):
+        TransferFunctionRegressor(**(TWO | asked)).fit(np.column_stack([u, y])[:, :columns], y)
+
+
 @every(
     ("wrong", "name"),
     [({"poles": 0}, "poles"), ({"zeros": 3}, "zeros"), ({"dt": 0.0}, "dt"), ({"delay": -1.0}, "delay"),

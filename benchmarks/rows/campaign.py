@@ -20,6 +20,7 @@ from rows.known import steps
 from rows.plants import Experiment, drawn, drawn_plant, scaled
 
 BESIDE = 1.0001  # cost of a start's minimum over that of the one near the truth, up to which they are the same
+LIKE = (-0.35, 0.35)  # of the branches of a start: the powers of ten of their sizes
 STARTED, STARTED_BY = 2000, 10.0**-0.5  # samples; deviation of the noise beside the output's
 
 
@@ -87,12 +88,12 @@ def lines(found: Sequence[Outcome]) -> Iterator[tuple[str, str, str]]:
 
 
 def is_started(seed: int, inputs: int, correlation: float, number: int) -> bool:
-    """Return whether the start leads to the minimum near the truth, under white noise of 10 dB."""
+    """Return whether the start leads to the minimum near the truth, of one or two poles each, white noise of 10 dB."""
     rng = np.random.default_rng([seed, number, inputs, 5])
-    plant, dt = drawn_plant(rng, inputs)
+    plant, dt = drawn_plant(rng, inputs, orders=(1, 2), zeros=0)
     u = steps(rng, STARTED, inputs)
     u[:, 1:] = correlation * u[:, :1] + np.sqrt(1.0 - correlation**2) * u[:, 1:]
-    plant, parts = scaled(rng, plant, u, dt)
+    plant, parts = scaled(rng, plant, u, dt, LIKE)
     clean = parts.sum(axis=1)
     y = clean + STARTED_BY * clean.std() * rng.standard_normal(STARTED)
     structures = tuple(rp.Structure(g.den.size - 1, g.num.size - 1, delay=g.delay) for g in plant)

@@ -7,6 +7,8 @@ largest root mean square of a coefficient's error over that of maximum likelihoo
 95 % intervals pooled over coefficients, the joint statistic of the mean errors over its limit at 1 %, and how many runs
 diverged and were trusted.
 
+"public" has records of public repositories, read from clones in ``--mirror``, beside an output-error fit.
+
 "random" has ``--records`` random plants of ``--inputs`` inputs, through the identifier and `fit`; "starts" asks how
 often the start of a random plant leads to the minimum near the truth.
 """
@@ -18,6 +20,7 @@ import sys
 import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -25,7 +28,7 @@ from rich.table import Table
 
 from accuracy.work import prepare_environment
 from replant.fleet import sweep
-from rows import campaign, feedback, known
+from rows import campaign, feedback, known, public
 from rows.likelihood import scores
 
 
@@ -83,9 +86,18 @@ def of_starts(options: argparse.Namespace, console: Console) -> None:
         )
 
 
+def of_public(options: argparse.Namespace, console: Console) -> None:
+    """Print the simulated fits of the anchor, of `fit` and of the identifier on public records."""
+    shown = Table("record", "output error", "fit", "Identifier", "verdict", title="simulated fits, in percent")
+    for record in public.RECORDS:
+        name, *fits, status = public.compared(options.mirror, record)
+        shown.add_row(name, *(f"{each:.1f}" for each in fits), status)
+    console.print(shown)
+
+
 FAMILIES: dict[str, Callable[[argparse.Namespace, Console], None]] = {
     "known": partial(of_cases, known), "feedback": partial(of_cases, feedback), "random": of_random,
-    "starts": of_starts,
+    "starts": of_starts, "public": of_public,
 }  # fmt: skip
 
 
@@ -97,6 +109,7 @@ def read_options() -> argparse.Namespace:
     parser.add_argument("--runs", type=int, default=100, help="of each case, and starts")
     parser.add_argument("--records", type=int, default=300, help="random plants")
     parser.add_argument("--inputs", type=int, default=2, help="of random plants")
+    parser.add_argument("--mirror", type=Path, default=Path("out/mirror"), help="folder of git directories")
     parser.add_argument("--only", type=int, nargs="+", metavar="NUMBER", help="these random plants alone")
     parser.add_argument(
         "--on", default="processes:1", metavar="WHERE", help="threads:N, processes:N or dask://HOST:PORT"

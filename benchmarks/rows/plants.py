@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,11 +92,13 @@ def drawn(seed: int, number: int, inputs: int = 2) -> Experiment:
     return Experiment(number, plant, dt, u, y, clean, what)
 
 
-def drawn_plant(rng: np.random.Generator, inputs: int) -> tuple[tuple[rp.TransferFunction, ...], float]:
-    """Return stable plants, one for each input, and a sampling time for them."""
+def drawn_plant(
+    rng: np.random.Generator, inputs: int, orders: Sequence[int] = ORDERS, zeros: int = 1
+) -> tuple[tuple[rp.TransferFunction, ...], float]:
+    """Return stable plants, one for each input, of these orders and at most so many zeros; a sampling time for them."""
     slowest, plants, poles = 10.0 ** rng.uniform(-2.0, 2.0), [], list[complex]()
     for left in range(inputs, 0, -1):
-        order = min(int(rng.choice(ORDERS)), MOST_POLES - len(poles) - (left - 1))
+        order = min(int(rng.choice(orders)), MOST_POLES - len(poles) - (left - 1))
         each: list[complex] = []
         while len(each) < order:
             w = slowest * float(10.0 ** rng.uniform(0.0, DECADES))
@@ -105,8 +108,8 @@ def drawn_plant(rng: np.random.Generator, inputs: int) -> tuple[tuple[rp.Transfe
                 each += [pole, pole.conjugate()]
             else:
                 each.append(complex(-w, 0.0))
-        zeros = -slowest * 10.0 ** rng.uniform(0.0, DECADES, int(rng.integers(min(order, 2))))
-        a, b = np.poly(each).real, np.atleast_1d(np.poly(zeros)).real
+        places = -slowest * 10.0 ** rng.uniform(0.0, DECADES, int(rng.integers(min(order, zeros + 1))))
+        a, b = np.poly(each).real, np.atleast_1d(np.poly(places)).real
         plants.append((a[-1] / b[-1] * b, a))
         poles += each
     dt = rng.uniform(*FASTEST) / float(np.abs(poles).max())
@@ -115,10 +118,14 @@ def drawn_plant(rng: np.random.Generator, inputs: int) -> tuple[tuple[rp.Transfe
 
 
 def scaled(
-    rng: np.random.Generator, plant: tuple[rp.TransferFunction, ...], u: FloatArray, dt: float
+    rng: np.random.Generator,
+    plant: tuple[rp.TransferFunction, ...],
+    u: FloatArray,
+    dt: float,
+    shares: tuple[float, float] = SHARES,
 ) -> tuple[tuple[rp.TransferFunction, ...], FloatArray]:
-    """Return plants with gains by which each branch has a share of `SHARES` in the output, and those parts (K, q)."""
+    """Return plants with gains by which each branch has a share in the output, and those parts (K, q)."""
     parts = np.column_stack([g.simulate(each.copy(), dt) for g, each in zip(plant, u.T, strict=True)])
-    sizes = 10.0 ** rng.uniform(*SHARES, len(plant)) * rng.choice([-1.0, 1.0], len(plant)) / parts.std(axis=0)
+    sizes = 10.0 ** rng.uniform(*shares, len(plant)) * rng.choice([-1.0, 1.0], len(plant)) / parts.std(axis=0)
     whole = (rp.TransferFunction(g.num * size, g.den, g.delay) for g, size in zip(plant, sizes, strict=True))
     return tuple(whole), parts * sizes

@@ -15,13 +15,16 @@ from numpy.exceptions import ComplexWarning
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
 from replant.fitting.fit import fit
+from replant.fitting.row_fit import structures_of
+from replant.fitting.row_model import RowModel
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import FloatArray, one_of, whole
+from replant.numerics.arguments import FloatArray, iterable, one_of, whole
 from replant.numerics.limits import duration
 from replant.numerics.linear_algebra import quiet
 from replant.online.identifier import Identifier
+from replant.online.row_identifier import RowIdentifier
 from replant.verdict import fit_percent, simulate
 
 try:
@@ -38,7 +41,7 @@ METHODS = ("auto", "srivc", "least_squares")
 class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
     r"""A continuous-time transfer function as a regressor: X is the sampled input, y the output, rows in time order.
 
-    .. math:: \hat y(t) = y_0 + G(s) \, (u(t) - u_0)
+    .. math:: \hat y(t) = y_0 + \sum_i G_i(s) \, (u_i(t) - u_{0,i})
 
     ``fit`` takes the whole record (`replant.fit`), ``partial_fit`` goes on with the next rows (`replant.Identifier`).
     A dynamic system has a memory: rows may not be shuffled, and a prediction is from rest at the working point, so its
@@ -47,26 +50,30 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     Parameters
     ----------
-    poles, zeros : int
-    delay : float
+    poles, zeros : int or tuple of int
+        Of several inputs ``poles`` has an entry for each column of X.
+    delay : float or tuple of float
         Dead time in s.
     dt : float
         Sampling time in s.
     method : {"auto", "srivc", "least_squares"}
-        Of ``fit``, see `replant.fit`.
+        Of ``fit`` with one input, see `replant.fit`.
     column : int, optional
-        Which column of X is the input.  None: X has one column only.
+        Which column of X is the input, where there is one.  None: X has a column for each input.
 
     Attributes
     ----------
     transfer_function_ : TransferFunction
-        G(s).
+        G(s) of one input.
+    transfer_functions_ : tuple of TransferFunction
+        That of each input.
     parameters_ : (P,) array
-        Its coefficients, in the order of ``Structure.names``.
+        Its coefficients, in the order of ``Structure.names``, those of one input after the other.
     std_ : (P,) array
         Their standard deviations; NaN where none are known.
     input_offset_, output_offset_ : float
-        The working point u_0, y_0; after ``partial_fit`` y_0 is that of the last 10000 rows.
+        The working point u_0, y_0; of several inputs u_0 is an array (q,).  After ``partial_fit`` y_0 is that of the
+        last 10000 rows.
     n_features_in_ : int
     feature_names_in_ : array
         Where X has names.
@@ -84,9 +91,9 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     def __init__(
         self,
-        poles: int = 1,
-        zeros: int = 0,
-        delay: float = 0.0,
+        poles: int | tuple[int, ...] = 1,
+        zeros: int | tuple[int, ...] = 0,
+        delay: float | tuple[float, ...] = 0.0,
         dt: float = 1.0,
         method: str = "auto",
         column: int | None = None,
@@ -103,8 +110,8 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
         Parameters
         ----------
-        X : (K, 1) array
-            Input; of several columns with ``column``.
+        X : (K, q) array
+            A column for each input; with ``column`` one of these is it.
         y : (K,) array
             Output.
 
@@ -113,13 +120,17 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         InvalidArgumentError
             If the record is too short, or a parameter of the constructor cannot be used.
         """
-        structure, dt, method = self._settings()
-        u, y = self._checked_record(X, y, structure.size + 1, reset=True)
+        structures, dt, method = self._settings()
+        u, y = self._checked_record(X, y, sum(each.size for each in structures) + 1, reset=True)
+        self._identifier: Any = None
+        if self._has_row:
+            self._use_row(fit(u, y, dt, **_orders(structures)).model)
+            return self
+        (structure,) = structures
         found = fit(u, y, dt, structure, method=method, preprocess=Preprocess("identity", "mean", "mean"))
         std = np.full(structure.size, np.nan) if found.uncertainty is None else found.uncertainty.std
         self._set_model(found.transfer_function, found.parameters, std)
         self._set_working_point(float(found.preprocess.input_offset), found.simulation.offset)
-        self._identifier: Identifier | None = None
         return self
 
     def partial_fit(self, X: Any, y: Any) -> Self:
@@ -130,23 +141,49 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
         Parameters
         ----------
-        X : (K, 1) array
-            Input; of several columns with ``column``.
+        X : (K, q) array
+            A column for each input; with ``column`` one of these is it.
         y : (K,) array
             Output.
         """
-        structure, dt, _ = self._settings()
-        ident: Identifier | None = getattr(self, "_identifier", None)
-        if ident is None or (ident.structure, ident.dt) != (structure, dt):
+        structures, dt, _ = self._settings()
+        ident: Any = getattr(self, "_identifier", None)
+        if ident is None or (_structures_in(ident), ident.dt) != (structures, dt):
             u, y = self._checked_record(X, y, 1, reset=True)
-            ident = Identifier(structure, dt, preprocess=Preprocess("identity", "mean", "mean"))
+            ident = self._begun(structures, dt)
             self._identifier, self._recent = ident, np.empty((0, 2))
         else:
             u, y = self._checked_record(X, y, 1, reset=False)
         ident.update_many(u, y)
+        if self._has_row:
+            self._adopt_row(ident)
+            return self
         self._recent = np.concatenate([self._recent, np.column_stack([u, y])])[-RECENT:]
         self._adopt(ident)
         return self
+
+    def _begun(self, structures: tuple[Structure, ...], dt: float) -> Any:
+        if self._has_row:
+            return RowIdentifier(dt=dt, **_orders(structures))
+        return Identifier(structures[0], dt, preprocess=Preprocess("identity", "mean", "mean"))
+
+    @quiet
+    def _adopt_row(self, ident: RowIdentifier) -> None:
+        """Use the model of an identifier of several inputs; while there is none, one that knows the output's mean."""
+        if not ident.has_model:
+            ident = ident.clone()
+            ident.finish()
+        if ident.has_model:
+            self._use_row(ident.model)
+            return
+        u, y = ident.recent
+        self._set_row(ident.transfer_functions, ident.parameters, np.full(ident.parameters.size, np.nan))
+        self._set_working_point(u.mean(axis=0), float(y.mean()))
+
+    def _use_row(self, model: RowModel) -> None:
+        assert model.covariance is not None, "an estimate has a covariance"
+        self._set_row(model.transfer_functions, model.parameters, np.sqrt(np.diag(model.covariance)))
+        self._set_working_point(model.input_levels, model.output_level)
 
     @quiet
     def _adopt(self, ident: Identifier) -> None:
@@ -165,12 +202,14 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
         Parameters
         ----------
-        X : (K, 1) array
-            Input, rows in the order of time.
+        X : (K, q) array
+            A column for each input, rows in the order of time.
         """
         check_is_fitted(self)
-        u = self._input(_validated(self, X, dtype=np.float64, reset=False))
-        return self.transfer_function_.simulate(u - self.input_offset_, self.dt) + self.output_offset_
+        u = self._input(_validated(self, X, dtype=np.float64, reset=False)) - self.input_offset_
+        columns = [np.ascontiguousarray(each) for each in np.atleast_2d(u.T)]
+        pairs = zip(self.transfer_functions_, columns, strict=True)
+        return np.asarray(sum(g.simulate(each, self.dt) for g, each in pairs) + self.output_offset_)
 
     def fit_percent(self, X: Any, y: Any) -> float:
         r"""Return the simulated fit in percent, :math:`100 (1 - \|y - \hat y\| / \|y - \bar y\|)`.
@@ -184,8 +223,8 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
         Parameters
         ----------
-        X : (K, 1) array
-            Input, rows in the order of time.
+        X : (K, q) array
+            A column for each input, rows in the order of time.
         y : (K,) array
             Output.
         sample_weight : (K,) array, optional
@@ -205,10 +244,21 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         tags.regressor_tags.poor_score = True  # on scikit-learn's test data, which are no record of a dynamic system
         return tags
 
-    def _settings(self) -> tuple[Structure, float, str]:
+    @property
+    def _has_row(self) -> bool:
+        return iterable(self.poles)
+
+    def _settings(self) -> tuple[tuple[Structure, ...], float, str]:
         """Return the constructor's arguments, which scikit-learn wants kept as they were given, checked and plain."""
-        structure, method = Structure(self.poles, self.zeros, self.delay), one_of("method", self.method, METHODS)
-        return structure, duration("dt", self.dt), method
+        method = one_of("method", self.method, METHODS)
+        if not self._has_row:
+            given: tuple[Any, ...] = self.poles, self.zeros, self.delay
+            return (Structure(*given),), duration("dt", self.dt), method
+        if method != "auto" or self.column is not None:
+            name = "column" if method == "auto" else "method"
+            raise InvalidArgumentError(f"several inputs take no {name}: leave it out")
+        poles: Any = self.poles
+        return structures_of(len(poles), poles, self.zeros, self.delay), duration("dt", self.dt), method
 
     def _checked_record(self, X: Any, y: Any, least: int, *, reset: bool) -> tuple[FloatArray, FloatArray]:
         """Return input and output, checked as scikit-learn checks them."""
@@ -218,6 +268,11 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         return self._input(X), np.asarray(y, np.float64)
 
     def _input(self, X: FloatArray) -> FloatArray:
+        if self._has_row:
+            poles: Any = self.poles
+            if X.shape[1] != len(poles):
+                raise InvalidArgumentError(f"X must have a column for each of {len(poles)} inputs, got {X.shape[1]}")
+            return np.ascontiguousarray(X)
         if self.column is None:
             if X.shape[1] != 1:
                 raise InvalidArgumentError(
@@ -230,10 +285,23 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         return np.ascontiguousarray(X[:, column])
 
     def _set_model(self, model: TransferFunction, parameters: FloatArray, std: FloatArray) -> None:
-        self.transfer_function_, self.parameters_, self.std_ = model, parameters, std
+        self.transfer_function_ = model
+        self._set_row((model,), parameters, std)
 
-    def _set_working_point(self, input_offset: float, output_offset: float) -> None:
+    def _set_row(self, models: tuple[TransferFunction, ...], parameters: FloatArray, std: FloatArray) -> None:
+        self.transfer_functions_, self.parameters_, self.std_ = models, parameters, std
+
+    def _set_working_point(self, input_offset: float | FloatArray, output_offset: float) -> None:
         self.input_offset_, self.output_offset_ = input_offset, output_offset
+
+
+def _structures_in(ident: Any) -> tuple[Structure, ...]:
+    return ident.structures if isinstance(ident, RowIdentifier) else (ident.structure,)
+
+
+def _orders(structures: tuple[Structure, ...]) -> dict[str, Any]:
+    """Return poles, zeros and dead times of several inputs, an entry for each."""
+    return {name: tuple(getattr(each, name) for each in structures) for name in ("poles", "zeros", "delay")}
 
 
 @contextlib.contextmanager

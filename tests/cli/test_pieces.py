@@ -9,7 +9,7 @@ import numpy as np
 
 from replant.cli.conditioning_options import BAND, STRETCH, words_of
 from replant.cli.fleet import _plain
-from replant.cli.live import TIME, address_of, demo_rig, demo_signals, looped
+from replant.cli.live import TIME, address_of, demo_of, looped
 from replant.cli.next_step import _is_step_test
 from replant.cli.option_types import OptimizerChoice, Seconds, Whole
 from replant.cli.terminal import Choice, did_you_mean, is_quiet, to_ascii
@@ -42,11 +42,10 @@ WORDS = [
     (_plain("rig\n\x1b[31m7 é"), "rig??[31m7 é"),
     (looped("demo"), "demo?loop=pi"),
     (looped("demo?speed=max"), "demo?speed=max&loop=pi"),
-    (demo_signals("demo").input, "voltage [kV]"),
-    (demo_signals("demo?loop=pi").output, "speed [rad/s]"),
-    (demo_signals("log.csv").output, "output"),
-    (demo_rig("log.csv"), None),
-    (demo_rig("demo.csv"), None),
+    (demo_of("demo")[1].input, "voltage [kV]"),
+    (demo_of("demo?loop=pi")[1].output, "speed [rad/s]"),
+    (demo_of("log.csv"), None),
+    (demo_of("demo.csv"), None),
     (address_of("--dashboard", "127.0.0.1:8710"), ("127.0.0.1", 8710)),
     (to_ascii("(1.2 ± 0.1)×10⁻⁷"), "(1.2 +- 0.1)x10^-7"),
     (to_ascii("Döner"), "D\\xf6ner"),

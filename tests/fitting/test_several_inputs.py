@@ -187,6 +187,15 @@ class TestVerdict:
         assert "the inputs could explain a further" in reasons
         assert self.status(u, y, poles=(2, 1), delay=(0.0, 0.3))[0] == "trusted"
 
+    def test_what_a_structure_leaves_is_no_answer_of_smooth_inputs(self) -> None:
+        """An input that says what it will be next explains a residual that it will explain next."""
+        smooth = np.convolve(toggling(6, samples=2100)[:, 1], np.hanning(101) / 50.0, "valid")[:2000]
+        u = np.column_stack([toggling(5, samples=2000)[:, 0], smooth])
+        plant = FAST, rp.TransferFunction([0.4, 1.0], [1.0, 0.3, 1.0])
+        status, reasons = self.status(u, noisy(5, row_of(u, *plant)), poles=(2, 1))
+        assert status == "inconsistent"
+        assert "answers to disturbances" not in reasons
+
     def test_a_controller_that_makes_an_input(self) -> None:
         r, noise = toggling(4), np.random.default_rng(4).standard_normal(4000)
         u, y, state, error = r.copy(), np.zeros(4000), 0.0, 0.0

@@ -16,7 +16,7 @@ from scipy.signal import cont2discrete, tf2ss
 import replant as rp
 from replant.estimation.settings import Request
 from replant.live.outputs.message import EstimateMessage
-from replant.live.session.progress import Limits
+from replant.live.progress import Limits
 from replant.live.streams import Batch, open_source
 from replant.live.streams.demo import demo_voltage
 from replant.online import saving

@@ -3,7 +3,7 @@
 import pytest
 
 from replant.paper import NAMES, actuator
-from replant.paper.catalogue import is_figure, run, steps
+from replant.paper.figures import is_figure, run, steps
 from support.cases import every
 
 

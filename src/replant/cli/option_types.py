@@ -203,53 +203,29 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
     return shlex.join(words)
 
 
-MANY_INPUTS = "only replant fit, run and validate take several inputs: name one of them here"
-MANY_OUTPUTS = "only replant fit, run and validate take several outputs: name one of them here"
-
-
 JSON = flag("--json", "Print one JSON object.", "as_json")
 
 
-def column_option(*names: str, many: str, **options: Any) -> Option:
-    """Return an option that names one column, and says ``many`` where it is given more than once."""
-    return click.option(*names, multiple=True, metavar="COL", callback=partial(_only, many), **options)
+def column_option(role: str, text: str, *, several: bool = False) -> Option:
+    """Return the option of "input" or "output", with its line of help: a name, or a tuple of several."""
+    names = f"-{role[0]}", f"--{role}", f"{role}_column"
+    return click.option(*names, multiple=True, metavar="COL", callback=partial(_named, several, role), help=text)
 
 
-def inputs_option(text: str) -> Option:
-    """Return the option of one input or several, with its line of help: a name, or a tuple of several."""
-    return click.option("-i", "--input", "input_column", multiple=True, metavar="COL", callback=_one_or_all, help=text)
-
-
-def outputs_option(text: str) -> Option:
-    """Return the same of one output or several."""
-    return click.option(
-        "-o", "--output", "output_column", multiple=True, metavar="COL", callback=_one_or_all, help=text
-    )
-
-
-def _one_or_all(
-    context: click.Context, option: click.Parameter, given: tuple[str, ...]
+def _named(
+    several: bool, role: str, context: click.Context, option: click.Parameter, given: tuple[str, ...]
 ) -> str | tuple[str, ...] | None:
+    if len(set(given)) < 2:
+        return given[0] if given else None
+    if not several:
+        typed = " ".join(f"{option.opts[0]} {each}" for each in given)
+        raise click.UsageError(
+            f"{typed}: only replant fit, run and validate take several {role}s: name one of them here", context
+        )
     twice = next((each for each in given if given.count(each) > 1), None)
-    if twice is not None and len(set(given)) > 1:
+    if twice is not None:
         raise click.UsageError(f"{option.opts[0]} {twice} is given twice: name each column once", context)
-    return (given[0] if len(set(given)) == 1 else given) if given else None
-
-
-def input_option(text: str) -> Option:
-    """Return the option of the input, with its line of help."""
-    return column_option("-i", "--input", "input_column", many=MANY_INPUTS, help=text)
-
-
-def output_option(text: str) -> Option:
-    """Return the option of the output, with its line of help."""
-    return column_option("-o", "--output", "output_column", many=MANY_OUTPUTS, help=text)
-
-
-def _only(many: str, context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> str | None:
-    if len(set(given)) > 1:
-        raise click.UsageError(f"{' '.join(f'{option.opts[0]} {each}' for each in given)}: {many}", context)
-    return given[0] if given else None
+    return given
 
 
 NEEDED = {"input_column": "--input", "output_column": "--output", "poles": "--poles"}

@@ -18,12 +18,9 @@ from replant.cli.option_types import (
     OptimizerChoice,
     Option,
     check_complete,
+    column_option,
     flag,
     group,
-    input_option,
-    inputs_option,
-    output_option,
-    outputs_option,
     path_option,
     structure_options,
 )
@@ -138,10 +135,12 @@ INPUT_HOLD = click.option(
 
 _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take the clock for regular)"
 _LOGS = click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="LOG...")
-_INPUT = input_option("Column of the input: name, or number from 0.")
-_INPUTS = inputs_option("Column of the input: name, or number from 0; of several inputs once for each.")
-_OUTPUT = output_option("Column of the output.")
-_OUTPUTS = outputs_option("Column of the output; of several outputs once for each.")
+_INPUT = column_option("input", "Column of the input: name, or number from 0.")
+_INPUTS = column_option(
+    "input", "Column of the input: name, or number from 0; of several inputs once for each.", several=True
+)
+_OUTPUT = column_option("output", "Column of the output.")
+_OUTPUTS = column_option("output", "Column of the output; of several outputs once for each.", several=True)
 _REFERENCE = click.option(
     "--reference",
     "reference_column",

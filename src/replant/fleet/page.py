@@ -19,7 +19,7 @@ from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
 from replant.fleet.oddness import Drift, Oddness, drift_between, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
-from replant.fleet.work import Watched, one_thread, opened, result_of
+from replant.fleet.work import one_thread, opened, result_of
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number
 from replant.report.page import asset, filled, heading, icon, page, script, section, words
@@ -294,15 +294,15 @@ def write_one(task: ReportTask) -> int:
     rig, job = task.rig, task.job
     with one_thread():
         try:
-            watched = Watched(opened(rig, job))
-            result = result_of(watched, job, with_history=True)
+            recording = opened(rig, job)
+            result = result_of(recording, job, with_history=True)
         except MemoryError:
             raise
         except ReplantError:
             return 0
-        shown, log = result.overview, watched.recording.held
+        shown, log = result.overview, recording.held
         if shown is not None:
-            log = watched.recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
+            log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
         assert log is not None
         more: dict[str, Any] = {"title": rig.name, "python": _program(task)}
         if job.method == "fit":

@@ -43,6 +43,7 @@ from replant.online.change_response import (
 )
 from replant.verdict import assess_running
 
+SURELY = -math.log(ALPHA)  # advantage of one of two models that is no chance [nats]
 # half of the newest samples, so that an input that has come to rest still moves in the other half
 EVERY = RECENT // 2  # samples between two verdicts that are noted of a long record [samples]
 # half of the samples kept are then new, as where a growing record is solved again; a search takes as long as to learn
@@ -156,18 +157,18 @@ def renew(old: State, settings: Settings) -> State | None:
     found = change_at(structure, solution.record, solution.found.theta, begin) if begin else None
     if found is not None:
         return believed(old, settings, found[0], undecided=not is_sure(found[1], found[0]))
-    if not (is_whole and _is_better(solution, settings, old.physical)):
+    if not (is_whole and _advantage(solution, settings, old.physical) > SURELY):
         return None
     new = restart_at(old, settings, solution, began)
     new.undecided = False  # the record has grown by half, and one model explains it still
     return new
 
 
-def _is_better(solution: Solution, settings: Settings, present: FloatArray) -> bool:
-    """Return whether a solution takes the present estimate's place.
+def _advantage(solution: Solution, settings: Settings, present: FloatArray) -> float:
+    """Return how much likelier a solution is than the present estimate [nats].
 
-    It does if it is certain, or explains its record better beyond chance.  Without a reference, of two models of which
-    one runs away the other one is taken, unless that one is certain and explains the record better: an integrator.
+    Infinitely if it is certain, never if it has not settled.  Without a reference, of two models of which one runs away
+    the other one is taken, unless that one is certain and explains the record better: an integrator.
     """
     structure, found, record = settings.structure, solution.found, solution.record
     models = found.theta, present
@@ -176,19 +177,20 @@ def _is_better(solution: Solution, settings: Settings, present: FloatArray) -> b
         for each in models
     ]
     if away[0] < away[1] or (found.acceptable and away[0] == away[1]):
-        return True
-    if away[0] > away[1] and not found.acceptable:
-        return False
+        return math.inf
+    if not found.settled or (away[0] > away[1] and not found.acceptable):
+        return -math.inf
     errors = [prediction_error(structure, each[: structure.size], record, settings.dt) for each in models]
     new, old = (np.array([math.inf]) if each is None else each for each in errors)
-    return found.settled and likelihood_ratio(new, old) > -math.log(ALPHA)
+    return likelihood_ratio(new, old)
 
 
 @quiet
 def solve_whole(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a solution of every sample so far; None where the present estimate stays.
 
-    It stays where older samples are forgotten or no longer kept, and where the plant has changed, see `_has_changed`.
+    It stays where older samples are forgotten or no longer kept, where the plant has changed (`_has_changed`), and
+    where it explains the record better beyond chance.
     """
     kept = RecentSamples.of(old, STORED)
     if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):
@@ -198,7 +200,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
         return None
     if old.change.is_of_plant and _lasts(old, settings) and _has_changed(old, settings, solution):
         return None
-    if not _is_better(solution, settings, old.physical):
+    if _advantage(solution, settings, old.physical) < -SURELY:
         return None
     new = restart_at(old, settings, solution, 0)
     new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples

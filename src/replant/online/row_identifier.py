@@ -322,6 +322,12 @@ class RowIdentifier(Shared):
         return None if self._now.recursion is None else self._now.recursion.noise_model
 
     @property
+    def recent(self) -> tuple[FloatArray, FloatArray]:
+        """Inputs (K, q) and outputs (K,) of the newest accepted samples, as many as the verdict looks at."""
+        values = self._now.kept.values[-RECENT:]
+        return values[:, : len(self.structures)].copy(), values[:, -2].copy()
+
+    @property
     def samples(self) -> int:
         """Accepted samples."""
         return self._now.samples

@@ -12,8 +12,7 @@ experiment of section 4 on a simulated rig, with a table that the article does n
 """
 
 from replant.paper.actuator import Actuator, reproduce_actuator
-from replant.paper.catalogue import NAMES
-from replant.paper.figures import FIGURES
+from replant.paper.figures import FIGURES, NAMES
 from replant.paper.reproduction import SEEDS, Cell, RowResult, TableResult, reproduce
 from replant.paper.tables import TABLES, Experiment, Improvement, Plant, Row, Table, run
 

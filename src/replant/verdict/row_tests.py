@@ -37,6 +37,13 @@ def _of_filters(
     row: Row, point: Point, noise: Autoregression, *signals: FloatArray, covariance: FloatArray | None = None
 ) -> tuple[float, float]:
     """Return what filters of signals (K,) explain of the error: in limits of chance, and as part of the output."""
+    significance, power = _explained(row, point, noise, _filtered(row, *signals), covariance=covariance)
+    whole = sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
+    return significance, power / max(whole, 1e-300)
+
+
+def _filtered(row: Row, *signals: FloatArray) -> Callable[[Stretch], FloatArray]:
+    """Return what gives filters of signals (K,), and these, in a stretch."""
     span = sum(each.inputs[0].span for each in row.stretches)
     model = AuxiliaryModel(Structure(1), row.dt)
     cutoffs = np.geomspace(5.0 / span, 1.0 / row.dt, FILTERS)
@@ -47,9 +54,7 @@ def _of_filters(
         runs = [model.run(np.array([p, p, 0.0, 0.0]), record).output for record in records for p in cutoffs]
         return np.column_stack([*runs, *given])
 
-    significance, power = _explained(row, point, noise, columns, covariance)
-    whole = sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
-    return significance, power / max(whole, 1e-300)
+    return columns
 
 
 def left_out(row: Row, point: Point, noise: Autoregression, others: Mapping[str, FloatArray]) -> Iterator[Finding]:
@@ -68,7 +73,12 @@ def _moves(signal: FloatArray) -> bool:
 
 
 def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
-    """Inputs that answer to the residual, beside those that references move."""
+    """Inputs that answer to the residual, beside those that references move.
+
+    What filters of all inputs up to now explain of an input's later values is taken off them: where the structure is
+    not right the inputs explain some of the residual, which is no answer to it.
+    """
+    past = _filtered(row, *row.inputs.T)
     free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
     for i in free:
 
@@ -76,7 +86,7 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
             u = np.append(stretch.inputs[i].u, np.full(LATER, stretch.inputs[i].u[-1]))
             return np.column_stack([u[lag : lag + stretch.y.size] for lag in range(1, LATER + 1)])
 
-        if _explained(row, point, noise, later)[0] > 1.0:
+        if _explained(row, point, noise, later, past)[0] > 1.0:
             yield Finding(
                 "inconsistent",
                 f"input {row.names[i]} answers to disturbances of the output: a controller makes it, and the transfer "
@@ -89,18 +99,21 @@ def _explained(
     point: Point,
     noise: Autoregression,
     columns: Callable[[Stretch], FloatArray],
+    beside: Callable[[Stretch], FloatArray] | None = None,
+    *,
     covariance: FloatArray | None = None,
 ) -> tuple[float, float]:
     """Return a score statistic over its limit, and the power of the whitened error that columns explain beyond chance.
 
-    The columns are whitened, and freed of what offset and initial states explain.  A model of this record explains what
-    its instruments do; the error of one of another record is larger, by the model's covariance.
+    The columns are whitened, and freed of what offset, initial states and others ``beside`` explain.  A model of this
+    record explains what its instruments do; the error of one of another record is larger, by the model's covariance.
     """
     parts = []
     for stretch, phi in zip(row.stretches, point.zeta, strict=True):
         white = row.whitened(noise, columns(stretch), stretch)
         _, _, free = row.signals(point.theta, stretch, np.zeros(row.nuisances - 1))
-        parts.append((without(white, row.whitened(noise, free, stretch)), phi))
+        nuisances = row.whitened(noise, free if beside is None else np.hstack([free, beside(stretch)]), stretch)
+        parts.append((without(white, nuisances), phi))
     white, phi = (np.concatenate(each) for each in zip(*parts, strict=True))
     error = np.concatenate(point.error)
     lengths = np.sqrt(np.einsum("ij,ij->j", white, white))

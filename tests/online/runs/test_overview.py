@@ -31,7 +31,7 @@ def test_newest_samples_and_every_peak_are_kept(monkeypatch: pytest.MonkeyPatch,
     assert found.output.values.max() == 30.0
     assert found.model.values.max() == 17.0
     assert found.residual.values.max() == 30.0 - 17.0
-    assert found.output.times(1.0)[found.output.values.argmax()] == pytest.approx(77, abs=2 * found.output.step)
+    assert found.output.places[found.output.values.argmax()] == pytest.approx(77, abs=2 * found.output.step)
 
 
 def test_a_record_that_is_held_needs_none() -> None:

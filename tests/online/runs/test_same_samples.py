@@ -68,3 +68,15 @@ def test_a_long_gap_parts_a_finished_run_as_it_parts_a_fit(samples: int) -> None
     ident.finish()
     np.testing.assert_allclose(ident.parameters, fitted.parameters, rtol=1e-9)
     assert (ident.assess().status, ident.assess().samples) == (fitted.verdict.status, fitted.verdict.samples)
+
+
+def test_finish_takes_what_fit_finds_unless_the_present_estimate_is_likelier_beyond_chance() -> None:
+    random = np.random.default_rng(14)  # a surplus pole and zero: no solution is certain, and the two are as likely
+    u = np.repeat(random.choice([-1.0, 1.0], 391), 8)
+    y = rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, DT) + 0.02 * random.standard_normal(u.size)
+    identifier = rp.Identifier(rp.Structure(2, 1), DT)
+    identifier.update_many(u, y)
+    present, fitted = identifier.parameters.copy(), rp.fit(u, y, DT, poles=2, zeros=1)
+    assert np.abs(present / fitted.parameters - 1.0).max() > 1e-3
+    identifier.finish()
+    np.testing.assert_allclose(identifier.parameters, fitted.parameters, rtol=1e-6)

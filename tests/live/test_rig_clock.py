@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.live.session.progress import RigClock
+from replant.live.progress import RigClock
 from support.live_fakes import DT
 
 

@@ -11,8 +11,8 @@ import numpy as np
 from replant.estimation.simulation.stretches import joined, stretches_of
 from replant.fitting.model_json import as_object
 from replant.fitting.responses import SETTLED, Bode, StepResponse, frequencies, time_of
-from replant.live.observer import view
-from replant.live.observer.view import UNNAMED, Rows, SessionInfo, SignalNames, View, Window
+from replant.live import view
+from replant.live.view import UNNAMED, Rows, SessionInfo, SignalNames, View, Window
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty

@@ -16,7 +16,7 @@ import numpy as np
 
 from replant.errors import ReplantError
 from replant.estimation.simulation.stretches import stretches_of
-from replant.live.observer.view import View
+from replant.live.view import View
 from replant.logs import Log
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import one_step, one_step_with_lost
