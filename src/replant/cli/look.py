@@ -1,4 +1,4 @@
-"""``replant look``, ``examples``, ``show``, ``validate`` and ``compare``: logs and saved models to look at and compare."""
+"""``replant look``, ``examples``, ``show``, ``validate``, ``compare``: logs and saved models to look at and compare."""
 
 from __future__ import annotations
 
