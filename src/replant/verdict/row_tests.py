@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -78,7 +79,7 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
     What filters of all inputs up to now explain of an input's later values is taken off them: where the structure is
     not right the inputs explain some of the residual, which is no answer to it.
     """
-    past = _filtered(row, *row.inputs.T)
+    past = cache(_filtered(row, *row.inputs.T))
     free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
     for i in free:
 

@@ -176,7 +176,10 @@ class Point:
 def evaluate(
     row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, *, pulled: bool = False
 ) -> Point:
-    """Return the point of a model; ``pulled`` takes the slopes of a common denominator from the measured output."""
+    """Return the point of a model; ``pulled`` takes phi of a common denominator from the measured output.
+
+    The instruments are then the model's slopes.
+    """
     error, phi, zeta, residual, nuisances = [], [], [], [], []
     for number, stretch in enumerate(row.stretches):
         states = np.zeros(row.nuisances - 1) if before is None else before.nuisances[number][1:]
@@ -185,16 +188,16 @@ def evaluate(
         basis, back = _basis(row.whitened(noise, free, stretch))
         weights = back @ (basis.T @ row.whitened(noise, left, stretch))
         e = np.where(stretch.measured, left - free @ weights, 0.0)
-        if pulled:
-            slopes = slopes.copy()
-            poles = row.structures[0].poles
-            slopes[:, :poles] -= row.filtered(theta, stretch, e)
         made = row.whitened(noise, np.column_stack([slopes, e]), stretch)
         made = _freed(made, basis)
         error.append(made[:, -1])
         phi.append(made[:, :-1])
         instruments = row.instruments(theta, stretch)
         zeta.append(phi[-1] if instruments is None else _freed(row.whitened(noise, instruments, stretch), basis))
+        if pulled:
+            phi[-1] = phi[-1].copy()
+            seen = row.whitened(noise, row.filtered(theta, stretch, e), stretch)
+            phi[-1][:, : seen.shape[1]] -= _freed(seen, basis)
         residual.append(e)
         nuisances.append(weights)
     cost = float(sum(each @ each for each in error))

@@ -63,12 +63,11 @@ def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[floa
                 break
             inside = -np.clip(np.abs(places.real), 0.1 / span, 10.0 / row.dt) + 1j * places.imag
             theta[:poles] = np.poly(inside).real[1:]
-            point = evaluate(row, theta, noise, before)
-            pulled = evaluate(row, theta, noise, before, pulled=True)
+            point = evaluate(row, theta, noise, before, pulled=True)
             if np.isfinite(point.cost):
                 yield point.cost, theta[:poles].copy()
-            instruments = pulled.phi if number == 0 else point.phi
-            matrix = np.asarray(sum(zeta.T @ phi for zeta, phi in zip(instruments, pulled.phi, strict=True)))
+            instruments = point.phi if number == 0 else point.zeta
+            matrix = np.asarray(sum(zeta.T @ phi for zeta, phi in zip(instruments, point.phi, strict=True)))
             vector = np.asarray(sum(zeta.T @ error for zeta, error in zip(instruments, point.error, strict=True)))
             if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
                 break
