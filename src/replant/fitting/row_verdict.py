@@ -12,7 +12,7 @@ import numpy as np
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.row import Point, Row
 from replant.estimation.solver.refined import relative_uncertainty
-from replant.estimation.solver.row_start import start
+from replant.estimation.solver.row_start import start_without
 from replant.estimation.solver.row_steps import refine
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
@@ -116,8 +116,8 @@ def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) 
     less = [k for k in range(len(row.structures)) if k not in left_out]
     power = sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
     if less:
+        begins = start_without(row, point.theta, left_out, noise)
         others = row.of_inputs(less)
-        begins = start(others.structures, others.record, others.inputs, noise)
-        power = min((refine(others, begin.theta, noise, begin).cost for begin in begins), default=power)
+        power = min((refine(others, begin.theta, noise, begin).cost for begin in begins[:1]), default=power)
     size = sum(row.structures[i].size for i in left_out)
     return row.count * math.log(max(power, 1e-300) / max(point.cost, 1e-300)) < size * math.log(row.count)

@@ -177,6 +177,8 @@ class RowState:
 
     def _held(self, r: FloatArray) -> FloatArray:
         """Return references (K, p) with the last known one where one is not known, at first with nought."""
+        if not r.size:
+            return r
         before = self.kept.values[-1:, len(self.settings.structures) : -2]
         r = np.vstack([before if len(before) else np.zeros((1, r.shape[1])), r])
         newest = np.maximum.accumulate(np.where(np.isfinite(r), np.arange(len(r))[:, None], 0), axis=0)
