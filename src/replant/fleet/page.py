@@ -158,15 +158,14 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
         for row in rows
     )
     listed = f'<ol class="oddities">{items}</ol>' if items else ""
-    usual = "".join(_usual(*each) for each in found.usual)
+    usual = "; ".join(
+        f"{words(quantity.name)} {number(middle)}{f' {quantity.unit}' if quantity.unit else ''}, "
+        f"spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
+        for quantity, middle, ratio in found.usual
+    )
     listed = f"<br>{listed}" if listed else ""
-    told = f'<p class="note">Usual in this fleet: {usual[2:]}.</p>' if usual else ""
+    told = f'<p class="note">Usual in this fleet: {usual}.</p>' if usual else ""
     return section("Odd rigs", f'<p class="note">{words(note)}</p>{told}', listed, anchor="odd")
-
-
-def _usual(quantity: Quantity, middle: float, ratio: float) -> str:
-    unit = f" {quantity.unit}" if quantity.unit else ""
-    return f"; {words(quantity.name)} {number(middle)}{unit}, spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
 
 
 def _linked(fleet: Fleet, rig: str, rank: int) -> str:
@@ -273,10 +272,7 @@ class ReportTask:
 
 
 def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = None) -> int:
-    """Write the reports of the first rigs of a fleet by rank, and return how many were written.
-
-    A rig that cannot be identified has no report.
-    """
+    """Write the reports of the first rigs by rank, but for those that cannot be identified; return how many."""
     if fleet.job is None:
         raise InvalidArgumentError("a fleet that was loaded has no options: call fit again, which does nothing twice")
     table = fleet.table()

@@ -120,10 +120,7 @@ def carry_out(task: Task) -> Done:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let the linear algebra of this process use one thread, so that no sum depends on their number.
-
-    Without threadpoolctl the environment decides; workers of ours are started with one thread.
-    """
+    """Have linear algebra use one thread, so that no sum depends on it; the environment does without threadpoolctl."""
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError):
             from threadpoolctl import threadpool_limits

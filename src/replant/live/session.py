@@ -272,7 +272,6 @@ def speaks_of(view: View, parameters: FloatArray) -> bool:
 
 
 M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
-
 THRESHOLD = 1 << 17  # size of blocks that the system gets back at once: glibc's initial value [bytes]
 
 

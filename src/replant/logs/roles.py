@@ -116,10 +116,7 @@ class Response:
 
 
 def response(u: FloatArray, y: FloatArray) -> Response | None:
-    """Return the response of ``y`` (K,) to the changes of ``u`` (K,) that its own past does not foretell.
-
-    None if no lag has a correlation beyond chance.
-    """
+    """Return the response of ``y`` (K,) to the changes of ``u`` (K,) beyond its own past; None if by chance."""
     changes = _whitened(u)
     if not np.abs(changes).max(initial=0.0) > ROUNDING:  # all moves lie within the samples that foretell the others
         return None

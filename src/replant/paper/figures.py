@@ -3,6 +3,9 @@
 Figures 1-4 show the estimates over time, a panel for each parameter, for rows of one table: their experiments are run
 again, those with a buffer with the first of the table's seeds.  Figures 7 and 8 and the actuator's table come from one
 experiment, which is run once.
+
+>>> NAMES
+('table1', 'table2', 'table3', 'table4', 'fig1', 'fig2', 'fig3', 'fig4', 'fig6', 'fig7', 'fig8', 'actuator')
 """
 
 from __future__ import annotations
@@ -148,9 +151,7 @@ UNITS = {"a2": "1/s", "a1": "1/s²", "a0": "1/s³", "b1": "mm/(kV² s²)", "b0":
 WINDOWS = {"c": (151.7 / 240.0, 157.7 / 240.0), "d": (155.1 / 240.0, 156.6 / 240.0)}
 #: The two columns of Figures 7 and 8.
 COLUMNS = {"fig7": ("Gradient", "IntegralCost"), "fig8": ("AMSGrad", "Adam")}
-
 TOLD_APART = 0.01  # distance from which on two curves can be told apart [part of the true value]
-
 _MEASURED = {"color": GREY, "lw": 2.6, "alpha": 0.5}
 _MODEL = {"exact": {"color": VERMILION, "lw": 0.9}, "gbt": {"color": BLUE, "lw": 0.9, "ls": (0, (3, 1.5))}}
 _NAMES = {"gbt": "the article's filters", "exact": "exact filters"}
@@ -302,10 +303,7 @@ def steps(names: Sequence[str]) -> int:
 def run(
     names: Sequence[str], on_run: Callable[[str], None] = lambda name: None, executor: Executor | str | None = None
 ) -> Outcome:
-    """Run the experiments that ``names`` need; ``on_run`` is called after each run with the name that it belongs to.
-
-    The runs of the tables are made on ``executor``, see `replant.fleet.fit`; the figures do not depend on it.
-    """
+    """Run the experiments that ``names`` need, tables on ``executor``; call ``on_run`` after each run with its name."""
     tables = {
         name: reproduce(TABLES[name], on_run=partial(on_run, name), executor=executor)
         for name in names
@@ -322,10 +320,7 @@ def run(
 
 
 def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]]:
-    """Draw the figures among ``names`` one by one; yield file name, without suffix, and matplotlib figure.
-
-    Figures 7 and 8 are drawn twice: with the article's filters, and with exact ones.
-    """
+    """Draw figures by name, 7 and 8 with the article's filters and with exact ones; yield file name and figure."""
     for name in names:
         if name in FIGURES:
             yield name, draw(FIGURES[name], outcome.transients[name])
@@ -337,10 +332,7 @@ def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]
 
 
 def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple[str, Any, list[Path]]]:
-    """Draw figures as PNG and SVG files; yield name, matplotlib figure and paths of each.
-
-    The caller uses a figure before it asks for the next one: the fonts are set only as long as the iteration runs.
-    """
+    """Draw figures as PNG and SVG; yield name, figure and paths, to be used before the next, while fonts are set."""
     from replant.plotting.style import font
 
     with font():

@@ -46,10 +46,7 @@ class Frame:
 
 
 class Hub:
-    """Holds the newest view, which the identification publishes and browsers fetch.
-
-    Views are not queued: a slow browser gets the newest view and misses those in between.
-    """
+    """Holds the newest view for browsers; views are not queued: a slow browser misses those in between."""
 
     def __init__(
         self,
@@ -220,11 +217,13 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
     async def live(socket: WebSocket) -> None:
         await stream(hub, socket)
 
-    async def model_json(_: Request) -> Response:
-        return _model(hub, "application/json", "model.json", lambda model: json.dumps(model, indent=2) + "\n")
-
-    async def model_python(_: Request) -> Response:
-        return _model(hub, "text/x-python", "model.py", python_of)
+    async def model(request: Request) -> Response:
+        found = hub.model()
+        if not found:
+            return PlainTextResponse("There is no model yet.\n", 404)
+        if request.url.path == "/model.py":
+            return file_answer(python_of(found).encode(), "text/x-python", "model.py")
+        return file_answer(f"{json.dumps(found, indent=2)}\n".encode(), "application/json", "model.json")
 
     async def command(request: Request) -> Response:
         name = request.path_params["name"]
@@ -247,8 +246,8 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
 
     return [
         WebSocketRoute("/live", live),
-        Route("/model.json", model_json),
-        Route("/model.py", model_python),
+        Route("/model.json", model),
+        Route("/model.py", model),
         Route("/command/{name}", command, methods=["POST"]),
         Route("/report", report, methods=["POST"]),
     ]
@@ -283,10 +282,7 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
 
 
 async def _send(hub: Hub, socket: WebSocket) -> None:
-    """Send the newest view, wait until it is sent, and repeat: a slow browser delays no other.
-
-    What changes slowly follows at most once in `HISTORY_PERIOD`, and then even if no further view comes.
-    """
+    """Send the newest view, wait until it is sent, and repeat; what changes slowly once in `HISTORY_PERIOD`."""
     clock = asyncio.get_running_loop().time
     frames = hub.subscribe()
     coming = asyncio.ensure_future(anext(frames, None))
@@ -316,13 +312,6 @@ async def _send(hub: Hub, socket: WebSocket) -> None:
         await frames.aclose()
 
 
-def _model(hub: Hub, kind: str, name: str, written: Any) -> Response:
-    model = hub.model()
-    if not model:
-        return PlainTextResponse("There is no model yet.\n", 404)
-    return file_answer(written(model).encode(), kind, name)
-
-
 def file_answer(content: bytes, kind: str, name: str) -> Response:
     """Return an answer that the browser saves under a name."""
     return Response(content, media_type=kind, headers={"Content-Disposition": f'attachment; filename="{name}"'})
@@ -331,33 +320,24 @@ def file_answer(content: bytes, kind: str, name: str) -> Response:
 def python_of(model: dict[str, Any]) -> str:
     """Return a program that makes the model's transfer function."""
     num, den = ([float(value) for value in model[key]] for key in ("num", "den"))
+    verdict = " ".join(str(model["verdict"]["status"]).split())  # in one line, so that it cannot end the comment
     return (
-        f"# identified by replant from {int(model['samples'])} samples; verdict: {_line(model['verdict']['status'])}\n"
+        f"# identified by replant from {int(model['samples'])} samples; verdict: {verdict}\n"
         "from replant import TransferFunction\n\n"
         f"G = TransferFunction(num={num}, den={den}, delay={float(model['delay'])})\n"
         "print(G)\n"
     )
 
 
-def _line(text: Any) -> str:
-    """Return text in one line, so that it cannot end the comment in which it stands."""
-    return " ".join(str(text).split())
-
-
 def _own(name: str) -> bytes:
     return resources.files("replant.live.dashboard").joinpath("assets", name).read_bytes()
-
-
-def _words() -> str:
-    """Return a module with the words of each verdict, which are those of the report."""
-    words = {status: [each.gravity, each.headline, each.meaning] for status, each in VERDICTS.items()}
-    return f"export const VERDICTS = new Map(Object.entries({json.dumps(words)}));\n"
 
 
 @cache
 def dashboard_assets() -> dict[str, bytes]:
     """Return everything that the page loads, by name."""
     found = {name: _own(name) for name in _OWN} | {name: report_asset(name).encode() for name in _OF_REPORT}
-    found["words.js"] = _words().encode()
+    words = {status: [each.gravity, each.headline, each.meaning] for status, each in VERDICTS.items()}  # the report's
+    found["words.js"] = f"export const VERDICTS = new Map(Object.entries({json.dumps(words)}));\n".encode()
     found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
     return found

@@ -97,10 +97,7 @@ def serve(
     token: str | None = None,
     application: Callable[..., Any] | None = None,
 ) -> Dashboard:
-    """Serve the dashboard of ``hub`` from a thread, and return when the server is ready.
-
-    ``application`` makes another page that is served in the same way, as `create_app` makes the dashboard.
-    """
+    """Serve the dashboard of ``hub``, or another ``application``, from a thread; return when the server is ready."""
     _check(host, port, token)
     with libraries_needed():
         import uvicorn

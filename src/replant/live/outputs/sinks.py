@@ -104,10 +104,7 @@ class LineSink:
 
 
 class UdpSink:
-    """Sends each estimate as a UDP datagram, whether or not a receiver listens.
-
-    PlotJuggler's "UDP Server" with the JSON parser reads the datagrams; "timestamp" is the field of time.
-    """
+    """Sends each estimate as a UDP datagram, heard or not; PlotJuggler's "UDP Server" reads its JSON."""
 
     interval = 0.0005  # no controller reads estimates faster
 
