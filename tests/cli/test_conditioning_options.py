@@ -10,8 +10,6 @@ import pytest
 
 import replant as rp
 from replant.cli import main
-from replant.cli.option_types import OptimizerChoice
-from replant.estimation.optimizers import OPTIMIZERS
 from replant.signals import prbs
 from support.cases import every
 
@@ -109,13 +107,6 @@ def test_settings_that_cannot_be_are_named(
         model_of(capsys, "run", log, "--optimizer", typed)
     assert ended.value.code == 2
     assert problem in " ".join(capsys.readouterr().err.split())
-
-
-@every("name", OPTIMIZERS)
-def test_every_optimizer_is_written_as_it_is_read(name: str) -> None:
-    option, chosen = OptimizerChoice(), OPTIMIZERS[name].suggested(0.01, 1000)
-    assert option.convert(option.written(chosen), None, None) == chosen
-    assert option.written(option.convert(name, None, None)) == name
 
 
 def test_progress_is_printed_in_lines_where_it_is_asked_for(capsys: pytest.CaptureFixture[str], log: Path) -> None:

@@ -250,7 +250,7 @@ def test_the_program_in_the_report_reads_the_same_part(capsys, log: Path, tmp_pa
     assert call(capsys, "fit", log, *columns, "--out", tmp_path / "plots")[0] == 0
     page = (tmp_path / "plots" / "report.html").read_text(encoding="utf-8")
     assert "begin=10.0, end=60.5" in page
-    assert "--from 10.0 --to 60.5" in page
+    assert "--from 10 --to 60.5" in page
 
 
 @pytest.mark.parametrize("command", ["run", "fit", pytest.param("compare", marks=pytest.mark.slow)])

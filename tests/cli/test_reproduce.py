@@ -7,7 +7,7 @@ import pytest
 
 from replant.cli import main
 from replant.paper import actuator
-from replant.paper.catalogue import NAMES
+from replant.paper.figures import NAMES
 from support.cases import every
 
 PNG = b"\x89PNG\r\n\x1a\n"

@@ -70,7 +70,7 @@ def test_the_report_gives_no_program_that_forgets_them(capsys, log: Path, tmp_pa
     code, _, _ = call(capsys, "fit", log, *COLUMNS, "--leave-out", "200s:300s", "--out", tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert code == 0
-    assert "--leave-out 200:300" in page
+    assert "--leave-out 200s:300s" in page
     assert "rp.read_log" not in page
 
 

@@ -99,13 +99,18 @@ def test_outliers_and_a_stuck_sensor_are_left_out_as_of_one_input() -> None:
     assert set(spikes) - {700, 701} <= set(found.outliers.tolist())
     assert set(range(1501, 1580)) <= set(found.stuck.tolist())
     assert found.missing.tolist() == [700, 701]
-    assert found.rejected == {"not finite": 2, "outlier": found.outliers.size, "stuck": found.stuck.size}
+    assert found.rejected == {
+        "not finite": 2,
+        "too large": 0,
+        "outlier": found.outliers.size,
+        "stuck": found.stuck.size,
+    }
     assert found.outliers.size < 30
     error = found.parameters - TRUE
     assert float(error @ np.linalg.solve(found.covariance, error)) < chi2_quantile(0.9999, TRUE.size)
     assert found.samples == clean.samples - found.outliers.size - found.stuck.size - 2
     assert any("outputs were left out: the sensor was stuck" in reason for reason in found.verdict.reasons)
-    assert clean.rejected == {"not finite": 0, "outlier": 0, "stuck": 0}
+    assert clean.rejected == {"not finite": 0, "too large": 0, "outlier": 0, "stuck": 0}
 
 
 def test_the_fit_leaves_out_what_answers_to_inputs_before_the_record() -> None:

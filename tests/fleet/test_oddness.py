@@ -6,6 +6,7 @@ import json
 import math
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -367,3 +368,12 @@ def test_three_odd_rigs_of_twenty_do_not_hide_each_other() -> None:
         named, others = named + int(far[:3].sum()), others + int(far[3:].sum())
     assert named > 30
     assert others <= 2
+
+
+def test_trusted_rigs_of_whom_no_uncertainty_is_known_come_last() -> None:
+    rows = fleet(0)
+    unknown = replace(rows[0], rig="unknown", model=replace(rows[0].model, covariance=None))
+    found = oddness_of(table_of([unknown, *rows], TWO), TWO)
+    assert np.isnan(found.distance[0])
+    assert found.order[-1] == 0
+    assert found.distance[found.order[-2]] < 1.0

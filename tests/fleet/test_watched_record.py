@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
-from replant.fleet.store import UNKNOWN
-from replant.fleet.work import Watched
+from replant.fleet.work import movement_of
 from support.cases import every
 
 SAMPLES = 60
@@ -23,10 +21,8 @@ class Parts:
     u: np.ndarray
     y: np.ndarray
     ends: list[int]
-    passes: int = field(default=0)
 
     def batches(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        self.passes += 1
         for begin, end in zip([0, *self.ends], [*self.ends, self.u.size], strict=True):
             yield self.u[begin:end], self.y[begin:end]
 
@@ -39,13 +35,6 @@ def longest_stretch(y: np.ndarray) -> int:
     return longest
 
 
-def watched(recording: Any) -> Watched:
-    source = Watched(recording)
-    assert source.movement == UNKNOWN
-    list(source.batches())
-    return source
-
-
 @every("ends", [[], [1], [30], [1, 2, 3], [10, 10, 40], [7, 21, 22, 59]], ids=str)
 @every("seed", range(12))
 def test_it_is_that_of_the_whole_record(ends: list[int], seed: int) -> None:
@@ -55,7 +44,7 @@ def test_it_is_that_of_the_whole_record(ends: list[int], seed: int) -> None:
     y = 5.0 * (seed % 3) + np.repeat(generator.integers(0, 3, SAMPLES), generator.integers(1, 9, SAMPLES))[:SAMPLES]
     u[generator.random(SAMPLES) < 0.1] = math.nan
     y[generator.random(SAMPLES) < 0.05 * (seed % 2)] = math.nan
-    movement = watched(Parts(u, y, ends)).movement
+    movement = movement_of(Parts(u, y, ends))
     np.testing.assert_allclose(movement.input_std, np.nanstd(u), rtol=1e-9)
     np.testing.assert_allclose(movement.output_std, np.nanstd(y), rtol=1e-12)
     assert movement.output_held == longest_stretch(y) / SAMPLES
@@ -65,28 +54,15 @@ def test_it_is_that_of_the_whole_record(ends: list[int], seed: int) -> None:
 @every("value", [0.0, 4.0])
 def test_a_constant_stands_still_throughout_and_does_not_move(ends: list[int], value: float) -> None:
     signal = np.full(SAMPLES, value)
-    movement = watched(Parts(signal, signal, ends)).movement
+    movement = movement_of(Parts(signal, signal, ends))
     assert (movement.input_std, movement.output_std, movement.output_held) == (0.0, 0.0, 1.0)
 
 
 def test_without_a_sample_nothing_is_known() -> None:
     nothing = np.zeros(0)
-    movement = watched(Parts(nothing, nothing, [])).movement
+    movement = movement_of(Parts(nothing, nothing, []))
     assert all(math.isnan(value) for value in (movement.input_std, movement.output_std, movement.output_held))
     missing = np.full(SAMPLES, math.nan)
-    movement = watched(Parts(missing, missing, [9])).movement
+    movement = movement_of(Parts(missing, missing, [9]))
     assert math.isnan(movement.input_std)
     assert movement.output_held == 1 / SAMPLES
-
-
-def test_the_first_whole_pass_counts() -> None:
-    signal = np.arange(float(SAMPLES))
-    recording = Parts(signal, signal, [30])
-    source = Watched(recording)
-    next(source.batches())
-    assert source.movement == UNKNOWN
-    for _ in range(2):
-        assert sum(batch[0].size for batch in source.batches()) == SAMPLES
-        assert source.movement.input_std == np.std(signal)
-        recording.u = 2.0 * signal
-    assert recording.passes == 3

@@ -80,11 +80,16 @@ def test_a_second_process_solves_again_where_it_is_asked_for(tmp_path: Path) -> 
 def test_the_address_of_standard_input_is_no_option_wherever_it_stands(
     place: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    plans: list[Any] = []
-    monkeypatch.setattr("replant.cli.live.run", lambda plan: plans.append(plan) or True)
+    runs: list[Any] = []
+
+    def run(source: str, *_: Any, sinks: tuple[str, ...], **__: Any) -> bool:
+        runs.append((source, list(sinks)))
+        return True
+
+    monkeypatch.setattr("replant.cli.live.run", run)
     source = "-?columns=n,t,y,u"
     main(["live", "--to", "-", *((source, *MODEL) if place == "first" else (*MODEL, source))])
-    assert [(plan.source, list(plan.sinks)) for plan in plans] == [(source, ["-"])]
+    assert runs == [(source, ["-"])]
 
 
 def test_standard_input_may_have_options() -> None:
@@ -431,16 +436,16 @@ def test_a_mistake_is_one_line(arguments: tuple[str, ...], message: str, capsys:
 def test_the_token_comes_in_without_being_seen_in_the_list_of_processes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, way: str
 ) -> None:
-    plans: list[Any] = []
-    monkeypatch.setattr("replant.cli.live.run", lambda plan: plans.append(plan) or True)
+    tokens: list[Any] = []
+    monkeypatch.setattr("replant.cli.live.run", lambda *_, dashboard, **__: tokens.append(dashboard.token) or True)
     monkeypatch.delenv("REPLANT_TOKEN", raising=False)
     path = tmp_path / "token"
     path.write_text("secret\nand more\n")
     if "environment" in way:
         monkeypatch.setenv("REPLANT_TOKEN", "secret" if way == "environment" else "other")
     options = {"file": ["--token-file", str(path)], "option": ["--token", "secret"]}.get(way.partition(" ")[0], [])
-    main(["live", "-", *MODEL, *options])
-    assert [plan.token for plan in plans] == ["secret"]
+    main(["live", "-", *MODEL, "--dashboard", "127.0.0.1:8710", *options])
+    assert tokens == ["secret"]
 
 
 @pytest.mark.parametrize(

@@ -11,13 +11,12 @@ import pytest
 
 import replant as rp
 from replant.estimation.settings import Request
-from replant.live.dashboard.app import python_of
-from replant.live.dashboard.hub import Hub
-from replant.live.observer.make_view import EstimateHistory, bode_of, make_view, step_of, truth_of
-from replant.live.observer.view import Bode, SessionInfo
+from replant.live.dashboard.app import Hub, python_of
+from replant.live.make_view import EstimateHistory, bode_of, make_view, step_of, truth_of
 from replant.live.outputs.message import EstimateMessage, Notices, time_to_live
 from replant.live.outputs.sinks import open_sink
-from replant.live.session.progress import Limits, Progress, RigClock, Throughput, resume, stop_on_signals
+from replant.live.progress import Limits, Progress, RigClock, Throughput, resume, stop_on_signals
+from replant.live.view import Bode, SessionInfo
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty

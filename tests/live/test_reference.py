@@ -13,11 +13,11 @@ from rich.console import Console
 
 import replant as rp
 from replant.errors import InvalidArgumentError
-from replant.live.observer.make_view import POINTS, EstimateHistory, make_view
-from replant.live.observer.terminal import render, report_of
-from replant.live.observer.view import SessionInfo, View
+from replant.live.make_view import POINTS, EstimateHistory, make_view
 from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
-from replant.live.session.progress import Progress, resume
+from replant.live.progress import Progress, resume
+from replant.live.terminal import render, report_of
+from replant.live.view import SessionInfo, View
 from support.live_fakes import DT, REQUEST, FakeSource, make, record
 
 pytestmark = pytest.mark.usefixtures("unrendered")

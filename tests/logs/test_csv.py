@@ -373,3 +373,9 @@ def test_a_short_line_above_numbers_is_no_title(tmp_path: Path, above: str) -> N
     path.write_text(above + "0,1,2\n1,3,4\n2,5,6\n")
     with pytest.raises(LogError, match="line 2"):
         read_columns(path).column(0)
+
+
+@pytest.mark.parametrize(("size", "message"), [(1 << 16, "the file is empty"), ((1 << 16) + 1, "no row of data")])
+def test_a_file_of_comments_is_empty_if_its_beginning_is_all_of_it(write: Write, size: int, message: str) -> None:
+    with pytest.raises(LogError, match=message):
+        read_columns(write("# a line\n".ljust(size - 1, "#") + "\n"))

@@ -13,8 +13,8 @@ import pytest
 import replant as rp
 from replant.errors import ReplantError
 from replant.fitting.structure_search import search
-from replant.live.observer.make_view import EstimateHistory, make_view
-from replant.live.observer.view import SessionInfo
+from replant.live.make_view import EstimateHistory, make_view
+from replant.live.view import SessionInfo
 from support.builders import random_plant
 from support.cases import every
 

@@ -11,8 +11,7 @@ from replant.cli import main
 from replant.cli.demo import deliver, reproduce_command
 from replant.paper import rendering
 from replant.paper.actuator import NOTES
-from replant.paper.catalogue import Outcome, run, save
-from replant.paper.figures import FIGURES
+from replant.paper.figures import FIGURES, Outcome, run, save
 from replant.paper.rendering import CAPTIONS, as_element, typeset, write_report
 from replant.paper.reproduction import summary
 from replant.plotting.numbers import number, uncertain

@@ -16,7 +16,7 @@ import pytest
 import replant as rp
 from replant.estimation.settings import Request
 from replant.online.runs.run_log import compare
-from replant.paper.catalogue import run, save
+from replant.paper.figures import run, save
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
 from replant.report.compared_page import write_comparison

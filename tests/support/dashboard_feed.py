@@ -9,8 +9,8 @@ import numpy as np
 
 import replant as rp
 from replant.fitting.model_json import as_object
-from replant.live.dashboard import Hub
-from replant.live.observer.make_view import bode_of, step_of
+from replant.live.dashboard.app import Hub
+from replant.live.make_view import bode_of, step_of
 from replant.verdict import fit_percent, simulate
 
 DT = 0.01

@@ -12,11 +12,11 @@ import numpy as np
 
 import replant as rp
 from replant.estimation.settings import Request
-from replant.live.observer.view import SessionInfo
 from replant.live.outputs.message import DiskWriter, EstimateMessage, Notices
-from replant.live.session.progress import CheckpointWriter
-from replant.live.session.session import Session
+from replant.live.progress import CheckpointWriter
+from replant.live.session import Session
 from replant.live.streams import Batch, Source
+from replant.live.view import SessionInfo
 from support.waiting import PATIENCE
 
 PLANT, DT = rp.TransferFunction([2.0], [1.0, 0.5]), 0.05

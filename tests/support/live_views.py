@@ -7,9 +7,9 @@ import functools
 import numpy as np
 
 import replant as rp
-from replant.live.observer.make_view import EstimateHistory, make_view
-from replant.live.observer.view import SessionInfo, View
+from replant.live.make_view import EstimateHistory, make_view
 from replant.live.outputs.message import EstimateMessage
+from replant.live.view import SessionInfo, View
 from support.live_fakes import DT, PLANT, REQUEST, record
 
 FIRST_ORDER = rp.Structure(1)

@@ -75,3 +75,16 @@ def test_where_nothing_can_be_told_nothing_is_found() -> None:
 def test_colour_that_the_noise_model_takes_is_none() -> None:
     noise = coloured(1, 5000, 0.9)
     assert colour_left(noise) < 1.0 < colour_left(noise[20:] + noise[:-20])
+
+
+def test_the_rounding_of_a_coarse_sensor_answers_nothing() -> None:
+    """It follows from the input's past, though by no linear rule; noise of a step makes it white."""
+    plant, rng, levels = rp.TransferFunction([60.0], [1.0, 16.0, 60.0]), np.random.default_rng(3), []
+    while len(levels) < 5000:
+        levels += [rng.choice([-1.0, -0.5, 0.5, 1.0])] * int(rng.integers(5, 200))
+    u, step = np.array(levels[:5000]), 0.03
+    y = plant.simulate(u, 0.01)
+    for noise in (0.003, 0.03):
+        measured = np.round((y + noise * rng.standard_normal(u.size)) / step) * step
+        found = rp.fit(u, measured, 0.01, poles=2)
+        assert found.verdict.status == "trusted", found.verdict.reasons

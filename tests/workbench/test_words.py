@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from replant.workbench.actions import _safe
+from replant.workbench.app import _safe
 from replant.workbench.cards import Place, in_order, place_of, title_of
 from replant.workbench.samples import Doubt, doubts
 from replant.workbench.setup import Setup, Stretch, Wish, command_line, numbers, plain, words_of

@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import click
 
 from replant import __version__
-from replant.cli.terminal import did_you_mean, epilog_of, replace_unencodable
+from replant.cli.terminal import TYPED, did_you_mean, epilog_of, replace_unencodable
 from replant.errors import ReplantError, brief
 from replant.numerics.operating_system import refusal
 
@@ -49,7 +49,7 @@ class _LazyGroup(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        name = args[0]
+        name, ctx.meta[TYPED] = args[0], args[1:]
         if name not in COMMANDS and not name.startswith("-"):
             question = did_you_mean(name, list(COMMANDS))
             ctx.fail(f"No such command {name!r}" + (f"; {question}" if question else "."))
@@ -77,10 +77,7 @@ def cli(ctx: click.Context) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> Any:
-    """Run the command line.
-
-    A user's mistake, or a refusal of the system, prints one line to standard error and exits with code 2.
-    """
+    """Run the command line; a user's mistake, or a refusal of the system, is one line and exit code 2."""
     replace_unencodable()
     try:
         return cli.main(args=None if arguments is None else list(arguments), prog_name="replant", standalone_mode=False)

@@ -21,7 +21,6 @@ from replant.fitting.model import Model
 from replant.fitting.model_file import holds_model
 from replant.fitting.row_model import RowModel
 from replant.logs import Log
-from replant.online.runs.result import Result
 from replant.online.runs.run_log import METHODS, USUAL, Contender, compare
 from replant.report.compared_page import HEADINGS, ModelComparison, save_figures, write_comparison, write_models
 from replant.report.compared_page import compare as compare_saved
@@ -30,11 +29,6 @@ from replant.report.terminal import print_comparison, table
 from replant.report.terminal import validation_as_json as validation_as_json
 
 SHOWN = 7  # columns of the table that fit into a terminal [count]
-
-
-def are_models(paths: Sequence[Path]) -> bool:
-    """Return whether the first file of several is a saved model: models are then compared, not methods."""
-    return holds_model(paths[0])
 
 
 def compare_models(paths: Sequence[Path], options: dict[str, Any]) -> None:
@@ -96,7 +90,7 @@ def _print(comparison: ModelComparison) -> None:
 
 def _of_models(given: dict[str, Any]) -> bool:
     """Compare saved models, where the first file is one; return whether that was asked for."""
-    if not are_models(given["logs"]):
+    if not holds_model(given["logs"][0]):
         return False
     compare_models(given["logs"], given)
     return True
@@ -144,13 +138,13 @@ def _deliver(contenders: Sequence[Contender], log: Log, request: Request, *, as_
             paths += save_figures(out, contenders, log, request.preprocess)
             paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
     if as_json:
-        named = [dataclasses.replace(entry, result=_named(entry.result, log)) for entry in contenders]
+        named = [
+            entry if (found := entry.result) is None
+            else dataclasses.replace(entry, result=dataclasses.replace(found, model=kept(found.model, log)))
+            for entry in contenders
+        ]  # fmt: skip
         click.echo(json.dumps(comparison_as_json(named), allow_nan=False))
         return
     print_comparison(Console(), contenders, request.structure, len(log))
     for path in paths:
         click.echo(f"wrote {path}")
-
-
-def _named(result: Result | None, log: Log) -> Result | None:
-    return result and dataclasses.replace(result, model=kept(result.model, log))

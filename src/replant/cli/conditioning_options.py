@@ -37,12 +37,8 @@ def _edge(text: str) -> float | None:
     return edge
 
 
-def _band_written(band: Edges) -> str:
-    return ":".join("" if edge is None else f"{edge:.12g}" for edge in band)
-
-
 #: A band of frequencies in Hz, such as 0.1:10; an edge that is left out is open.
-BAND = Parsed("band", _band, "is no band of frequencies; write 0.1:10, 0.1: or :10, in Hz", _band_written)
+BAND = Parsed("band", _band, "is no band of frequencies; write 0.1:10, 0.1: or :10, in Hz")
 
 
 def words_of(low: float | None, high: float | None) -> str:
@@ -71,15 +67,8 @@ def _stretch(text: str) -> tuple[float, float]:
     return times
 
 
-def _stretch_written(stretch: tuple[float, float]) -> str:
-    begin, end = stretch
-    return f"{begin:g}:" + (f"{end:g}" if math.isfinite(end) else "")
-
-
 #: A stretch of time in s from the first sample, such as 12s:32s; without an end it goes on to the last sample.
-STRETCH = Parsed(
-    "stretch", _stretch, "is no stretch of time; write 12s:32s, from and to after the first sample", _stretch_written
-)
+STRETCH = Parsed("stretch", _stretch, "is no stretch of time; write 12s:32s, from and to after the first sample")
 
 
 def _option(name: str, text: str) -> Callable[[Any], Any]:
@@ -197,7 +186,9 @@ def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
 
 
 def _written(given: Any) -> str:
-    return "" if given is True else f" {BAND.written(given)}" if isinstance(given, tuple) else f" {given:g}"
+    if isinstance(given, tuple):
+        return " " + ":".join("" if edge is None else f"{edge:.12g}" for edge in given)
+    return "" if given is True else f" {given:g}"
 
 
 def _done(name: str, log: Log, options: dict[str, Any]) -> str:

@@ -25,7 +25,7 @@ from replant.online.runs.result import Result
 from replant.online.runs.run import run_online
 from replant.paper import rendering
 from replant.paper.actuator import NOTES, Actuator
-from replant.paper.catalogue import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, is_figure, run, save, steps
+from replant.paper.figures import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, is_figure, run, save, steps
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
 from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, notes, summary

@@ -90,7 +90,9 @@ def fleet_command(
             write_reports(found, reports, on)
         bar.update(task, description="page", total=None)
         page = write_page(found, before)
-    _check_some(found)
+    if set(found.verdicts) == {FAILED}:
+        first = found.table().column("reasons")[0].as_py()
+        raise LogError(f"none of {len(found)} rigs could be identified; the first: {_plain(first)}")
     _show(found, page, as_json=as_json)
 
 
@@ -99,13 +101,6 @@ def _odd(found: Fleet) -> list[tuple[str, str]]:
     table = found.table()
     odd, rigs = oddness_of(table, found.structure), table.column("rig").to_pylist()
     return [(rigs[row], odd.words[row]) for row in odd.order.tolist() if odd.odd[row]]
-
-
-def _check_some(found: Fleet) -> None:
-    """Check that a rig has a model."""
-    if set(found.verdicts) == {FAILED}:
-        first = found.table().column("reasons")[0].as_py()
-        raise LogError(f"none of {len(found)} rigs could be identified; the first: {_plain(first)}")
 
 
 def _plain(text: str) -> str:

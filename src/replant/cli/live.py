@@ -15,9 +15,11 @@ from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
 from replant.cli.terminal import Choice, Parsed
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
-from replant.live.observer.view import SignalNames
-from replant.live.run_session import Plan, run
-from replant.live.session.progress import Limits
+from replant.live.dashboard.server import libraries_needed
+from replant.live.observing import DashboardAddress
+from replant.live.progress import Limits
+from replant.live.session import run
+from replant.live.view import UNNAMED, SignalNames
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.operating_system import one_line
@@ -113,57 +115,42 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
     """
     if loop:
         source = looped(source)
-    rig = demo_rig(source)
-    if rig is not None:
+    demo = demo_of(source)
+    if demo is not None:
+        rig, _ = demo
         poles, zeros = rig.plant.den.size - 1, rig.plant.num.size - 1
         defaults = {"poles": poles, "zeros": zeros, "dt": rig.dt, "dashboard": DASHBOARD}
         options |= {name: value for name, value in defaults.items() if options[name] is None}
         options["input_map"] = rig.input_map
-    plan = Plan(
+    page, token = options["dashboard"], _token(options)
+    trusted = run(
         source,
         _request(options),
         Limits(options["seconds"], options["samples"], options["until"] == "trusted"),
-        options["sinks"],
-        options["record"],
-        options["checkpoint"],
-        options["every"],
-        None if options["dashboard"] in (None, "off") else address_of("--dashboard", options["dashboard"]),
-        _token(options),
-        None if rig is None else rig.plant,
-        demo_signals(source),
-        options["ttl"],
-        options["background"],
+        dashboard=None if page in (None, "off") else DashboardAddress(*address_of("--dashboard", page), token),
+        truth=None if demo is None else demo[0].plant,
+        signals=UNNAMED if demo is None else demo[1],
+        **{name: options[name] for name in ("sinks", "record", "checkpoint", "every", "ttl", "background")},
     )
-    if not run(plan):
+    if not trusted:
         sys.exit(1)
 
 
 def looped(source: str) -> str:
     """Return the demo's address with the motor under a controller."""
-    if not is_demo(source):
+    if demo_of(source) is None:
         raise InvalidArgumentError(f"--loop goes with the source demo, not with {source}; give r as a column instead")
     return source if LOOP in source else f"{source}{'&' if '?' in source else '?'}{LOOP}"
 
 
-def demo_rig(source: str) -> Rig | None:
-    """Return the simulated rig whose address the source is; None if it is none."""
-    if not is_demo(source):
+def demo_of(source: str) -> tuple[Rig, SignalNames] | None:
+    """Return the simulated rig whose address the source is, and the names of its signals; None if it is none."""
+    name, _, options = source.partition("?")
+    if name != DEMO:
         return None
-    return motor_rig() if LOOP in source.partition("?")[2].split("&") else deap_rig()
-
-
-def demo_signals(source: str) -> SignalNames:
-    """Return the names of the signals of the simulated rig whose address the source is; of another source no names."""
-    rig = demo_rig(source)
-    if rig is None:
-        return SignalNames()
-    looped = rig.plant is motor_rig().plant
-    return SignalNames("voltage [V]", "speed [rad/s]") if looped else SignalNames("voltage [kV]", "displacement [mm]")
-
-
-def is_demo(source: str) -> bool:
-    """Return whether a source is the simulated rig."""
-    return source == DEMO or source.startswith(DEMO + "?")
+    if LOOP in options.split("&"):
+        return motor_rig(), SignalNames("voltage [V]", "speed [rad/s]")
+    return deap_rig(), SignalNames("voltage [kV]", "displacement [mm]")
 
 
 def _token(options: dict[str, Any]) -> str | None:
@@ -226,6 +213,6 @@ def open_command(logs: tuple[Path, ...], place: str) -> None:
     LOG is a recorded log (csv, mat, parquet and more), the folder of a live session's --record, or a session that the
     page has saved (.workbench).  Without one, the session that was open last is opened again.  Ctrl-C ends it.
     """
-    from replant.workbench.app import start  # with the server's libraries
-
+    with libraries_needed():
+        from replant.workbench.app import start
     start(logs, *address_of("--at", place))

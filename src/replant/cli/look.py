@@ -9,13 +9,12 @@ from typing import Any
 
 import click
 
-from replant.cli.option_types import JSON, flag, input_option, inputs_option, output_option, outputs_option, path_option
+from replant.cli.option_types import JSON, column_option, flag, path_option
 from replant.cli.output import REQUIRE, check_required, make_folder, model_clock, validated, write_errors_reported
 from replant.examples import NAMES, path_of
 from replant.fitting.inspect import inspect
 from replant.fitting.matrix import MatrixModel, load_model
 from replant.fitting.model import Model
-from replant.fitting.row_model import RowModel
 from replant.fitting.validation import Validation
 from replant.report.terminal import print_kept_model, print_row, print_validation
 from replant.report.terminal import validation_as_json as validation_as_json
@@ -25,8 +24,8 @@ from replant.report.terminal_look import print_look
 
 @click.command(name="look")
 @click.argument("log", type=click.Path(path_type=Path))
-@input_option("Column of the input, if known: name, or number from 0.")
-@output_option("Column of the output, if known.")
+@column_option("input", "Column of the input, if known: name, or number from 0.")
+@column_option("output", "Column of the output, if known.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time, if known.")
 @JSON
 @path_option("--out", "DIR", "Write a plot of the columns (PNG) here.")
@@ -90,15 +89,15 @@ def show_command(model: Path, as_json: bool) -> None:
     if isinstance(loaded, Model):
         print_kept_model(Console(), loaded)
         return
-    for row in _rows(loaded):
+    for row in loaded.rows if isinstance(loaded, MatrixModel) else (loaded,):
         print_row(Console(), row)
 
 
 @click.command(name="validate")
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("logs", type=click.Path(path_type=Path), nargs=-1)
-@inputs_option("Column of the input, or of each of several.  [default: the model's]")
-@outputs_option("Column of the output, or of each of several.  [default: the model's]")
+@column_option("input", "Column of the input, or of each of several.  [default: the model's]", several=True)
+@column_option("output", "Column of the output, or of each of several.  [default: the model's]", several=True)
 @click.option("--reference", "reference_column", metavar="COL", help="Column of the reference, if there is one.")
 @click.option("--time", "time_column", metavar="COL", help="Column of time.")
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
@@ -135,10 +134,6 @@ def validate_command(
         for file in written:
             click.echo(f"wrote {file}")
     check_required(required, [each.verdict for _, each in found])
-
-
-def _rows(model: RowModel | MatrixModel) -> tuple[RowModel, ...]:
-    return model.rows if isinstance(model, MatrixModel) else (model,)
 
 
 def _of_rows(model: MatrixModel, path: Path, columns: dict[str, Any]) -> list[tuple[str, Validation]]:

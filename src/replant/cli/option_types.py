@@ -13,7 +13,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from replant.cli.terminal import Choice, did_you_mean
+from replant.cli.terminal import TYPED, Choice, did_you_mean
 from replant.errors import InvalidArgumentError, LogError
 from replant.estimation.optimizers import OPTIMIZERS, Optimizer
 from replant.estimation.settings import AUTO
@@ -92,14 +92,6 @@ class Range(click.ParamType[tuple[Any, ...]]):
         except ValueError:
             self.fail(f"{value!r} must be a {self.name} for each input, with commas between", param, ctx)
 
-    def written(self, values: tuple[Any, ...]) -> str:
-        """Return numbers as `convert` reads them."""
-        if isinstance(values, Each):
-            return ",".join(self.written(each) if isinstance(each, tuple) else str(each) for each in values)
-        if len(values) == 1:
-            return str(values[0])
-        return f"{values[0]}:{values[-1]}:{(values[-1] - values[0]) / (len(values) - 1):.12g}"
-
 
 class Whole(Range):
     """Whole numbers."""
@@ -136,14 +128,6 @@ class OptimizerChoice(click.ParamType["str | Optimizer"]):
         except InvalidArgumentError as error:
             self.fail(f"{value!r}: {error}", param, ctx)
 
-    def written(self, value: str | Optimizer) -> str:
-        """Return the optimizer as `convert` reads it."""
-        if isinstance(value, str):
-            return value
-        name = next(name for name, kind in OPTIMIZERS.items() if kind is type(value))
-        given = {field.name: getattr(value, field.name) for field in dataclasses.fields(value)}  # type: ignore[arg-type]
-        return f"{name}:" + ",".join(f"{key}={number}" for key, number in given.items() if number is not None)
-
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str:
         """Return what the help shows in place of the value."""
         return "NAME[:SETTING=X,...]"
@@ -178,78 +162,45 @@ OF_OUTPUT = ("as_json", "out", "full_trace", "saved", "other_logs", "required", 
 
 
 def command_line(*, with_output: bool = False, without: Collection[str] = ()) -> str:
-    """Return the command that is running, as typed, without the options of its output unless they are asked for.
-
-    ``without`` are the long names of options that are left out.
-    """
+    """Return the command as typed, without some options by their long names, and mostly without those of its output."""
     context = click.get_current_context()
+    typed, _, _ = context.command.make_parser(context).parse_args(list(context.meta.get(TYPED, ())))
     words = ["replant", context.info_name or ""]
     for parameter in context.command.params:
-        name = parameter.name or ""
-        value: Any = context.params.get(name)
-        source = context.get_parameter_source(name)
-        if (name in OF_OUTPUT and not with_output) or source is not ParameterSource.COMMANDLINE:
+        name, given = parameter.name or "", typed.get(parameter.name or "")
+        if not isinstance(given, str | bool | list | tuple) or (name in OF_OUTPUT and not with_output):
             continue
         if any(option.lstrip("-") in without for option in parameter.opts):
             continue
-        if isinstance(parameter, click.Argument):
-            words += map(str, value if isinstance(value, tuple) else (value,))
-        elif value is True:
-            words.append(parameter.opts[-1])
-        else:
-            write = getattr(parameter.type, "written", str)
-            for entry in value if parameter.multiple and isinstance(value, tuple) else (value,):
-                words += [parameter.opts[-1], write(entry)]
+        for each in given if isinstance(given, list | tuple) else (given,):
+            words += [] if isinstance(parameter, click.Argument) else [parameter.opts[-1]]
+            words += [] if each is True else [each]
     return shlex.join(words)
-
-
-MANY_INPUTS = "only replant fit, run and validate take several inputs: name one of them here"
-MANY_OUTPUTS = "only replant fit, run and validate take several outputs: name one of them here"
 
 
 JSON = flag("--json", "Print one JSON object.", "as_json")
 
 
-def column_option(*names: str, many: str, **options: Any) -> Option:
-    """Return an option that names one column, and says ``many`` where it is given more than once."""
-    return click.option(*names, multiple=True, metavar="COL", callback=partial(_only, many), **options)
+def column_option(role: str, text: str, *, several: bool = False) -> Option:
+    """Return the option of "input" or "output", with its line of help: a name, or a tuple of several."""
+    names = f"-{role[0]}", f"--{role}", f"{role}_column"
+    return click.option(*names, multiple=True, metavar="COL", callback=partial(_named, several, role), help=text)
 
 
-def inputs_option(text: str) -> Option:
-    """Return the option of one input or several, with its line of help: a name, or a tuple of several."""
-    return click.option("-i", "--input", "input_column", multiple=True, metavar="COL", callback=_one_or_all, help=text)
-
-
-def outputs_option(text: str) -> Option:
-    """Return the same of one output or several."""
-    return click.option(
-        "-o", "--output", "output_column", multiple=True, metavar="COL", callback=_one_or_all, help=text
-    )
-
-
-def _one_or_all(
-    context: click.Context, option: click.Parameter, given: tuple[str, ...]
+def _named(
+    several: bool, role: str, context: click.Context, option: click.Parameter, given: tuple[str, ...]
 ) -> str | tuple[str, ...] | None:
+    if len(set(given)) < 2:
+        return given[0] if given else None
+    if not several:
+        typed = " ".join(f"{option.opts[0]} {each}" for each in given)
+        raise click.UsageError(
+            f"{typed}: only replant fit, run and validate take several {role}s: name one of them here", context
+        )
     twice = next((each for each in given if given.count(each) > 1), None)
-    if twice is not None and len(set(given)) > 1:
+    if twice is not None:
         raise click.UsageError(f"{option.opts[0]} {twice} is given twice: name each column once", context)
-    return (given[0] if len(set(given)) == 1 else given) if given else None
-
-
-def input_option(text: str) -> Option:
-    """Return the option of the input, with its line of help."""
-    return column_option("-i", "--input", "input_column", many=MANY_INPUTS, help=text)
-
-
-def output_option(text: str) -> Option:
-    """Return the option of the output, with its line of help."""
-    return column_option("-o", "--output", "output_column", many=MANY_OUTPUTS, help=text)
-
-
-def _only(many: str, context: click.Context, option: click.Parameter, given: tuple[str, ...]) -> str | None:
-    if len(set(given)) > 1:
-        raise click.UsageError(f"{' '.join(f'{option.opts[0]} {each}' for each in given)}: {many}", context)
-    return given[0] if given else None
+    return given
 
 
 NEEDED = {"input_column": "--input", "output_column": "--output", "poles": "--poles"}
@@ -259,10 +210,7 @@ ONLY_FIT = {"--delay"}  # as a range
 
 
 def check_complete(given: dict[str, Any]) -> None:
-    """Check that input, output and number of poles are given.
-
-    Without input or output, what is in the log is printed to standard error first.
-    """
+    """Check that input, output and poles are given; print what is in the log where columns are not."""
     missing = [option for name, option in NEEDED.items() if given[name] is None]
     if not missing:
         return

@@ -18,16 +18,13 @@ from replant.cli.option_types import (
     OptimizerChoice,
     Option,
     check_complete,
+    column_option,
     flag,
     group,
-    input_option,
-    inputs_option,
-    output_option,
-    outputs_option,
     path_option,
     structure_options,
 )
-from replant.cli.terminal import Choice, is_quiet, note, silence
+from replant.cli.terminal import ASKED, QUIET, Choice, is_quiet, note
 from replant.errors import InvalidArgumentError
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import AUTO, Request, filter_for
@@ -38,26 +35,11 @@ from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.plotting.numbers import with_prefix
 
-ASKED = "replant.progress"
 STEP = 10  # part of the work after which a line is printed [%]
 
 
-def ask() -> None:
-    """Have the command that is running show its progress where standard error is no terminal, too."""
-    click.get_current_context().meta[ASKED] = True
-
-
-def is_asked_for() -> bool:
-    """Return whether the command that is running was called with --progress."""
-    context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(ASKED))
-
-
 def progress_bar(*, rate: bool = False) -> Any:
-    """Return a progress bar on standard error, which only a terminal shows; with --progress lines elsewhere.
-
-    With ``rate`` it also shows samples a second and the remaining time.
-    """
+    """Return a progress bar on standard error, with ``rate`` also samples a second and the time left."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -70,7 +52,7 @@ def progress_bar(*, rate: bool = False) -> Any:
 
     columns: list[Any] = [TextColumn("{task.description:11}"), BarColumn(), TaskProgressColumn()]
     columns += [_rate_column(), TimeRemainingColumn(), TextColumn("left")] if rate else [TimeElapsedColumn()]
-    if is_asked_for() and not sys.stderr.isatty():
+    if is_quiet(ASKED) and not sys.stderr.isatty():
         return _lines()
     return Progress(
         *columns, console=Console(stderr=True), transient=True, disable=is_quiet() or not sys.stderr.isatty()
@@ -111,7 +93,6 @@ def _lines() -> Any:
 
 STRUCTURE = "poles", "zeros", "delay"
 MOST_OFF = 0.1  # difference of the usual interval from --dt that jitter makes [part of the sampling time]
-
 BIAS = flag("--bias", "Also identify a constant added to the output of G(s).")
 FEEDTHROUGH = flag("--feedthrough", "Allow as many zeros as poles: the output jumps with the input.")
 INPUT_MAP = click.option(
@@ -138,10 +119,12 @@ INPUT_HOLD = click.option(
 
 _STAMPS_COUNT = "each sample counts at its own time (--dt S instead would take the clock for regular)"
 _LOGS = click.argument("logs", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="LOG...")
-_INPUT = input_option("Column of the input: name, or number from 0.")
-_INPUTS = inputs_option("Column of the input: name, or number from 0; of several inputs once for each.")
-_OUTPUT = output_option("Column of the output.")
-_OUTPUTS = outputs_option("Column of the output; of several outputs once for each.")
+_INPUT = column_option("input", "Column of the input: name, or number from 0.")
+_INPUTS = column_option(
+    "input", "Column of the input: name, or number from 0; of several inputs once for each.", several=True
+)
+_OUTPUT = column_option("output", "Column of the output.")
+_OUTPUTS = column_option("output", "Column of the output; of several outputs once for each.", several=True)
 _REFERENCE = click.option(
     "--reference",
     "reference_column",
@@ -224,10 +207,7 @@ def _checked(
     def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:
         if quiet and progress:
             raise click.UsageError("--quiet and --progress: give one of them")
-        if quiet:
-            silence()
-        if progress:
-            ask()
+        click.get_current_context().meta.update({QUIET: quiet, ASKED: progress})
         if isinstance(given.get("logs"), tuple):
             if otherwise(given):
                 return None

@@ -37,7 +37,6 @@ from replant.report.terminal import validation_as_json as validation_as_json
 from replant.verdict.verdict import Verdict
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]
-
 REQUIRE = click.option(
     "--require", "required", type=Choice(["trusted"]), help="Exit with code 3 where a verdict is another one."
 )

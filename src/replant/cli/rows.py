@@ -71,7 +71,9 @@ def fitted(logs: list[Log], asked: dict[str, Any]) -> Solved:
         row: RowFit = fit(given, **asked)
         return Solved(row, row_as_python(row.model, logs))
     count = len(logs[0].input_names)
-    ranges: dict[str, Any] = {name: _ranges(each) for name, each in asked.items()}
+    ranges: dict[str, Any] = {
+        name: tuple(each if isinstance(each, tuple) else (each,) for each in given) for name, given in asked.items()
+    }
     if asked["zeros"] == (0,) * count and _is_range(asked["poles"]):
         ranges["zeros"] = None
     poles, zeros, delays = ranges.values()
@@ -90,10 +92,6 @@ def fitted(logs: list[Log], asked: dict[str, Any]) -> Solved:
 
 def _is_range(given: Any) -> bool:
     return any(isinstance(each, tuple) for each in given)
-
-
-def _ranges(given: Any) -> tuple[tuple[Any, ...], ...]:
-    return tuple(each if isinstance(each, tuple) else (each,) for each in given)
 
 
 def _unless_one(ranges: Any) -> Any:
@@ -132,7 +130,8 @@ def passed_over(startup: int | None) -> Solver:
 def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | None, options: dict[str, Any]) -> None:
     """Identify a row for each output, print them, save and validate their model, and write a report."""
     begun = time.perf_counter()
-    inputs, outputs = (_all(options[name]) for name in ("input_column", "output_column"))
+    named = (options[name] for name in ("input_column", "output_column"))
+    inputs, outputs = (each if isinstance(each, tuple) else (each,) for each in named)
     several = "outputs" if len(outputs) > 1 else "inputs"
     for name, usual in NOT_YET.items():
         if options.get(name, usual) != usual:
@@ -218,10 +217,6 @@ def _reported(
         more: dict[str, Any] = {"validations": validations, "candidates": tried}
         report = write_rows(out / "report.html", shown, command=command_line(), python=python, **more)
     return [*paths, report]
-
-
-def _all(named: str | tuple[str, ...]) -> tuple[str, ...]:
-    return named if isinstance(named, tuple) else (named,)
 
 
 def _of_one_output(records: list[list[Log]]) -> list[list[Log]]:

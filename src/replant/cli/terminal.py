@@ -13,7 +13,6 @@ from typing import Any
 import click
 
 PLAIN = "replant.plain"  # the error handler's name
-
 _SIGNS = str.maketrans({"±": "+-", "−": "-", "–": "-", "×": "x", "µ": "u", "μ": "u", "°": "deg", "∞": "inf"})
 _SUPERSCRIPTS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
 _LOWERED = str.maketrans(_SUPERSCRIPTS, "-0123456789")
@@ -69,8 +68,8 @@ class Choice(click.Choice[str]):
 class Parsed(click.ParamType[Any]):
     """The type of options that a function reads, which raises ValueError for a text that it cannot read."""
 
-    def __init__(self, name: str, read: Callable[[str], Any], wrong: str, written: Callable[[Any], str] = str) -> None:
-        self.name, self._read, self._wrong, self.written = name, read, wrong, written
+    def __init__(self, name: str, read: Callable[[str], Any], wrong: str) -> None:
+        self.name, self._read, self._wrong = name, read, wrong
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """Return what the option says."""
@@ -82,19 +81,15 @@ class Parsed(click.ParamType[Any]):
             self.fail(f"{value!r} {self._wrong}", param, ctx)
 
 
-QUIET = "replant.quiet"
+QUIET, ASKED = "replant.quiet", "replant.progress"
 SAID = "replant.said"  # notes that were printed
+TYPED = "replant.typed"  # the words behind the name of the command that is running
 
 
-def silence() -> None:
-    """Have the command that is running say nothing beside its result and its errors."""
-    click.get_current_context().meta[QUIET] = True
-
-
-def is_quiet() -> bool:
-    """Return whether the command that is running was called with --quiet."""
+def is_quiet(flag: str = QUIET) -> bool:
+    """Return whether the command that is running was called with --quiet, or with --progress, `ASKED`."""
     context = click.get_current_context(silent=True)
-    return context is not None and bool(context.meta.get(QUIET))
+    return context is not None and bool(context.meta.get(flag))
 
 
 def note(text: str) -> None:

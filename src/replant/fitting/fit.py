@@ -22,7 +22,7 @@ from replant.fitting.samples import RawRecord, Samples
 from replant.kernels.schema import Doubt
 from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
-from replant.model.preprocess import Preprocess, screen
+from replant.model.preprocess import Preprocess, accepted, screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
@@ -180,8 +180,8 @@ def fit_samples(
     r = _reference(given.reference, u.size, method)
     if r is not None:
         y = np.where(np.isfinite(r), y, np.nan)
-    accepted, rejected = screen(preprocess.map_input(u), y)
-    check_length(int(accepted.sum()), structure)
+    usable, rejected = screen(preprocess.map_input(u), y)
+    check_length(int(usable.sum()), structure)
     check_delay(structure.delay, dt, u.size, stamps)
     preprocess = preprocess.resolve(u, y)
     use = None
@@ -246,7 +246,7 @@ def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
         return None
     if method == "least_squares":
         raise InvalidArgumentError("least_squares makes no use of a reference: leave it out, or use method='srivc'")
-    r = vector("reference", reference)
+    r, _ = accepted(vector("reference", reference))
     if r.size != samples:
         raise InvalidArgumentError(f"reference must have one value for each of {samples} samples, got {r.size}")
     return r

@@ -14,11 +14,10 @@ from replant.errors import ReplantError
 from replant.logs.columns import Clock, Column, Contents, find_clock, read_contents
 from replant.logs.conditioning import from_rest
 from replant.logs.formats import read_columns
-from replant.logs.influence import Response, prepared, response
 from replant.logs.log import Log
 from replant.logs.rasters import side_by_side
 from replant.logs.recording import Recording
-from replant.logs.roles import INPUT, OUTPUT, Roles, find_roles
+from replant.logs.roles import INPUT, OUTPUT, Response, Roles, find_roles, prepared, response
 from replant.logs.table import Table
 from replant.numerics.arguments import FloatArray
 from replant.verdict.assess import MOST_SAMPLES

@@ -18,6 +18,7 @@ from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
 from replant.logs.log import Log
 from replant.model.noise import NoiseModel
+from replant.model.preprocess import screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
@@ -135,10 +136,6 @@ def ready_row(
         output = np.where(np.isfinite(references).all(axis=1), output, np.nan)
     ready = RowRecord.of(columns, output, dt, stamps, given.input_hold, given.begins)
     record = ready.record
-    with np.errstate(over="ignore", invalid="ignore"):
-        powers = np.append(np.sum(ready.inputs**2, axis=0), np.sum(record.y[record.is_measured] ** 2))
-    if not np.isfinite(powers).all():
-        raise InvalidArgumentError("the squares of u or y leave float64: give them in larger units")
     size = sum(each.size + each.poles for each in structures) + 1
     if record.count <= size:
         raise InvalidArgumentError(
@@ -178,8 +175,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     fits = fit_percent(ready.explained(row, output), simulated), one_step_percent(row, found.point)
     made = Provenance("srivc", given.source, given.sha256, row.count)
     model = row_model(row, ready, found, dt, given.output_name, fits, verdict, made)
-    bad = int(np.sum(~(np.isfinite(columns).all(axis=1) & np.isfinite(output))))
-    rejected = {"not finite": bad, "outlier": outliers.size, "stuck": stuck.size}
+    rejected = screen(np.abs(columns).max(axis=1), output)[1] | {"outlier": outliers.size, "stuck": stuck.size}
     missing = np.flatnonzero((doubt == Doubt.MISSING) & ready.used)
     return RowFit(replace(model, rejected=tuple(rejected.items())), simulated, outliers, stuck, missing)
 

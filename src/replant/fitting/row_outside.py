@@ -11,6 +11,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.outside import Outside
 from replant.estimation.simulation.row import RowRecord
+from replant.model.preprocess import accepted
 from replant.numerics.arguments import BoolArray, FloatArray, array_of_reals
 from replant.verdict.loop_tests import COPIED, STILL, Reference, fault_of
 from replant.verdict.verdict import Finding
@@ -25,7 +26,7 @@ def references_of(given: Any, samples: int) -> FloatArray | None:
     """Return references as columns (K, p), checked; None where there are none."""
     if given is None:
         return None
-    columns = np.asarray(array_of_reals("reference", given), np.float64)
+    columns, _ = accepted(np.asarray(array_of_reals("reference", given), np.float64))
     columns = columns[:, None] if columns.ndim == 1 else columns
     if columns.ndim != 2 or not columns.shape[1] or len(columns) != samples:
         raise InvalidArgumentError(

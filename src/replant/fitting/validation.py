@@ -21,7 +21,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import fit_percent
 from replant.estimation.simulation.model_run import model_output
 from replant.fitting.fields import ModelFields
-from replant.model.preprocess import screen
+from replant.model.preprocess import accepted, screen
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.linear_algebra import quiet
@@ -146,7 +146,8 @@ def validate(
     v = model.linear_input(u)
     y = np.where(screen(v, y)[0], y, np.nan)
     if r is not None:
-        y = np.where(np.isfinite(r), y, np.nan)
+        r, known = accepted(r)
+        y = np.where(known, y, np.nan)
     kept, needed = np.isfinite(y), model.structure.size + 1
     if kept.sum() < needed:
         raise InvalidArgumentError(f"the record has {int(kept.sum())} usable samples, a validation needs {needed}")

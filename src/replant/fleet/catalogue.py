@@ -21,7 +21,6 @@ from urllib.parse import unquote
 from replant.errors import InvalidArgumentError, LogError
 from replant.fleet.job import Piece, Rig, is_results, printable
 from replant.logs.arrow import SUFFIXES, open_parquet
-from replant.logs.arrow import SUFFIXES as PARQUET
 from replant.logs.formats import FORMATS
 from replant.logs.formats import SUFFIXES as PACKED
 from replant.logs.table import listed
@@ -82,7 +81,8 @@ def _rigs_of(piece: Piece, column: str) -> list[tuple[str, Piece, str]]:
 def _groups(file: Any, column: str) -> dict[Key, tuple[list[int], int, bool]]:
     """Return, for each rig, its row groups, about how many rows it has, and whether they are its alone."""
     about, found = file.metadata, defaultdict(list)
-    leaf = _leaf(about, column)
+    # its number in the footer, where a column of structures counts once for each of its fields
+    leaf = [about.schema.column(number).path for number in range(about.num_columns)].index(column)
     for group in range(about.num_row_groups):
         rows, statistics = about.row_group(group).num_rows, about.row_group(group).column(leaf).statistics
         if rows == 0:
@@ -97,12 +97,6 @@ def _groups(file: Any, column: str) -> dict[Key, tuple[list[int], int, bool]]:
         key: ([group for group, _, _ in of], sum(rows for _, rows, _ in of), all(alone for _, _, alone in of))
         for key, of in found.items()
     }
-
-
-def _leaf(about: Any, column: str) -> int:
-    """Return the number of a column in the footer, where a column of structures counts once for each of its fields."""
-    paths = [about.schema.column(number).path for number in range(about.num_columns)]
-    return paths.index(column)
 
 
 def _counted(file: Any, group: int, name: str) -> list[tuple[Key, int]]:
@@ -167,7 +161,7 @@ def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = No
 
 def is_parquet(piece: Piece) -> bool:
     """Return whether a file is Parquet by its name."""
-    return Path(piece.path).suffix.lower() in PARQUET
+    return Path(piece.path).suffix.lower() in SUFFIXES
 
 
 def _pieces(logs: str | os.PathLike[str], leave_out: Path | None) -> list[Piece]:

@@ -36,10 +36,7 @@ R = TypeVar("R")
 
 
 def carried_out(workers: Workers, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[tuple[int, R]]:
-    """Yield the number of each task and what came of it, in the order in which they end.
-
-    A worker that dies takes the pool with it: the pool is made anew, and what it had not done is done again.
-    """
+    """Yield number and result of each task as they end; a pool whose worker died is made anew, and goes on."""
     waiting = list(enumerate(tasks))[::-1]
     running: dict[Future[R], tuple[int, T]] = {}
     lost = 0
@@ -173,10 +170,7 @@ def parsed(on: str) -> tuple[str, str]:
 
 
 def processes(count: int) -> ProcessPoolExecutor:
-    """Return a pool of fresh processes that use one thread each, and end with this one.
-
-    They are started anew rather than forked: threads of this process do not survive a fork.
-    """
+    """Return a pool of fresh processes of one thread each, which end with this one; a fork would lose threads."""
     with _one_thread_each():
         pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
         try:

@@ -19,7 +19,7 @@ from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
 from replant.fleet.oddness import Drift, Oddness, drift_between, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
-from replant.fleet.work import Watched, one_thread, opened, result_of
+from replant.fleet.work import one_thread, opened, result_of
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number
 from replant.report.page import asset, filled, heading, icon, page, script, section, words
@@ -158,15 +158,14 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
         for row in rows
     )
     listed = f'<ol class="oddities">{items}</ol>' if items else ""
-    usual = "".join(_usual(*each) for each in found.usual)
+    usual = "; ".join(
+        f"{words(quantity.name)} {number(middle)}{f' {quantity.unit}' if quantity.unit else ''}, "
+        f"spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
+        for quantity, middle, ratio in found.usual
+    )
     listed = f"<br>{listed}" if listed else ""
-    told = f'<p class="note">Usual in this fleet: {usual[2:]}.</p>' if usual else ""
+    told = f'<p class="note">Usual in this fleet: {usual}.</p>' if usual else ""
     return section("Odd rigs", f'<p class="note">{words(note)}</p>{told}', listed, anchor="odd")
-
-
-def _usual(quantity: Quantity, middle: float, ratio: float) -> str:
-    unit = f" {quantity.unit}" if quantity.unit else ""
-    return f"; {words(quantity.name)} {number(middle)}{unit}, spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
 
 
 def _linked(fleet: Fleet, rig: str, rank: int) -> str:
@@ -273,10 +272,7 @@ class ReportTask:
 
 
 def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = None) -> int:
-    """Write the reports of the first rigs of a fleet by rank, and return how many were written.
-
-    A rig that cannot be identified has no report.
-    """
+    """Write the reports of the first rigs by rank, but for those that cannot be identified; return how many."""
     if fleet.job is None:
         raise InvalidArgumentError("a fleet that was loaded has no options: call fit again, which does nothing twice")
     table = fleet.table()
@@ -294,15 +290,15 @@ def write_one(task: ReportTask) -> int:
     rig, job = task.rig, task.job
     with one_thread():
         try:
-            watched = Watched(opened(rig, job))
-            result = result_of(watched, job, with_history=True)
+            recording = opened(rig, job)
+            result = result_of(recording, job, with_history=True)
         except MemoryError:
             raise
         except ReplantError:
             return 0
-        shown, log = result.overview, watched.recording.held
+        shown, log = result.overview, recording.held
         if shown is not None:
-            log = watched.recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
+            log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
         assert log is not None
         more: dict[str, Any] = {"title": rig.name, "python": _program(task)}
         if job.method == "fit":

@@ -37,7 +37,6 @@ from replant.fleet.job import (
 )
 from replant.logs.arrow import CHECKED
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import refusal
 
 CHUNK_ROWS = 1 << 14  # rows of a row group of the table [rows]
@@ -284,17 +283,11 @@ def _cells(row: Row, structure: Structure) -> dict[str, Any]:
         "rejected_why": ", ".join(f"{count} {why}" for why, count in row.rejected if count), "seconds": row.seconds,
     }  # fmt: skip
     if row.model is not None:
-        cells |= {"model": _one_line(row.model), "covariance": _flat(row.model.covariance)}
+        covariance = row.model.covariance
+        cells["model"] = json.dumps(json.loads(row.model.to_json()), ensure_ascii=False)  # in one line
+        cells["covariance"] = None if covariance is None else covariance.ravel().tolist()
         numbers |= _figures(row.model, structure)
     return cells | {name: value for name, value in numbers.items() if math.isfinite(value)}
-
-
-def _one_line(model: Model) -> str:
-    return json.dumps(json.loads(model.to_json()), ensure_ascii=False)
-
-
-def _flat(covariance: FloatArray | None) -> list[float] | None:
-    return None if covariance is None else covariance.ravel().tolist()
 
 
 def _figures(model: Model, structure: Structure) -> dict[str, float]:

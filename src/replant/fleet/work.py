@@ -22,16 +22,14 @@ from replant.fitting.fit import fit
 from replant.fitting.model import Model
 from replant.fleet.catalogue import is_parquet
 from replant.fleet.job import Job, Piece, Rig, Task, printable
-from replant.fleet.store import FAILED, UNKNOWN, Movement, Row, cells_of
+from replant.fleet.store import FAILED, Movement, Row, cells_of
 from replant.logs import Recording, Table, open_recording, read_columns
 from replant.logs.arrow import first_stamp, read_row_groups
 from replant.logs.read import time_columns
 from replant.logs.recording import MOST_HELD, joined
-from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import refusal
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
-from replant.online.runs.thinning import Batch
 
 
 def identify(rig: Rig, job: Job) -> Row:
@@ -53,8 +51,7 @@ def _identified(rig: Rig, job: Job) -> Row:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # what a reader warns of stands in the notes
         recording = opened(rig, job)
-        watched = Watched(recording)
-        result = result_of(watched, job)
+        result = result_of(recording, job)
     verdict, begin = result.verdict, begin_of(rig, recording, job)
     stretch = (recording.samples - 1) * recording.dt
     if result.clock is not None and result.clock.irregular:
@@ -72,22 +69,20 @@ def _identified(rig: Rig, job: Job) -> Row:
         tuple(result.rejected.items()),
         begin,
         begin + stretch,
-        watched.movement,
+        movement_of(recording),
         tuple(" ".join(note.replace(f"{Path(of[0].path).parent}/", "").split()) for note in notes),
     )
 
 
-def result_of(watched: Watched, job: Job, *, with_history: bool = False) -> Result:
+def result_of(recording: Recording, job: Job, *, with_history: bool = False) -> Result:
     """Return the result of a record by the job's method, as ``replant run`` or ``replant fit`` gives it."""
-    recording, log = watched.recording, watched.recording.held
+    log = recording.held
     if job.method == "run":
         newest = None if log is not None else FITTED
         request = job.request(recording.dt)
         irregular = recording.irregular
-        return run_source(request, watched, newest=newest, irregular=irregular, with_history=with_history)
+        return run_source(request, recording, newest=newest, irregular=irregular, with_history=with_history)
     assert log is not None
-    for _ in watched.batches():  # it notes how the signals move
-        pass
     begun = time.perf_counter()
     more: dict[str, Any] = {} if log.reference is None else {"reference": log.reference}
     fitted = fit(
@@ -125,10 +120,7 @@ def carry_out(task: Task) -> Done:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Let the linear algebra of this process use one thread, so that no sum depends on their number.
-
-    Without threadpoolctl the environment decides; workers of ours are started with one thread.
-    """
+    """Have linear algebra use one thread, so that no sum depends on it; the environment does without threadpoolctl."""
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(ImportError):
             from threadpoolctl import threadpool_limits
@@ -137,81 +129,29 @@ def one_thread() -> Iterator[None]:
         yield
 
 
-class Watched:
-    """A recording as a source for `run_source`, which notes its `Movement` in the first whole pass."""
-
-    def __init__(self, recording: Recording) -> None:
-        self.recording = recording
-        self.movement = UNKNOWN
-        self._done = False
-
-    @property
-    def samples(self) -> int:
-        """Number of samples."""
-        return self.recording.samples
-
-    @property
-    def complete(self) -> bool:
-        """Whether every sample is finite."""
-        return self.recording.complete
-
-    def batches(self) -> Iterator[Batch]:
-        """Yield the batches of the recording."""
-        if self._done:
-            yield from self.recording.batches()
-            return
-        moments, held = (_Moments(), _Moments()), _Held()
-        for batch in self.recording.batches():
-            for signal, of in zip(batch, moments, strict=False):
-                of.take(signal)
-            held.take(batch[1])
-            yield batch
-        self._done = True
-        self.movement = Movement(moments[0].std, moments[1].std, held.part)
-
-
-class _Moments:
-    """Mean and standard deviation of a signal that comes batch by batch, combined as Chan, Golub and LeVeque do."""
-
-    def __init__(self) -> None:
-        self._count, self._mean, self._sum = 0, 0.0, 0.0
-
-    def take(self, signal: FloatArray) -> None:
-        known = signal[np.isfinite(signal)]
-        if not known.size:
-            return
-        mean = float(known.mean())
-        off, count = mean - self._mean, self._count + known.size
-        self._sum += float(np.square(known - mean).sum()) + off * off * self._count * known.size / count
-        self._mean += off * known.size / count
-        self._count = count
-
-    @property
-    def std(self) -> float:
-        return math.sqrt(self._sum / self._count) if self._count else math.nan
-
-
-class _Held:
-    """The longest stretch of equal values."""
-
-    def __init__(self) -> None:
-        self._count, self._longest, self._now, self._last = 0, 0, 0, math.nan
-
-    def take(self, signal: FloatArray) -> None:
-        if not signal.size:
-            return
-        changes = np.flatnonzero(np.diff(signal, prepend=self._last) != 0.0)  # NaN is a change
-        first = int(changes[0]) if changes.size else signal.size
-        inner = int(np.diff(changes).max()) if changes.size > 1 else 0
-        self._longest = max(self._longest, self._now + first, inner)
-        self._now = int(signal.size - changes[-1]) if changes.size else self._now + signal.size
-        self._longest = max(self._longest, self._now)
-        self._last = float(signal[-1])
-        self._count += signal.size
-
-    @property
-    def part(self) -> float:
-        return self._longest / self._count if self._count else math.nan
+def movement_of(recording: Recording) -> Movement:
+    """Return how the signals of a record move; moments of its batches are combined as Chan, Golub and LeVeque do."""
+    count, mean, sums, last = np.zeros(2), np.zeros(2), np.zeros(2), math.nan
+    rows = longest = now = 0  # samples; the longest stretch of equal outputs, and that which is going on
+    for u, y, *_ in recording.batches():
+        for i, signal in enumerate((u, y)):
+            known = signal[np.isfinite(signal)]
+            if known.size:
+                off, before = float(known.mean()) - mean[i], count[i]
+                count[i] += known.size
+                sums[i] += float(np.square(known - known.mean()).sum()) + off * off * before * known.size / count[i]
+                mean[i] += off * known.size / count[i]
+        if y.size:
+            changes = np.flatnonzero(np.diff(y, prepend=last) != 0.0)  # NaN is a change
+            stretches = np.diff([-now, *changes, y.size])
+            rows, last, now, longest = (
+                rows + y.size,
+                float(y[-1]),
+                int(stretches[-1]),
+                max(longest, *stretches.tolist()),
+            )
+    of_input, of_output = np.sqrt(sums / np.where(count > 0.0, count, np.nan)).tolist()
+    return Movement(of_input, of_output, longest / rows if rows else math.nan)
 
 
 def opened(rig: Rig, job: Job) -> Recording:

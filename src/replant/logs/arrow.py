@@ -24,7 +24,6 @@ SUFFIXES = (".parquet", ".pq")
 CHECKED: dict[str, Any] = {"write_page_checksum": True}  # what pyarrow's writers are called with
 BLOCK_ROWS = 1 << 16  # rows read at a time [rows]
 BUFFER_BYTES = 1 << 20  # buffer of a column [bytes]
-
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _REMEDY = "write it again, or move it away"
 
@@ -55,10 +54,7 @@ def read_parquet(path: Path) -> Table:
 
 
 def parts_of(folder: Path) -> list[Path]:
-    """Return the Parquet files in a folder, or in its folder ``samples``, in the order of their names.
-
-    Files whose names begin with a dot or an underscore are left out: they are being written, or are no data.
-    """
+    """Return the Parquet files in a folder, or in its ``samples``, by name; hidden and unfinished ones are left out."""
     recorded = folder / "samples"
     found = (recorded if recorded.is_dir() else folder).iterdir()
     return sorted(part for part in found if part.suffix.lower() in SUFFIXES and part.name[0] not in "._")

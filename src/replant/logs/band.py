@@ -21,7 +21,6 @@ from replant.model.preprocess import accepted
 from replant.numerics.arguments import BoolArray, FloatArray, instance, positive
 
 ORDER = 2  # poles at each edge of the band: the fewest of which a straight drift leaves nothing [count]
-
 FORGOTTEN = 0.01  # part of its beginning that the filter may still remember where outputs count again [number]
 
 

@@ -29,17 +29,13 @@ from replant.logs.table import DEFLATE_RATIO, Table, at_most, damage_as_log_erro
 from replant.logs.text_cells import with_units
 
 TIME = 1  # kind of a group's master channel that is time; others are angle, distance and index [code]
-
 _MAGIC = (b"MDF     ", b"UnFinMF ")
 _REMEDY = "copy it again, or export it as CSV"
 _COPIES = 4  # arrays held beside a column: asammdf's bytes, stamps and values, and ours [count]
 
 
 def read_mdf(path: Path) -> Table:
-    """Open a measurement data file of version 3 or 4.
-
-    A channel is called by its name; where several groups have it, as ``group/name``.
-    """
+    """Open a measurement data file of version 3 or 4; a channel that several groups have is ``group/name``."""
     with _opened(path) as log:
         found = list(at_most(path, _listed(log), "channels"))
     twice = {name for name, count in Counter(name for _, _, _, name, _ in found).items() if count > 1}
@@ -218,7 +214,6 @@ def _notes(path: Path, log: Any) -> tuple[str, ...]:
 
 
 MOST_ITEMS = 64  # length up to which the items of a list are columns [items]
-
 DEEPEST = 32  # objects within each other in a message that are looked into [count]
 _COUNTED = 1 << 14  # messages after which memory is asked for [messages]
 _MCAP_COPIES = 3  # numbers held at once for each value: stamps and values while they are read, and as arrays [count]

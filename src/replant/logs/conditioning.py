@@ -82,19 +82,12 @@ def from_rest(log: Log) -> Log:
 
 
 HALF_LENGTH = 10  # half the length of the filter: its edge is then 0.13 new rates wide [new sampling times]
-
 ATTENUATION = 60.0  # attenuation of what would be aliased [dB]
-
 CUTOFF = 0.8  # frequency at which the filter has fallen to a half [new Nyquist frequency]
-
 LONGEST_GAP = 3.0  # distance of two stamps from which on the samples between them are taken for lost [usual intervals]
-
 FINEST = 0.5  # shortest new sampling time: twice as many samples as were measured [usual intervals]
-
 MOST_ROWS = 100.0  # new samples beyond which nearly all lie in gaps [samples of the log]
-
 SAME = 1e-9  # part of an interval that rounding makes [intervals]
-
 COARSEST = 2.0  # longest new sampling time of a log without a filter against aliasing [usual intervals]
 
 

@@ -146,7 +146,6 @@ def _last_lines(path: Path, encoding: str) -> tuple[str, str]:
 
 
 BLOCK_BYTES = 1 << 21  # text of a log held at a time [bytes]
-
 _HEAD_BYTES = 1 << 16  # beginning of a file that its layout is told from [bytes]
 _WIDE = "utf-16"  # comes as utf-8 from where the file is read
 _BYTE_ORDER_MARK = b"\xef\xbb\xbf"
@@ -248,16 +247,13 @@ def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
             text, rest = rest + block[:end], block[end:]
             if not text.isspace():
                 yield first, text
-            first += text.count(b"\n") + _lone_returns(text)
+            first += text.count(b"\n")
+            if returns := text.count(b"\r"):
+                first += returns - text.count(b"\r\n")
         if layout.is_cut:
             rest = rest[: 1 + max(rest.rfind(b"\n"), rest.rfind(b"\r"))]
         if rest and not rest.isspace():
             yield first, rest
-
-
-def _lone_returns(text: bytes) -> int:
-    returns = text.count(b"\r")
-    return returns - text.count(b"\r\n") if returns else 0
 
 
 def _approximate_rows(path: Path) -> int:

@@ -29,7 +29,6 @@ from replant.logs import arrow, channels, isolated
 from replant.logs.table import Table, damage_as_log_error, listed, needed, open_zip, unreadable_error
 
 STANDARD_INPUT = Path("-")  # what stands for standard input
-
 _KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}
 SUFFIXES = tuple(_KINDS)
 _BLOCK_BYTES = 1 << 20  # bytes unpacked at a time [bytes]

@@ -31,7 +31,6 @@ _MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v
 BLOCK_ROWS = 1 << 16  # rows read at a time, or one chunk where that has more [rows]
 DEEPEST = 64  # groups within each other that are looked into [count]
 MOST_UNWRITTEN = 16  # length of a data set, of which a recorder wrote only a part, in lengths of that part [times]
-
 _CLASS, _DECODED = "MATLAB_class", "MATLAB_object_decode"
 _INTEGERS = (f"{sign}int{bits}".encode() for sign in ("", "u") for bits in (8, 16, 32, 64))
 _NUMBERS = frozenset({b"double", b"single", b"logical", *_INTEGERS})

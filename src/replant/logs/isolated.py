@@ -39,14 +39,12 @@ SECONDS_PER_BYTE = 1e-6  # further processor time for each byte: parsers in Pyth
 SECONDS_PER_SAMPLE = 4e-5  # further processor time for each sample found: a cell of a workbook takes some 8e-6 s [s]
 STILL = 120.0  # time to answer in: bounds what the limit of processor time does not, a parser that waits [s]
 STILL_PER_BYTE = 1e-5  # further time for each byte of the file [s]
-
 ENVIRONMENT = {  # each thread takes memory, and Arrow's own allocators reserve a gigabyte
     "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "ARROW_IO_THREADS": "1", "ARROW_DEFAULT_MEMORY_POOL": "system",
 }  # fmt: skip
 # what the process is called with: this, reader, file, libraries, modules that must not be imported, folders to import
 # from; these at the end, so that no module of the user hides one of Python
 BEGIN = "import sys; sys.path += sys.argv[5:]; from replant.logs.isolated import main; main()"
-
 _ENDING = 10.0  # time within which a process ends that has ended its output [s]
 _TO_ANSWER = 1 << 20  # memory kept for the answer [bytes]
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}

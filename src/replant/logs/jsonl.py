@@ -24,7 +24,6 @@ from replant.logs.text_times import StampFormat, checked_clocks, find_format
 BLOCK_ROWS = 1 << 14  # rows read at a time [rows]
 BLOCK_VALUES = 1 << 18  # values in them, from which on there are fewer rows [count]
 DEEPEST = 32  # objects within each other that are looked into [count]
-
 _SAMPLE_ROWS = 1000  # rows whose keys are the columns [rows]
 _ENCODING = "utf-8-sig"
 

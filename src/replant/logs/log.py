@@ -89,15 +89,12 @@ class Log:
     more_inputs: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        keep(self, "input", vector)
-        keep(self, "output", vector)
+        for name in ("input", "output", "time", "reference"):
+            if getattr(self, name) is not None or name in ("input", "output"):
+                keep(self, name, vector)
         keep(self, "dt", duration)
         for name in ("input_name", "output_name", "reference_name", "sha256"):
             keep(self, name, text)
-        if self.time is not None:
-            keep(self, "time", vector)
-        if self.reference is not None:
-            keep(self, "reference", vector)
         others = {text("others", name): vector(name, each) for name, each in self.others.items()}
         object.__setattr__(self, "others", others)
         object.__setattr__(self, "more_inputs", tuple(text("more_inputs", name) for name in self.more_inputs))

@@ -26,10 +26,7 @@ _NOTHING: Mapping[str, str] = MappingProxyType({})
 
 
 def columns_of(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the signals of an array with their names: a vector itself, a matrix along its longer side.
-
-    Scalars, text, complex numbers and arrays of more than two dimensions, those of length 1 apart, are no signals.
-    """
+    """Yield the signals of an array of numbers with their names: a vector itself, a matrix along its longer side."""
     if array.dtype.kind in "biuf":
         yield from ((of_column, array[index].reshape(-1)) for of_column, index in places_of(name, array.shape))
 
@@ -96,7 +93,6 @@ def no_signal_error(path: Path, left_out: Mapping[str, str]) -> LogError:
 
 
 BLOCK_BYTES = 1 << 19  # part of an array that is read at a time [bytes]
-
 _SUFFIX = ".npy"
 
 

@@ -198,21 +198,14 @@ def _part(table: Table, time: int | None, dt: float | None, between: tuple[float
 
 
 def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] | None:
-    """Return the name of the time column, and the median interval of its first block in s.
-
-    None if no column or several are called t, time or timestamp, or the column holds no increasing numbers.
-    """
+    """Return the name of the time column, and the median interval of its first block in s; None where none is sure."""
     table = log if isinstance(log, Table) else read_columns(log)
     candidates = time_columns(table)
-    if len(candidates) != 1:
+    stamps = _first_stamps(table, candidates[0]) if len(candidates) == 1 else None
+    if stamps is None:
         return None
-    (number,) = candidates
-    name = table.names[number]
-    try:
-        (stamps,) = table.head([number], 1)
-    except LogError:
-        return None
-    unit = 1.0 if number in table.in_seconds else unit_of_stamps(name, stamps).seconds
+    name = table.names[candidates[0]]
+    unit = 1.0 if candidates[0] in table.in_seconds else unit_of_stamps(name, stamps).seconds
     with np.errstate(invalid="ignore", over="ignore"):
         interval = float(np.median(np.diff(stamps))) * unit if stamps.size > 1 else math.nan
     return (name, interval) if interval > 0.0 else None
@@ -222,15 +215,19 @@ def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) 
     """Return the name of the time column and its unit, if that is guessed; None if it is stated."""
     table = log if isinstance(log, Table) else read_columns(log)
     found = time_candidates(table.names) if time is None else [table.find(time)]
-    if not found or found[0] in table.in_seconds:
+    stamps = None if not found or found[0] in table.in_seconds else _first_stamps(table, found[0])
+    if stamps is None:
         return None
-    name = table.names[found[0]]
+    unit = unit_of_stamps(table.names[found[0]], stamps)
+    return (table.names[found[0]], unit) if unit.doubt else None
+
+
+def _first_stamps(table: Table, number: int) -> NDArray[np.float64] | None:
+    """Return the first block of a column; None where it holds no numbers."""
     try:
-        (stamps,) = table.head([found[0]], 1)
+        return table.head([number], 1)[0]
     except LogError:
         return None
-    unit = unit_of_stamps(name, stamps)
-    return (name, unit) if unit.doubt else None
 
 
 def _rows_of(table: Table, roles: dict[str, int], arrays: Sequence[NDArray[np.float64]]) -> int:

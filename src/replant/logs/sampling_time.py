@@ -21,7 +21,6 @@ from replant.numerics.time_stamps import TOLERANCE, StampResolution, is_regular_
 
 CHECKED = 1 << 18  # stamps that the usual interval is taken from [samples]
 FINE = 1e-4  # rounding error of an interval from which on its digits are left out [part of the interval]
-
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
 _UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0}
 _UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "micros": 1e-6, "microseconds": 1e-6}
@@ -31,7 +30,6 @@ _UNIT = rf"(?:\s*[\[(/]\s*({'|'.join(_UNITS)})\s*[\])]?|_({_AFTER_UNDERSCORE}))"
 _ALONE = r"(?:.*\.)?(millis|micros)(?:\(\))?"  # Arduino's clocks
 _UNIT_AT_END = re.compile(rf".*{_UNIT}|{_ALONE}", re.IGNORECASE)
 _TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?|{_ALONE}", re.IGNORECASE)
-
 _ENDLESS = 1e300  # magnitude of a stamp beyond which the difference of two may leave float64 [s]
 _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time column"
 
@@ -144,7 +142,6 @@ def _check_increasing(
 
 LATEST = 1e11  # stamp beyond which the unit cannot be the one taken: in seconds since 1970 it is the year 5138 [s]
 COARSE = 1.0  # interval of stamps without a unit from which on they may be counts of ms, us or ns [their unit]
-
 _COUNTS = ((1e-3, "milliseconds", "ms"), (1e-6, "microseconds", "us"), (1e-9, "nanoseconds", "ns"))
 _GIVE_DT = "or give the sampling time (dt, --dt) instead of a time column"
 

@@ -76,7 +76,6 @@ def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
 
 MOST_MEMBERS = 4096  # files in an archive [count]
 DEFLATE_RATIO = 1032  # bytes that a byte of deflated data can stand for: what its format allows [bytes]
-
 _STREAMED = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}  # the others are unpacked by `zipfile` without a bound
 
 
@@ -96,9 +95,7 @@ def open_zip(path: Path) -> Iterator[zipfile.ZipFile]:
 
 NAMES_SHOWN = 12  # names that the error of a wrong name lists, closest first [count]
 LIST_SHOWN = 160  # characters of all of them: one line stays readable [characters]
-
 LONGEST_NUMBER = 20  # digits of a column's number from which on it is that of no column [characters]
-
 NEAR = 0.6  # likeness from which on a name is taken for the one that was meant [ratio of difflib]
 
 

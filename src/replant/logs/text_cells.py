@@ -14,7 +14,6 @@ from replant.logs.table import MOST_COLUMNS
 from replant.model.interop import unit_of
 
 MISSING = frozenset({"", "na", "n/a", "null"})  # NaN, as nan, inf and infinity are numbers that float() knows
-
 _SHOWN = 40  # characters of a cell that an error shows [characters]
 _QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside stands for one; ++ and *+: linear time on any text
 _UNIT_BEHIND = r"(?:\s+(?:\[[^\[\]]*\]|\([^()]*\)))?"  # a unit in brackets belongs to its name
@@ -220,10 +219,7 @@ _NONE = frozenset({"", "-", "1"})
 
 
 def units_in(cells: Sequence[str]) -> list[str] | None:
-    """Return the units in the cells of a row; None if the row is none of units.
-
-    Each cell is a unit in brackets, a known unit or empty, and one of them tells more than that there is none.
-    """
+    """Return the units in the cells of a row: in brackets, known or empty; None if no cell tells one."""
     units = []
     for cell in cells:
         bracketed = _BRACKETED.fullmatch(cell.strip())

@@ -109,11 +109,8 @@ DELIMITERS = (";", "\t", "|", ",", None)  # None: runs of blanks.  Of two with e
 QUOTES_REMEDY = "correct it, or write a quotation mark within a quoted cell twice"
 LONGEST_LINE = 1 << 22  # longest line that is read: 131,072 columns of full precision [characters]
 MOST_LINES_ABOVE = 100_000  # lines without data above the first row, or between two of the first ones [lines]
-
 _SAMPLE_ROWS = 100  # rows that the layout is detected from [rows]
-
 _SAMPLE_CHARACTERS = 1 << 18  # characters that the layout is detected from, of very wide rows [characters]
-
 _HEAD_BYTES = 1 << 16  # beginning of a file that its layout is detected from [bytes]
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
 _BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")

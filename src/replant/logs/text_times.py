@@ -67,10 +67,7 @@ class StampFormat:
         return "c" in self.parts and "z" not in self.parts
 
     def seconds(self, cells: Sequence[str]) -> NDArray[np.float64]:
-        """Return the seconds since the first stamp; a missing cell is NaN.
-
-        Differences are taken in whole nanoseconds: each result is the closest float64.
-        """
+        """Return the seconds since the first stamp, from whole nanoseconds; a missing cell is NaN."""
         elapsed, missing = np.empty(len(cells), np.int64), []
         for index, cell in enumerate(cells):
             if is_missing(cell):
@@ -196,7 +193,6 @@ def find_format(cells: Sequence[str]) -> StampFormat | None:
 _HOUR = 3600.0  # by how much daylight saving time turns a clock [s]
 _DAY = 86400.0  # by how much a clock without a date goes back at midnight [s]
 _NEAR = 0.5  # difference of a jump from an hour or a day up to which it is one [usual intervals]
-
 _REMEDY = "write the stamps with their offset from UTC (+01:00), or give the sampling time (dt, --dt)"
 
 

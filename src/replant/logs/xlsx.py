@@ -107,7 +107,8 @@ def read(path: Path) -> Table:
 def _table_in(path: Path, sheet: Any) -> _Sheet | None:
     if not hasattr(sheet, "iter_rows"):  # a sheet that is a chart
         return None
-    rows = _rows_of(path, sheet)
+    every = (tuple(row) for row in sheet.iter_rows(values_only=True))  # those that its file leaves out are empty
+    rows: Iterator[_Row] = at_most(path, every, "rows in a sheet", MOST_ROWS)
     head = list(islice(rows, _HEADER_ROWS + _NEXT_ROWS))
     for number, row in enumerate(head[:_HEADER_ROWS]):
         columns = tuple(at for at, cell in enumerate(row) if isinstance(cell, str) and cell.strip())
@@ -118,15 +119,11 @@ def _table_in(path: Path, sheet: Any) -> _Sheet | None:
         units = units_in(["" if cell is None else str(cell) for cell in _cells_at(head, first, columns)])
         if units is not None:
             names, first = with_units(names, units), first + 1
-        numbers = sum(map(_begins_with_value, zip(*_next_rows(head, first, columns), strict=True)))
+        below = [_cells_at(head, at, columns) for at in range(first, first + _NEXT_ROWS)]
+        numbers = sum(map(_begins_with_value, zip(*below, strict=True)))
         if numbers > 1 or numbers == len(columns):
             return _Sheet(str(sheet.title), names, first + 1, _columns(chain(head[first:], rows), columns))
     return None
-
-
-def _rows_of(path: Path, sheet: Any) -> Iterator[_Row]:
-    """Yield the rows; those that a number in the file leaves out are empty."""
-    return at_most(path, (tuple(row) for row in sheet.iter_rows(values_only=True)), "rows in a sheet", MOST_ROWS)
 
 
 def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
@@ -151,10 +148,6 @@ def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
 def _cells_at(rows: Sequence[_Row], number: int, columns: Sequence[int]) -> list[Any]:
     row = rows[number] if number < len(rows) else ()
     return [row[at] if at < len(row) else None for at in columns]
-
-
-def _next_rows(rows: Sequence[_Row], first: int, columns: Sequence[int]) -> list[list[Any]]:
-    return [_cells_at(rows, number, columns) for number in range(first, first + _NEXT_ROWS)]
 
 
 def _begins_with_value(cells: Sequence[Any]) -> bool:

@@ -133,7 +133,6 @@ NOISE = 1e-3  # standard deviation of the laser's noise [mm]
 CREEP = 5e-3  # creep in every tenfold of time [mm]
 FORGETTING_RATE = 0.1  # the article's forgetting rate [1/s]
 POINTS = 1200  # points of a curve in Figures 7 and 8, whose panels are small [count]
-
 STRUCTURE = Structure(poles=3, zeros=1, bias=True)
 #: sigma_y, and sigma in the order a2, a1, a0, b1, b0, bias: a sigma of 10 makes the bias' constant the article's 0.1.
 SCALING = Scaling(0.05, (1e-4, 1e-6, 1e-6, 1e-4, 1e-4, 10.0))
@@ -154,7 +153,6 @@ OPTIMIZERS: Mapping[str, Callable[[float], Optimizer]] = {
 OFFLINE, NORMALISED, DEFAULT = "least squares", "normalised", "replant"
 FURTHER = 5  # records, other than the experiment's own, that tell how much of the default's error is chance [count]
 RUNS = len(FILTERS) * (len(OPTIMIZERS) * len(GAINS) + 1) + 1 + FURTHER
-
 NOTES = (
     "The article's record is not published: a rig with the parameters of Table 6 is simulated instead, "
     f"{SAMPLES:,} samples at 1 kHz, 1 um of laser noise, creep of 5 um a decade of time.",

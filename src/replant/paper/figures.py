@@ -1,19 +1,28 @@
-"""Figures 1-4 and 6-8 of the article, computed from its experiments.
+"""Figures 1-4 and 6-8 of the article, computed from its experiments, and what is reproduced, by name.
 
-Each figure shows the estimates over time, one panel for each parameter, for some rows of one table.  A row with a
-buffer is run with the first of the table's seeds.
+Figures 1-4 show the estimates over time, a panel for each parameter, for rows of one table: their experiments are run
+again, those with a buffer with the first of the table's seeds.  Figures 7 and 8 and the actuator's table come from one
+experiment, which is run once.
+
+>>> NAMES
+('table1', 'table2', 'table3', 'table4', 'fig1', 'fig2', 'fig3', 'fig4', 'fig6', 'fig7', 'fig8', 'actuator')
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from replant.fitting.fit_result import FitResult
+from replant.paper import actuator as rig
 from replant.paper.actuator import GAINS, Actuator, Record
+from replant.paper.reproduction import TableResult, reproduce, runs
 from replant.paper.tables import TABLES, Curve, Table, curve, trace, transients
 from replant.plotting.numbers import symbol
 from replant.plotting.style import BLUE, GREY, NAVY, ORANGE, SKY, TRUE, VERMILION, blank_figure, tidy
@@ -142,9 +151,7 @@ UNITS = {"a2": "1/s", "a1": "1/s²", "a0": "1/s³", "b1": "mm/(kV² s²)", "b0":
 WINDOWS = {"c": (151.7 / 240.0, 157.7 / 240.0), "d": (155.1 / 240.0, 156.6 / 240.0)}
 #: The two columns of Figures 7 and 8.
 COLUMNS = {"fig7": ("Gradient", "IntegralCost"), "fig8": ("AMSGrad", "Adam")}
-
 TOLD_APART = 0.01  # distance from which on two curves can be told apart [part of the true value]
-
 _MEASURED = {"color": GREY, "lw": 2.6, "alpha": 0.5}
 _MODEL = {"exact": {"color": VERMILION, "lw": 0.9}, "gbt": {"color": BLUE, "lw": 0.9, "ls": (0, (3, 1.5))}}
 _NAMES = {"gbt": "the article's filters", "exact": "exact filters"}
@@ -261,3 +268,80 @@ def legend_above(canvas: Any, title: str, columns: int) -> None:
     canvas.legend(
         handles, labels, title=title, loc="outside upper left", ncols=columns, frameon=False, alignment="left"
     )
+
+
+ACTUATOR = "actuator"
+ACTUATOR_FIGURES = ("fig6", "fig7", "fig8")
+#: What `replant reproduce` reproduces, in the article's order; "actuator" is a table that the article does not have.
+NAMES = (*TABLES, *FIGURES, *ACTUATOR_FIGURES, ACTUATOR)
+DOTS = 150  # resolution of the PNG [1/inch]
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """The results by name."""
+
+    tables: dict[str, TableResult] = field(default_factory=dict)
+    transients: dict[str, Transients] = field(default_factory=dict)
+    record: rig.Record | None = None  # of the actuator
+    offline: Mapping[str, FitResult] = field(default_factory=dict)  # the offline fits of the actuator, by filters
+    actuator: rig.Actuator | None = None  # None if only Figure 6, which needs the offline fits alone, was asked for
+
+
+def is_figure(name: str) -> bool:
+    """Return whether ``name`` is a figure."""
+    return name in FIGURES or name in ACTUATOR_FIGURES
+
+
+def steps(names: Sequence[str]) -> int:
+    """Return how many runs ``names`` need: how often `run` calls ``on_run``."""
+    count = sum(runs(TABLES[name]) for name in names if name in TABLES)
+    count += sum(len(FIGURES[name].lines) for name in names if name in FIGURES)
+    return count + (rig.RUNS if _needs_runs(names) else len(rig.FILTERS) if "fig6" in names else 0)
+
+
+def run(
+    names: Sequence[str], on_run: Callable[[str], None] = lambda name: None, executor: Executor | str | None = None
+) -> Outcome:
+    """Run the experiments that ``names`` need, tables on ``executor``; call ``on_run`` after each run with its name."""
+    tables = {
+        name: reproduce(TABLES[name], on_run=partial(on_run, name), executor=executor)
+        for name in names
+        if name in TABLES
+    }
+    curves = {name: compute(FIGURES[name], partial(on_run, name)) for name in names if name in FIGURES}
+    if _needs_runs(names):
+        actuator = rig.reproduce_actuator(on_run=partial(on_run, ACTUATOR))
+        return Outcome(tables, curves, actuator.record, actuator.offline, actuator)
+    if "fig6" in names:
+        record = rig.measure_rig()
+        return Outcome(tables, curves, record, rig.fit_offline(record, partial(on_run, ACTUATOR)))
+    return Outcome(tables, curves)
+
+
+def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]]:
+    """Draw figures by name, 7 and 8 with the article's filters and with exact ones; yield file name and figure."""
+    for name in names:
+        if name in FIGURES:
+            yield name, draw(FIGURES[name], outcome.transients[name])
+        elif name == "fig6" and outcome.record is not None:
+            yield name, draw_record(outcome.record, outcome.offline)
+        elif name in ACTUATOR_FIGURES and outcome.actuator is not None:
+            yield name, draw_transients(name, outcome.actuator, "gbt")
+            yield f"{name}-exact", draw_transients(name, outcome.actuator, "exact")
+
+
+def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple[str, Any, list[Path]]]:
+    """Draw figures as PNG and SVG; yield name, figure and paths, to be used before the next, while fonts are set."""
+    from replant.plotting.style import font
+
+    with font():
+        for name, canvas in drawings(outcome, names):
+            paths = [folder / f"{name}.png", folder / f"{name}.svg"]
+            canvas.savefig(paths[0], dpi=DOTS)
+            canvas.savefig(paths[1], metadata={"Date": None})
+            yield name, canvas, paths
+
+
+def _needs_runs(names: Sequence[str]) -> bool:
+    return any(name in names for name in ("fig7", "fig8", ACTUATOR))

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator, Row
-from replant.paper.catalogue import ACTUATOR_FIGURES, Outcome
-from replant.paper.figures import FIGURES
+from replant.paper.figures import ACTUATOR_FIGURES, FIGURES, Outcome
 from replant.paper.reproduction import SOURCE, Cell, TableResult, notes, summary
 from replant.plotting.numbers import number, uncertain
 from replant.report.material import versions

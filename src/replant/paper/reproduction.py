@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 
 SEEDS = 20  # runs of a row with a replay buffer: seeds 0 to 19 [count]
-
 LIMIT = 3.0  # distance from the mean of our runs up to which a published figure agrees [standard deviations]
 
 

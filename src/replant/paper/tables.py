@@ -50,10 +50,7 @@ class Plant:
         return dict(zip(names, self.den[1:] + self.num, strict=True))
 
     def record(self) -> tuple[FloatArray, FloatArray]:
-        """Return input and output (K,), simulated from rest by Tustin's rule: the article's alpha of 0.5.
-
-        The output is C (x[k] + x[k+1]) / 2, by the mean of the state over the interval that begins at t_k.
-        """
+        """Return input and output (K,) by Tustin's rule, C (x[k] + x[k+1]) / 2: the article's alpha of 0.5."""
         u = square(self.samples, self.period, self.dt, self.amplitude)
         model = state_space.companion(np.asarray(self.den))
         transition, column = state_space.bilinear(model.matrix, model.column, self.dt, 0.5)

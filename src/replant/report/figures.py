@@ -197,10 +197,7 @@ def draw_overlay(
 def draw_outputs(
     results: Mapping[str, Result], y: FloatArray, dt: float, *, axes: Any = None, output_label: str = "output"
 ) -> Any:
-    """Draw the output of each method's model, simulated from the input alone, over the measured one; return two axes.
-
-    The first axes show the whole record, the second its last tenth, where the curves can be told apart.
-    """
+    """Draw each method's simulated output over the measured one, whole and the last tenth; return two axes."""
     axes = axes_for("axes", axes, 2, (9.0, 5.4))
     return draw_panels(axes, output_panels(results, y, dt, output_label), SHOWN_SMALL)
 

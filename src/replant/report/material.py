@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import metadata
-from pathlib import Path
 
 import numpy as np
 
@@ -211,7 +210,7 @@ def of_record(log: Log, *others: Log) -> list[tuple[str, str]]:
     """Return what is to be said of a record, as names and words; the others have its further outputs."""
     return [
         ("file", log.path.name or "none: the record is simulated"),
-        ("SHA-256", fingerprint(log.path)),
+        ("SHA-256", digest(log.path) or "none: there is no file"),
         ("input, output", ", ".join([*log.input_names, *(each.output_name for each in (log, *others))])),
         *([("reference", log.reference_name)] if log.reference_name else []),
         ("record", f"{len(log):,} samples, {lasts(log)}"),
@@ -222,11 +221,6 @@ def lasts(log: Log) -> str:
     """Return in words how long a record lasts, and its sampling time."""
     clock = "at" if log.stamps is None else "on an irregular clock, usually at"
     return f"{duration(log.duration)} {clock} {number(log.dt, 6)} s"
-
-
-def fingerprint(path: Path) -> str:
-    """Return the SHA-256 of a file, in hexadecimal; a remark if there is no file."""
-    return digest(path) or "none: there is no file"
 
 
 def versions() -> str:

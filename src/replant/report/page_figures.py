@@ -7,7 +7,7 @@ import html
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from replant.plotting.diagrams import reach_of
 from replant.plotting.numbers import complex_number, gain_unit, number, percent
 from replant.plotting.over_time import POINTS, SHOWN_SMALL, Curve, Panel, draw_panels, thin, within_reason
 from replant.plotting.style import blank_figure
-from replant.report import figures
 from replant.report.material import Material
 from replant.report.panels import first_estimate
 
@@ -101,40 +100,13 @@ def _transients(drawn: Sequence[Panel], name: str, words: str) -> str:
     return svg(axes[0].figure, name, words)
 
 
-def poles(material: Material, words: str) -> str:
-    """Return poles and zeros."""
-    axis = blank_figure(HALF, 4.2).subplots()
-    figures.draw_poles_and_zeros(material.result, truth=material.true_plant, ax=axis)
-    return svg(axis.figure, "poles", words)
-
-
-def bode(material: Material, words: str) -> str:
-    """Return the Bode diagram."""
-    axes = blank_figure(HALF, 4.2).subplots(2, 1, sharex=True, height_ratios=(3, 2))
-    figures.draw_bode(material.result, material.log.dt, truth=material.true_plant, axes=axes, **material.labels)
-    return svg(axes[0].figure, "bode", words)
-
-
-def step(material: Material, words: str) -> str:
-    """Return the step response."""
-    axis = blank_figure(WHOLE, 2.6).subplots()
-    figures.draw_step(material.result, truth=material.true_plant, ax=axis, **material.labels)
-    return svg(axis.figure, "step", words)
-
-
-def correlations(material: Material, words: tuple[str, str]) -> tuple[str, str]:
-    """Return the residual's autocorrelation, and its cross-correlation with the input."""
-    axes = [blank_figure(HALF, 2.3).subplots() for _ in range(2)]
-    figures.draw_correlations(material.correlations, material.log.dt, axes=axes)
-    return svg(axes[0].figure, "auto", words[0]), svg(axes[1].figure, "cross", words[1])
-
-
-def spectrum(material: Material, words: str) -> str:
-    """Return the spectrum of the residual and of its model."""
-    axis = blank_figure(HALF, 2.9).subplots()
-    residual = material.on_grid(material.residual)
-    figures.draw_spectrum(material.result.noise, residual, material.log.dt, ax=axis)
-    return svg(axis.figure, "spectrum", words)
+def picture(
+    name: str, words: str, size: tuple[float, float], draw: Callable[[Any], object], rows: int = 1, **layout: Any
+) -> str:
+    """Return what ``draw`` puts into an axis, or into several below each other, as an ``svg`` element."""
+    axes = blank_figure(*size).subplots(rows, 1, sharex=True, squeeze=False, **layout)[:, 0]
+    draw(axes if rows > 1 else axes[0])
+    return svg(axes[0].figure, name, words)
 
 
 SEEN = 0.01  # part of the record below which a stretch cannot be seen in a picture [part of the record]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +18,14 @@ from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model.preprocess import Preprocess
 from replant.online.runs.result import Result
-from replant.plotting.diagrams import draw_validation
+from replant.plotting.diagrams import draw_auto, draw_cross, draw_validation
 from replant.plotting.numbers import gain_unit, mathml, number, percent, uncertain, with_unit
+from replant.report import figures, page_figures
 from replant.report import material as tables
-from replant.report import page_figures
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
 from replant.report.material import Material
 from replant.report.page import asset, code, filled, folded, icon, script, table, uplot, words, write_page
+from replant.report.page_figures import HALF
 from replant.report.programs import run_as_python
 from replant.verdict.verdict import percent as share
 
@@ -119,9 +121,16 @@ def candidates_of(candidates: tuple[Sequence[str], Sequence[Sequence[str]], str]
 
 
 def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command: str, python: str) -> dict[str, str]:
+    found = findings(material.result, len(material.log))
+    note = CONTRADICTED if found[0].gravity == BAD else ""
+    note = note if all(each.usable for each in found) else DO_NOT_USE
     return {
         "zoom": asset("zoom.html"),
-        "model_note": _note(findings(material.result, len(material.log))),
+        "model_note": DO_NOT_USE
+        if not all(each.usable for each in found)
+        else CONTRADICTED
+        if found[0].gravity == BAD
+        else "",
         "long": " long" if material.result.structure.poles > BESIDE else "",
         "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
@@ -140,31 +149,33 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
         "parameters": page_figures.of_transients(material),
         "excitation": page_figures.of_excitation(material),
     }
+    result, log, found, truth = material.result, material.log, material.correlations, material.true_plant
+
+    def still(name: str, height: float, draw: Callable[[Any], object], width: float = HALF, **more: Any) -> str:
+        words: str = getattr(page_figures, f"of_{name}")(material)
+        return drawn(words, page_figures.picture(name, words, (width, height), draw, **more))
+
     with page_figures.look():
         over_time = {
             name: drawn(said[name], page_figures.time_picture(name, panels, said[name]), plots[name]) if panels else ""
             for name, panels in material.panels.items()
         }
-        one, other = page_figures.of_auto(material), page_figures.of_cross(material)
-        auto, cross = page_figures.correlations(material, (one, other))
+        of: dict[str, Any] = {"truth": truth, **material.labels}
+        draw_bode = partial(figures.draw_bode, result, log.dt, **of)
+        bode = still("bode", 4.2, lambda axes: draw_bode(axes=axes), rows=2, height_ratios=(3, 2))
+        residual = material.on_grid(material.residual)
+        spectrum = still("spectrum", 2.9, lambda axis: figures.draw_spectrum(result.noise, residual, log.dt, ax=axis))
         return {
             "fit": over_time["fit"],
             "transients": f"<h3>Parameter estimates</h3>{over_time['parameters']}" if over_time["parameters"] else "",
             "excitation": folded("Excitation", over_time["excitation"]),
-            "auto": drawn(one, auto),
-            "cross": drawn(other, cross),
-            "poles": _still(material, page_figures.of_poles, page_figures.poles),
-            "bode": _still(material, page_figures.of_bode, page_figures.bode),
-            "step": _still(material, page_figures.of_step, page_figures.step),
-            "spectrum": folded(
-                "Spectrum of what is left", _still(material, page_figures.of_spectrum, page_figures.spectrum)
-            ),
+            "auto": still("auto", 2.3, lambda axis: draw_auto(found, log.dt, axis)),
+            "cross": still("cross", 2.3, lambda axis: draw_cross(found, log.dt, axis)),
+            "poles": still("poles", 4.2, lambda axis: figures.draw_poles_and_zeros(result, truth=truth, ax=axis)),
+            "bode": bode,
+            "step": still("step", 2.6, lambda axis: figures.draw_step(result, ax=axis, **of), width=page_figures.WHOLE),
+            "spectrum": folded("Spectrum of what is left", spectrum),
         }
-
-
-def _still(material: Material, caption: Callable[[Material], str], picture: Callable[[Material, str], str]) -> str:
-    said = caption(material)
-    return drawn(said, picture(material, said))
 
 
 def drawn(said: str, picture: str, plots: Sequence[dict[str, Any]] = ()) -> str:
@@ -185,13 +196,6 @@ def _room(plot: dict[str, Any]) -> str:
         f'<div class="plot" id="{name}" tabindex="0" role="group" aria-label="{label} over time. {keys}" '
         f'style="height:{plot["height"]}px">{nothing}</div></div>'
     )
-
-
-def _note(found: Sequence[Finding]) -> str:
-    """Return what must be read beside G(s), in agreement with the verdict."""
-    if not all(each.usable for each in found):
-        return DO_NOT_USE
-    return CONTRADICTED if found[0].gravity == BAD else ""
 
 
 def _lede(material: Material) -> str:

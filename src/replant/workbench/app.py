@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import json
+import math
+import subprocess
 import sys
+import tempfile
 import threading
 import webbrowser
 from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path
@@ -20,15 +23,206 @@ from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket
 
-from replant.errors import InvalidArgumentError, ReplantError
-from replant.live.dashboard.app import dashboard_assets, file_answer, page_app, stream
-from replant.live.dashboard.hub import Hub
+from replant.errors import InvalidArgumentError, ReplantError, shown
+from replant.live.dashboard.app import Hub, dashboard_assets, file_answer, page_app, stream
 from replant.live.dashboard.server import Dashboard, serve
-from replant.live.session.progress import stop_on_signals
-from replant.numerics.operating_system import Worker
-from replant.workbench import actions
-from replant.workbench.actions import ACTIONS, Upload
-from replant.workbench.session import SUFFIX, Session, newest_session, read, session_of, token
+from replant.live.progress import stop_on_signals
+from replant.logs.recording import digest
+from replant.numerics.operating_system import Worker, one_line
+from replant.workbench import tasks
+from replant.workbench.cards import Card, judged
+from replant.workbench.opened import with_role
+from replant.workbench.session import LARGEST, SUFFIX, Session, logs_folder, newest_session, read, session_of, token
+from replant.workbench.setup import text
+
+POINTS = 1200  # places in time of a curve, unless the page asks for fewer [count]
+MOST_POINTS = 4000  # the same at the most [count]
+LONGEST_NAME = 120  # name of a file that is dropped [characters]
+
+Asked = dict[str, str]
+
+
+def _points(asked: Asked) -> int:
+    found = asked.get("points", "")
+    return min(max(int(found), 16), MOST_POINTS) if found.isdecimal() and len(found) < 9 else POINTS
+
+
+def _between(asked: Asked) -> tuple[float, float] | None:
+    if "from" not in asked:
+        return None
+    try:
+        begin, end = float(asked["from"]), float(asked.get("to", ""))
+    except ValueError:
+        raise InvalidArgumentError("from and to must be times in s") from None
+    if not (math.isfinite(begin) and math.isfinite(end) and begin < end):
+        raise InvalidArgumentError("from and to must be times in s, the one before the other")
+    return begin, end
+
+
+def signals(session: Session, asked: Asked) -> dict[str, Any]:
+    """Return the signals of a log between two times."""
+    return session.log(asked.get("log", "")).drawn(_between(asked), _points(asked))
+
+
+def conditioned(session: Session, asked: Asked) -> dict[str, Any]:
+    """Return input and output as they are identified."""
+    log = session.log(asked.get("log", ""))
+    log.setup.check()
+    between = _between(asked) or (0.0, math.inf)
+    chosen = (str(log.path), log.setup, log.modified)
+    found: dict[str, Any] = session.work.do(tasks.conditioned, *chosen, between, _points(asked))
+    return found
+
+
+def compared(session: Session, asked: Asked) -> dict[str, Any]:
+    """Return the models that are chosen beside the measured output of a part of a log."""
+    log = session.log(asked.get("log", ""))
+    log.setup.check()
+    models = _models(session)
+    number, stretches = asked.get("part", ""), log.setup.validate_on
+    part = stretches[int(number)] if number.isdecimal() and int(number) < len(stretches) else None  # all of the log
+    found: dict[str, Any] = session.work.do(
+        tasks.compared, models, str(log.path), log.setup, part, log.modified, _between(asked), _points(asked)
+    )
+    for name, each in found["models"].items():
+        card = session.card(name)
+        is_unseen = card.path != log.path or part in card.setup.validate_on
+        if "verdict" in each:  # on what it was made from, that of its making: a validation takes samples for others
+            each["verdict"] = judged(each["verdict"] if is_unseen else card.found["verdict"])
+    return found
+
+
+def responses(session: Session, _: Asked) -> dict[str, Any]:
+    """Return the responses of the models that are chosen."""
+    found: dict[str, Any] = session.work.do(tasks.responses, _models(session))
+    return found
+
+
+def _models(session: Session) -> dict[str, str]:
+    """Return the models that are compared, as their files hold them."""
+    cards = [session.card(name) for name in session.compared]
+    return {card.name: card.model for card in cards if card.model}
+
+
+ASKED: dict[str, Callable[[Session, Asked], dict[str, Any]]] = {
+    "signals": signals,
+    "conditioned": conditioned,
+    "compared": compared,
+    "responses": responses,
+}
+
+
+def report_of(card: Card) -> bytes:
+    """Return the report of a card, which its command writes."""
+    with tempfile.TemporaryDirectory(prefix="replant-report-") as folder:
+        done = subprocess.run(
+            [sys.executable, "-m", "replant", *card.words, "--quiet", "--json", "--out", folder],
+            stdin=subprocess.DEVNULL, capture_output=True, text=True, encoding="utf-8", errors="replace", check=False,
+        )  # fmt: skip
+        written = Path(folder, "report.html")
+        if done.returncode or not written.is_file():
+            raise ReplantError((done.stderr.strip().splitlines() or ["the report could not be made"])[-1])
+        return written.read_bytes()
+
+
+class Upload(ExitStack):
+    """A file that comes from the page, block by block: a log, or the file of a session; what is left is removed."""
+
+    def __init__(self, session: Session, name: str) -> None:
+        super().__init__()
+        self._session, self._name = session, _safe(name)
+        self._path = Path(
+            self.enter_context(tempfile.TemporaryDirectory(prefix="drop-", dir=logs_folder())), self._name
+        )
+        self._file = self.enter_context(self._path.open("wb"))
+
+    def write(self, block: bytes) -> None:
+        """Take a block."""
+        try:
+            self._file.write(block)
+        except OSError as cause:
+            raise ReplantError(f"{self._name}: {one_line(cause)}") from None
+
+    def finish(self) -> dict[str, Any]:
+        """Open what has come."""
+        self._file.close()
+        if self._name.endswith(SUFFIX):
+            if self._path.stat().st_size > LARGEST:
+                raise ReplantError(f"{self._name}: too large for a session")
+            self._session.restore(self._path.read_text(encoding="utf-8", errors="replace"), self._name)
+            return {"log": self._session.active}
+        return {"log": self._session.open(self._kept()).name}
+
+    def _kept(self) -> Path:
+        """Return where the log lies: in the working folder, if it is the file of that name there, or a copy of it."""
+        named, known = Path.cwd() / self._name, digest(self._path)
+        if named.is_file() and named.stat().st_size == self._path.stat().st_size and digest(named) == known:
+            return named
+        folder = logs_folder() / known[:16]
+        folder.mkdir(exist_ok=True)
+        return self._path.replace(folder / self._name)
+
+
+def _safe(name: str) -> str:
+    """Return the name of a dropped file without a folder; raises where it is none."""
+    name = name.replace("\\", "/").rpartition("/")[2]
+    if not name or name.startswith(".") or not name.isprintable() or len(name) > LONGEST_NAME:
+        raise InvalidArgumentError(f"{shown(name)} is no name for a log: rename the file, with a suffix such as .csv")
+    return name
+
+
+Given = dict[str, Any]
+
+
+def _word(given: Given, name: str) -> str:
+    return text(name, given.get(name, ""))
+
+
+def _role(session: Session, given: Given) -> None:
+    log, role = session.log(_word(given, "log")), _word(given, "role")
+    if role not in ("time", "input", "output", "reference", ""):
+        raise InvalidArgumentError("a column is time, input, output, reference or unused")
+    session.choose(log.name, with_role(log, _word(given, "column"), role))
+
+
+def _setup(session: Session, given: Given) -> None:
+    log = session.log(_word(given, "log"))
+    session.choose(log.name, log.setup.changed(_object(given, "setup")))
+
+
+def _wish(session: Session, given: Given) -> None:
+    log = session.log(_word(given, "log"))
+    log.wish = log.wish.changed(_object(given, "wish"))
+
+
+def _fit(session: Session, given: Given) -> Given:
+    _wish(session, given)
+    return {"made": session.fit(_word(given, "log"))}
+
+
+def _object(given: Given, name: str) -> Given:
+    found = given.get(name, {})
+    if not isinstance(found, dict):
+        raise InvalidArgumentError(f"{name} must be an object of JSON")
+    return found
+
+
+ACTIONS: dict[str, Callable[[Session, Given], Given | None]] = {
+    "activate": lambda session, given: session.activate(_word(given, "log")),
+    "close": lambda session, given: session.close_log(_word(given, "log")),
+    "read-again": lambda session, given: session.log(_word(given, "log")).read_again(),
+    "role": _role,
+    "setup": _setup,
+    "wish": _wish,
+    "fit": _fit,
+    "stop": lambda session, given: session.jobs.stop(session.card(_word(given, "card")).name),
+    "repeat": lambda session, given: session.again(_word(given, "card")),
+    "rename": lambda session, given: session.rename(_word(given, "card"), _word(given, "title")),
+    "remove": lambda session, given: session.remove(_word(given, "card")),
+    "sort": lambda session, given: session.sort(_word(given, "order")),
+    "show": lambda session, given: session.show(_word(given, "card"), chosen=bool(given.get("chosen"))),
+}
+
 
 PERIOD = 2.0  # time between two looks at whether a log has changed [s]
 
@@ -88,7 +282,7 @@ def _served(session: Session, hub: Hub, host: str, port: int) -> Dashboard:
         return serve(hub, host, 0, word, application)
 
 
-LARGEST = 1 << 20  # body of an action [bytes]
+LONGEST_BODY = 1 << 20  # body of an action [bytes]
 _SCRIPTS = ("workbench", "page", "data", "marks", "models", "compare", "keep", "curves")
 _OWN = (*(f"{name}.js" for name in _SCRIPTS), "workbench.css")
 
@@ -120,7 +314,7 @@ def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
         return JSONResponse(found)
 
     async def ask(request: Request) -> Response:
-        asked = actions.ASKED.get(request.path_params["name"])
+        asked = ASKED.get(request.path_params["name"])
         if asked is None:
             return PlainTextResponse("There is nothing here.\n", 404)
         return JSONResponse(await asyncio.to_thread(asked, session, dict(request.query_params)))
@@ -133,7 +327,7 @@ def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
 
     async def report(request: Request) -> Response:
         card = session.card(request.path_params["name"])
-        return file_answer(await asyncio.to_thread(actions.report, card), "text/html", "report.html")
+        return file_answer(await asyncio.to_thread(report_of, card), "text/html", "report.html")
 
     async def kept(_: Request) -> Response:
         return file_answer(session.written().encode(), "application/json", f"session{SUFFIX}")
@@ -165,7 +359,7 @@ async def _body(request: Request) -> dict[str, Any]:
     content = bytearray()
     async for block in request.stream():
         content += block
-        if len(content) > LARGEST:
+        if len(content) > LONGEST_BODY:
             raise InvalidArgumentError("the request is too long")
     try:
         found = json.loads(content or b"{}")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from replant.live.dashboard import Dashboard, serve
+from replant.live.dashboard.server import Dashboard, serve
 from support.browsing import chromium
 from support.dashboard_feed import Feed
 from support.dashboard_pages import Page

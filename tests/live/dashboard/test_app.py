@@ -18,12 +18,9 @@ from websockets.exceptions import ConnectionClosed
 
 import replant as rp
 from replant.errors import InvalidArgumentError, ReplantError
-from replant.live.dashboard import (
-    Dashboard,
-    Hub,
-    app,
-    serve,
-)
+from replant.live.dashboard import app
+from replant.live.dashboard.app import Hub
+from replant.live.dashboard.server import Dashboard, serve
 from support.cases import every
 from support.dashboard_feed import Feed
 from support.dashboard_watcher import numbered, until, view_of, watch

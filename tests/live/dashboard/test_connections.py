@@ -17,7 +17,9 @@ from typing import Any
 
 import pytest
 
-from replant.live.dashboard import Hub, app, security, serve
+from replant.live.dashboard import app, security
+from replant.live.dashboard.app import Hub
+from replant.live.dashboard.server import serve
 from support.cases import every
 from support.dashboard_watcher import numbered, until, watch
 from support.http_request import ask

@@ -9,9 +9,8 @@ import threading
 import pytest
 
 from replant.errors import ReplantError
-from replant.live.dashboard import Hub
-from replant.live.dashboard import hub as hub_module
-from replant.live.dashboard.hub import COMMANDS, DIGITS
+from replant.live.dashboard import app as hub_module
+from replant.live.dashboard.app import COMMANDS, DIGITS, Hub
 from support.waiting import PATIENCE
 
 

@@ -14,12 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from replant.live.dashboard import (
-    Dashboard,
-    Hub,
-    app,
-    serve,
-)
+from replant.live.dashboard import app
+from replant.live.dashboard.app import Hub
+from replant.live.dashboard.server import Dashboard, serve
 from support.browsing import TEXTS, contrast, drawn_anew, new_page
 from support.dashboard_feed import Feed
 from support.dashboard_pages import Page

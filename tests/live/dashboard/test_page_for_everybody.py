@@ -9,7 +9,7 @@ import itertools
 
 import pytest
 
-from replant.live.dashboard import Dashboard
+from replant.live.dashboard.server import Dashboard
 from support.browsing import TEXTS, contrast, luminance
 from support.cases import every
 from support.dashboard_feed import Feed

@@ -13,8 +13,10 @@ import pytest
 from starlette.datastructures import Headers
 
 from replant.errors import InvalidArgumentError
-from replant.live.dashboard import Dashboard, Hub, security, serve
+from replant.live.dashboard import security
+from replant.live.dashboard.app import Hub
 from replant.live.dashboard.security import HEADERS
+from replant.live.dashboard.server import Dashboard, serve
 from support.cases import every
 from support.dashboard_feed import Feed
 from support.http_request import ask

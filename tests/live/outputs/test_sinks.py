@@ -5,11 +5,14 @@ from __future__ import annotations
 import json
 import os
 import socket
+from dataclasses import replace
 
 import pytest
 
 from replant.live.outputs import sinks
-from replant.live.outputs.sinks import LineSink, open_sink
+from replant.live.outputs.message import Notices
+from replant.live.outputs.sinks import LineSink, Publisher, open_sink
+from support.live_fakes import FakeSink
 from support.live_views import estimate
 from support.waiting import PATIENCE
 
@@ -65,3 +68,18 @@ def test_a_broker_that_is_away_is_said_after_some_seconds(monkeypatch: pytest.Mo
             sink.send(estimate())
     finally:
         sink.close()
+
+
+def test_trust_is_withdrawn_when_its_time_is_over_and_not_before() -> None:
+    sink, now = FakeSink(), [100.0]
+    publisher = Publisher([sink], None, 5.0, notices=Notices(print), on_reader_gone=lambda: None, now=lambda: now[0])
+    publisher.accepted()
+    publisher.mark()
+    publisher.send(lambda: replace(estimate(), status="running", verdict="trusted"))
+    assert [each.trusted for each in sink.sent] == [True]
+    for now[0] in (104.5, 104.9):
+        publisher.check()
+    assert len(sink.sent) == 1
+    now[0] = 105.0
+    publisher.check()
+    assert [(each.trusted, each.status) for each in sink.sent[1:]] == [(False, "waiting")]

@@ -9,7 +9,7 @@ import pytest
 
 from replant.errors import LogError
 from replant.fitting.inspect import first_model, inspect, options_of
-from replant.logs.columns import Kind
+from replant.logs.columns import Column, Kind, describe
 from replant.logs.roles import role_by_name
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs, random_steps
@@ -325,3 +325,9 @@ def test_where_neither_column_answers_either_may_be_the_input_unless_it_is_given
     path = save(tmp_path / "log.csv", {"t": DT * np.arange(600), "a": a, "b": b})
     assert inspect(path).roles.either
     assert not inspect(path, input="a").roles.either
+
+
+def test_a_column_without_numbers_is_neither_quantised_nor_held() -> None:
+    """Nothing is known of it, so that nothing speaks for a role."""
+    for column in (describe(0, "x", np.full(5, np.nan)), Column(1, "name", Kind.TEXT, 5, 5)):
+        assert (column.levels, column.quantised, column.held, column.is_signal) == (0, False, 0.0, False)

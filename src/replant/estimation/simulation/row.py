@@ -20,6 +20,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.estimation.simulation.branches import Branches
 from replant.estimation.simulation.outside import Outside
+from replant.model.preprocess import accepted
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import LEAST, Autoregression, sums_of
@@ -259,8 +260,11 @@ class RowRecord:
         input_hold: str = "zoh",
         begins: tuple[int, ...] = (),
     ) -> RowRecord:
-        """Make ready inputs (K, q) and an output (K,), NaN where missing; ``begins`` as in `Record`."""
-        measured, used = np.isfinite(y), np.isfinite(inputs).all(axis=1)
+        """Make ready inputs (K, q) and an output (K,), NaN where missing; ``begins`` as in `Record`.
+
+        Of numbers whose squares would leave float64 the same is true as of missing ones.
+        """
+        measured, used = accepted(y)[1], accepted(inputs)[1].all(axis=1)
         used &= np.logical_or.accumulate(measured) & np.logical_or.accumulate(measured[::-1])[::-1]
         if not (used & measured).any():
             raise InvalidArgumentError("no row of u and y has all its numbers: there is nothing to fit")

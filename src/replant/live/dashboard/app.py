@@ -1,11 +1,14 @@
-"""The application: the page and its assets, a websocket for views, downloads, commands."""
+"""The application: the hub, which passes views on and commands back; page and assets, a websocket, downloads."""
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import logging
-from collections.abc import Sequence
+import threading
+from collections.abc import AsyncGenerator, Callable, Sequence
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from pathlib import Path
@@ -20,11 +23,140 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from replant.errors import ReplantError
-from replant.live.dashboard.hub import COMMANDS, Hub
 from replant.live.dashboard.security import HEADERS, Guard, most_connections
 from replant.report.findings import VERDICTS
 from replant.report.page import asset as report_asset
 from replant.report.page import uplot
+
+#: The commands that a page may send to the identification.
+COMMANDS = ("freeze", "adapt", "reset")
+DIGITS = 7  # digits of a number that is only drawn: a screen shows four [count]
+_SLOW = ("bode", "step", "truth")  # they change slowly: they are sent with the history
+_DRAWN = ("window", *_SLOW, "history")
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A view as it is sent, serialized once for all browsers."""
+
+    number: int  # counts up from 1
+    # view, history: JSON objects: the view without what changes slowly; the history and the responses, which do
+    view: str
+    history: str
+
+
+class Hub:
+    """Holds the newest view for browsers; views are not queued: a slow browser misses those in between."""
+
+    def __init__(
+        self,
+        *,
+        command: Callable[[str], None] = lambda name: None,
+        report: Callable[[], bytes] = bytes,
+        notice: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self._command = command
+        self._report = report
+        self.notice = notice
+        self.ended = False
+        self.browsers = 0  # number of browsers with an open websocket
+        self._newest: tuple[int, dict[str, Any] | None] = (0, None)
+        self._frame: Frame | None = None
+        self._waiting: set[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = set()
+        self._reporting = threading.Lock()
+
+    @property
+    def newest(self) -> dict[str, Any] | None:
+        """The view published last, None before the first."""
+        return self._newest[1]
+
+    def publish(self, view: dict[str, Any]) -> None:
+        """Replace the newest view; from any thread.  Without browsers this takes a few microseconds."""
+        self._newest = (self._newest[0] + 1, view)
+        self._wake()
+
+    def end(self) -> None:
+        """Mark that no view follows the newest one; browsers that have it are then disconnected.  From any thread."""
+        self.ended = True
+        self._wake()
+
+    def _wake(self) -> None:
+        for loop, event in tuple(self._waiting):
+            with contextlib.suppress(RuntimeError):  # the event loop has just been closed
+                loop.call_soon_threadsafe(event.set)
+
+    async def subscribe(self) -> AsyncGenerator[Frame, None]:
+        """Yield the newest frame at once, then each newer one, until the end; no frame twice."""
+        entry = (asyncio.get_running_loop(), asyncio.Event())
+        self._waiting.add(entry)
+        seen = 0
+        try:
+            while True:
+                entry[1].clear()
+                frame = self._written()
+                if frame is None or frame.number == seen:
+                    if self.ended:
+                        return
+                    await entry[1].wait()
+                    continue
+                seen = frame.number
+                yield frame
+        finally:
+            self._waiting.discard(entry)
+
+    def _written(self) -> Frame | None:
+        """Return the newest view as a frame, which is serialized when the first browser asks for it."""
+        number, view = self._newest
+        if view is not None and (self._frame is None or self._frame.number != number):
+            shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
+            history = shown.pop("history", None)
+            shown.pop("model", None)  # only for whoever downloads it
+            slow = {key: shown.pop(key) for key in _SLOW if key in shown}
+            self._frame = Frame(
+                number, _text({"view": shown}), _text({"history": history, **({"slow": slow} if slow else {})})
+            )
+        return self._frame
+
+    @property
+    def watching(self) -> int:
+        """Number of browsers that are subscribed to views."""
+        return len(self._waiting)
+
+    def command(self, name: str) -> None:
+        """Send a command to the identification."""
+        if name not in COMMANDS:
+            raise ValueError(f"command must be one of {', '.join(COMMANDS)}, got {name!r}")
+        self._command(name)
+
+    def model(self) -> dict[str, Any]:
+        """Return the newest model with all its digits; empty before there is one."""
+        model: dict[str, Any] = (self.newest or {}).get("model", {})
+        return model
+
+    async def report(self) -> bytes:
+        """Return a report of the identification as HTML; takes seconds, in a thread."""
+        if not self._reporting.acquire(blocking=False):
+            raise ReplantError("a report is being made already: try again when it is finished")
+        try:
+            return await asyncio.to_thread(self._report)
+        finally:
+            self._reporting.release()
+
+
+def _rounded(value: Any) -> Any:
+    """Return ``value`` with its numbers rounded to the visible digits, which halves the number of bytes."""
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}")
+    if isinstance(value, list | tuple):
+        return [_rounded(entry) for entry in value]
+    if isinstance(value, dict):
+        return {key: _rounded(entry) for key, entry in value.items()}
+    return value
+
+
+def _text(message: dict[str, Any]) -> str:
+    return json.dumps(message, allow_nan=False, separators=(",", ":"))
+
 
 PERIOD = 0.2  # time between two views to one browser [s]
 HISTORY_PERIOD = 1.0  # time between two messages of what is long and changes slowly, history and responses [s]
@@ -85,11 +217,13 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
     async def live(socket: WebSocket) -> None:
         await stream(hub, socket)
 
-    async def model_json(_: Request) -> Response:
-        return _model(hub, "application/json", "model.json", lambda model: json.dumps(model, indent=2) + "\n")
-
-    async def model_python(_: Request) -> Response:
-        return _model(hub, "text/x-python", "model.py", python_of)
+    async def model(request: Request) -> Response:
+        found = hub.model()
+        if not found:
+            return PlainTextResponse("There is no model yet.\n", 404)
+        if request.url.path == "/model.py":
+            return file_answer(python_of(found).encode(), "text/x-python", "model.py")
+        return file_answer(f"{json.dumps(found, indent=2)}\n".encode(), "application/json", "model.json")
 
     async def command(request: Request) -> Response:
         name = request.path_params["name"]
@@ -112,8 +246,8 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
 
     return [
         WebSocketRoute("/live", live),
-        Route("/model.json", model_json),
-        Route("/model.py", model_python),
+        Route("/model.json", model),
+        Route("/model.py", model),
         Route("/command/{name}", command, methods=["POST"]),
         Route("/report", report, methods=["POST"]),
     ]
@@ -148,10 +282,7 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
 
 
 async def _send(hub: Hub, socket: WebSocket) -> None:
-    """Send the newest view, wait until it is sent, and repeat: a slow browser delays no other.
-
-    What changes slowly follows at most once in `HISTORY_PERIOD`, and then even if no further view comes.
-    """
+    """Send the newest view, wait until it is sent, and repeat; what changes slowly once in `HISTORY_PERIOD`."""
     clock = asyncio.get_running_loop().time
     frames = hub.subscribe()
     coming = asyncio.ensure_future(anext(frames, None))
@@ -181,13 +312,6 @@ async def _send(hub: Hub, socket: WebSocket) -> None:
         await frames.aclose()
 
 
-def _model(hub: Hub, kind: str, name: str, written: Any) -> Response:
-    model = hub.model()
-    if not model:
-        return PlainTextResponse("There is no model yet.\n", 404)
-    return file_answer(written(model).encode(), kind, name)
-
-
 def file_answer(content: bytes, kind: str, name: str) -> Response:
     """Return an answer that the browser saves under a name."""
     return Response(content, media_type=kind, headers={"Content-Disposition": f'attachment; filename="{name}"'})
@@ -196,33 +320,24 @@ def file_answer(content: bytes, kind: str, name: str) -> Response:
 def python_of(model: dict[str, Any]) -> str:
     """Return a program that makes the model's transfer function."""
     num, den = ([float(value) for value in model[key]] for key in ("num", "den"))
+    verdict = " ".join(str(model["verdict"]["status"]).split())  # in one line, so that it cannot end the comment
     return (
-        f"# identified by replant from {int(model['samples'])} samples; verdict: {_line(model['verdict']['status'])}\n"
+        f"# identified by replant from {int(model['samples'])} samples; verdict: {verdict}\n"
         "from replant import TransferFunction\n\n"
         f"G = TransferFunction(num={num}, den={den}, delay={float(model['delay'])})\n"
         "print(G)\n"
     )
 
 
-def _line(text: Any) -> str:
-    """Return text in one line, so that it cannot end the comment in which it stands."""
-    return " ".join(str(text).split())
-
-
 def _own(name: str) -> bytes:
     return resources.files("replant.live.dashboard").joinpath("assets", name).read_bytes()
-
-
-def _words() -> str:
-    """Return a module with the words of each verdict, which are those of the report."""
-    words = {status: [each.gravity, each.headline, each.meaning] for status, each in VERDICTS.items()}
-    return f"export const VERDICTS = new Map(Object.entries({json.dumps(words)}));\n"
 
 
 @cache
 def dashboard_assets() -> dict[str, bytes]:
     """Return everything that the page loads, by name."""
     found = {name: _own(name) for name in _OWN} | {name: report_asset(name).encode() for name in _OF_REPORT}
-    found["words.js"] = _words().encode()
+    words = {status: [each.gravity, each.headline, each.meaning] for status, each in VERDICTS.items()}  # the report's
+    found["words.js"] = f"export const VERDICTS = new Map(Object.entries({json.dumps(words)}));\n".encode()
     found["uPlot.js"], found["uPlot.css"] = (text.encode() for text in uplot())
     return found

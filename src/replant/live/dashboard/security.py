@@ -67,7 +67,9 @@ class Guard:
                 sent = MutableHeaders(scope=message)
                 sent.update(HEADERS)
                 if refused is None and self.token is not None and "token" in _query(scope):
-                    sent.append("Set-Cookie", self._cookie(scope))
+                    sent.append(
+                        "Set-Cookie", f"{self._cookie_name(scope)}={self._proof()}; HttpOnly; SameSite=Strict; Path=/"
+                    )
             await send(message)
 
         if refused is not None and refused[0] == 401:
@@ -122,9 +124,6 @@ class Guard:
         except CookieError:
             return False
         return morsel is not None and hmac.compare_digest(morsel.value.encode(), self._proof().encode())
-
-    def _cookie(self, scope: Scope) -> str:
-        return f"{self._cookie_name(scope)}={self._proof()}; HttpOnly; SameSite=Strict; Path=/"
 
     def _cookie_name(self, scope: Scope) -> str:
         """Return the cookie's name, which contains the port: browsers share cookies between all ports of a host."""

@@ -6,17 +6,19 @@ import asyncio
 import ipaddress
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError, shown
-from replant.live.dashboard.hub import Hub
 from replant.numerics.operating_system import Worker
 
 if TYPE_CHECKING:
     import uvicorn
+
+    from replant.live.dashboard.app import Hub
 
 GRACE = 1.0  # time that browsers get to say goodbye [s]
 S = TypeVar("S", bound=socket.socket)
@@ -79,6 +81,15 @@ class Dashboard:
         self.stop()
 
 
+@contextmanager
+def libraries_needed() -> Iterator[None]:
+    """Have imports of what serves a page say what to install."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(f"the dashboard needs {error.name}: pip install 'replant[live]'") from None
+
+
 def serve(
     hub: Hub,
     host: str = "127.0.0.1",
@@ -86,19 +97,13 @@ def serve(
     token: str | None = None,
     application: Callable[..., Any] | None = None,
 ) -> Dashboard:
-    """Serve the dashboard of ``hub`` from a thread, and return when the server is ready.
-
-    ``application`` makes another page that is served in the same way, as `create_app` makes the dashboard.
-    """
+    """Serve the dashboard of ``hub``, or another ``application``, from a thread; return when the server is ready."""
     _check(host, port, token)
-    try:
+    with libraries_needed():
         import uvicorn
 
         from replant.live.dashboard.app import create_app
         from replant.live.dashboard.security import Connections, Listening, most_connections
-    except ModuleNotFoundError as error:
-        message = f"the dashboard needs {error.name}: pip install 'replant[live]'"
-        raise MissingDependencyError(message) from None
     app = (application or create_app)(hub, token=token, hosts=_names(host))
     most = most_connections()
     listening = _bound(host, port, Listening)

@@ -24,8 +24,8 @@ from typing import Any, Protocol
 
 from replant.errors import InvalidArgumentError
 from replant.live.outputs.message import ENDED, LEAST_TTL, UNKNOWN, WAITING, EstimateMessage, Notices
+from replant.live.streams.lines import import_paho
 from replant.live.streams.opening import NO_PORT, Address, split
-from replant.live.streams.payloads import import_paho
 from replant.numerics.operating_system import Worker, one_line
 
 PORT = "give a port from 1 to 65535 after the host"
@@ -104,10 +104,7 @@ class LineSink:
 
 
 class UdpSink:
-    """Sends each estimate as a UDP datagram, whether or not a receiver listens.
-
-    PlotJuggler's "UDP Server" with the JSON parser reads the datagrams; "timestamp" is the field of time.
-    """
+    """Sends each estimate as a UDP datagram, heard or not; PlotJuggler's "UDP Server" reads its JSON."""
 
     interval = 0.0005  # no controller reads estimates faster
 

@@ -131,7 +131,6 @@ def speed_of(address: Address, default: float) -> float:
 
 
 _LOOP_BLOCK = 1 << 12  # samples simulated at once: what acts on them follows from seed and number [samples]
-
 PROPORTIONAL = 0.3  # gain of the controller: the loop's poles are at -7 and -43 rad/s [V per rad/s]
 INTEGRAL = 0.6  # integral gain of the controller [V per rad]
 LOWEST, HIGHEST = 30.0, 70.0  # range of the set-point [rad/s]
@@ -191,7 +190,6 @@ def _one_block(rig: Rig, r: FloatArray, state: FloatArray, draw: int) -> tuple[F
 
 
 BLOCK = 1 << 16  # samples simulated at once: input and noise follow from seed and number [samples]
-
 PART = 1 << 12  # samples handed over at once at the most [samples]
 LONGEST_STEP = 4000  # longest step of the voltage: the slow mode is seen within seconds [samples]
 FLUTTER = 0.2  # of the voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]

@@ -1,4 +1,4 @@
-"""Sources of lines: standard input, a serial port that is opened again when lost, and a TCP connection."""
+"""Sources of lines and payloads: standard input, serial ports, TCP connections, UDP datagrams, MQTT messages."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ import socket
 import stat
 import sys
 import time
+import uuid
+from collections import deque
 from typing import Any
 
 from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.streams.opening import Address
+from replant.live.streams.parser import Payloads
 from replant.live.streams.reader import Wire
 
 BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
@@ -194,3 +197,182 @@ def open_tcp(address: Address, columns: tuple[str, ...] | None) -> TcpSource:
     """Return the source of a URL ``tcp://``."""
     address.allow("columns")
     return TcpSource(address.name, *address.host_and_port(TCP_EXAMPLE), columns)
+
+
+UDP_EXAMPLE = "udp://0.0.0.0:9000"
+BUFFER = 1 << 23  # receive buffer that is requested from the system; the system may grant less [bytes]
+UDP_TOGETHER = 512  # largest number of datagrams parsed together [count]
+LARGEST_DATAGRAM = 1 << 16  # room for one datagram, more than UDP allows [bytes]
+
+
+class UdpSource(Wire):
+    """Datagrams with lines or packed numbers, received at ``udp://address:port``."""
+
+    def __init__(
+        self, name: str, host: str, port: int, columns: tuple[str, ...] | None = None, *, bare: bool = False
+    ) -> None:
+        super().__init__(name, columns, waits=False, replays=False)
+        self._payloads = Payloads(self._parser, bare=bare)
+        self._socket = listen(name, host, port)
+        self.port: int = self._socket.getsockname()[1]
+
+    def close(self) -> None:
+        """Stop listening, see `Source.close`."""
+        super().close()
+        if self._state == "connecting":  # the reading, which closes the socket, has not begun
+            self._socket.close()
+
+    def _session(self) -> None:
+        with self._socket:
+            self._connected()
+            while not self._stop.requested:
+                if self._stop.wait_readable(self._socket, 60.0):
+                    self._deliver(self._payloads.parse(self._received(), time.monotonic()))
+
+    def _received(self) -> list[bytes]:
+        """Return the datagrams that have arrived."""
+        datagrams: list[bytes] = []
+        try:
+            while len(datagrams) < UDP_TOGETHER:
+                datagrams.append(self._socket.recv(LARGEST_DATAGRAM))
+        except BlockingIOError:
+            pass
+        except OSError as error:  # the network reports a fault of earlier datagrams; reading continues
+            self.trouble = error.strerror or str(error)
+        return datagrams
+
+
+def listen(name: str, host: str, port: int) -> socket.socket:
+    """Return a socket that receives datagrams."""
+    try:
+        family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        listener = socket.socket(family, kind, protocol)
+    except OSError as error:
+        raise InvalidArgumentError(f"{name}: {error.strerror or error}; write {UDP_EXAMPLE}") from None
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
+        listener.bind(place)
+    except OSError as error:
+        listener.close()
+        raise InvalidArgumentError(
+            f"{name}: cannot listen there ({error.strerror or error}); choose another port, "
+            "and an address of this computer or 0.0.0.0"
+        ) from None
+    listener.setblocking(False)
+    return listener
+
+
+def open_udp(address: Address, columns: tuple[str, ...] | None) -> UdpSource:
+    """Return the source of a URL ``udp://``."""
+    address.allow("columns", "format")
+    bare = address.one_of("format", ("lines", "doubles"), "lines") == "doubles"
+    if bare and columns is None:
+        raise InvalidArgumentError(f"{address.name}: format=doubles needs columns; add &columns=t,u,y")
+    return UdpSource(address.name, *address.host_and_port(UDP_EXAMPLE), columns, bare=bare)
+
+
+MQTT_EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
+PORT = 1883  # port of a broker, as registered [number]
+MQTT_KEEPALIVE = 15  # MQTT's keep-alive interval: the broker hears from the client at least that often [s]
+LONGEST_MESSAGE = 1 << 20  # the longest message; a longer one is skipped and counted [bytes]
+MQTT_TOGETHER = 256  # largest number of messages parsed together [count]
+
+
+class MqttSource(Wire):
+    """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``."""
+
+    def __init__(self, address: Address, columns: tuple[str, ...] | None = None) -> None:
+        super().__init__(address.name, columns, waits=False)
+        import_paho(address.name)
+        self._address = address
+        self._qos = int(address.one_of("qos", ("0", "1"), "0"))
+        self._payloads = Payloads(self._parser)
+        self._id = f"replant-{uuid.uuid4().hex[:12]}"
+        self._messages: deque[bytes] = deque()
+
+    def _session(self) -> str:
+        """Connect, and receive until a stop is requested or the connection ends; return why it ended."""
+        self.trouble = ""
+        client = self._client()
+        try:
+            client.connect(self._address.host, self._address.port or PORT, MQTT_KEEPALIVE)
+            while not self._stop.requested and client.socket() is not None:
+                ready = self._stop.wait_readable(client.socket(), 0.05 if client.want_write() else 1.0)
+                if client.want_write():
+                    client.loop_write()
+                if ready:
+                    self._drain(client)
+                client.loop_misc()
+        except OSError as error:
+            return error.strerror or str(error)
+        finally:
+            if self._stop.requested:
+                client.unsubscribe(self._address.path)  # else the broker would keep further messages for this client
+            client.disconnect()
+        return self.trouble or "the broker closed the connection"
+
+    def _drain(self, client: Any) -> None:
+        """Deliver the messages that have arrived."""
+        for _ in range(MQTT_TOGETHER):
+            waiting = len(self._messages)
+            if client.loop_read() or len(self._messages) == waiting:
+                break
+        if self._messages:
+            messages = list(self._messages)
+            self._messages.clear()
+            self._deliver(self._payloads.parse(messages, time.monotonic()))
+
+    def _client(self) -> Any:
+        mqtt = import_paho(self.name)
+        client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, self._id, clean_session=self._qos == 0)
+        if self._address.user is not None:
+            client.username_pw_set(self._address.user, self._address.password)
+        client.on_connect = self._on_connect
+        client.on_subscribe = self._on_subscribe
+        client.on_message = self._on_message
+        return client
+
+    def _on_connect(self, client: Any, data: Any, flags: Any, reason: Any, properties: Any) -> None:
+        if reason.is_failure:
+            self.trouble = f"the broker refuses: {reason}"
+        else:
+            client.subscribe(self._address.path, self._qos)
+
+    def _on_subscribe(self, client: Any, data: Any, number: int, reasons: Any, properties: Any) -> None:
+        if any(reason.is_failure for reason in reasons):
+            self.trouble = f"the broker refuses the topic: {reasons[0]}"
+            client.disconnect()
+        else:
+            self._connected()
+
+    def _on_message(self, client: Any, data: Any, message: Any) -> None:
+        if message.retain:
+            self._counts["retained"] += 1
+        elif len(message.payload) > LONGEST_MESSAGE:
+            self._counts["too long"] += 1
+        else:
+            self._messages.append(message.payload)
+
+
+def import_paho(name: str) -> Any:
+    """Return paho's client module; ``name`` is the source's URL, for the message."""
+    try:
+        from paho.mqtt import client
+    except ImportError as error:
+        raise MissingDependencyError(f"{name}: MQTT needs paho-mqtt: pip install 'replant[live]'") from error
+    return client
+
+
+def open_mqtt(address: Address, columns: tuple[str, ...] | None) -> MqttSource:
+    """Return the source of a URL ``mqtt://``."""
+    address.allow("columns", "qos")
+    if not address.host:
+        raise InvalidArgumentError(f"{address.name}: the broker is missing; write {MQTT_EXAMPLE}")
+    if not address.path:
+        raise InvalidArgumentError(f"{address.name}: the topic is missing; write {MQTT_EXAMPLE}")
+    *above, last = address.path.split("/")
+    if any("#" in level for level in above) or any(
+        mark in level and level != mark for level in (*above, last) for mark in "#+"
+    ):
+        raise InvalidArgumentError(f"{address.name}: + stands for a whole level, # for all that follow; write rig/+")
+    return MqttSource(address, columns)

@@ -125,9 +125,9 @@ def options_of(name: str, query: str) -> dict[str, str]:
 #: For each scheme of a URL: the function that opens it, and an example.
 SCHEMES = {
     "tcp": ("lines.open_tcp", "tcp://127.0.0.1:9000"),
-    "udp": ("payloads.open_udp", "udp://0.0.0.0:9000"),
+    "udp": ("lines.open_udp", "udp://0.0.0.0:9000"),
     "serial": ("lines.open_serial", "serial:///dev/ttyUSB0?baud=115200"),
-    "mqtt": ("payloads.open_mqtt", "mqtt://127.0.0.1:1883/rig/1"),
+    "mqtt": ("lines.open_mqtt", "mqtt://127.0.0.1:1883/rig/1"),
 }
 _OTHERS = "-, demo, log.csv?speed=10"
 

@@ -72,7 +72,6 @@ class StopRequest:
 
 CAPACITY = 1 << 17  # samples that wait at the most: 0.6 s at 200,000 samples/s, 4 MB [samples]
 LARGEST_BATCH = 1 << 14  # samples handed over at once at the most [samples]
-
 EMPTY = np.empty(0)
 
 

@@ -11,8 +11,8 @@ import pytest
 from rich.console import Console
 
 import replant as rp
-from replant.live.observer import terminal
-from replant.live.observer.terminal import TerminalStatus, render, status_line
+from replant.live import terminal
+from replant.live.terminal import TerminalStatus, render, status_line
 from support.cases import every
 from support.live_fakes import PLANT
 from support.live_views import resting_view, viewed

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.live.observer.make_view import POINTS, EstimateHistory, make_view
-from replant.live.observer.view import SessionInfo, SignalNames, View
+from replant.live.make_view import POINTS, EstimateHistory, make_view
 from replant.live.outputs.message import UNKNOWN
+from replant.live.view import SessionInfo, SignalNames, View
 from replant.verdict import simulate
 from support.cases import every
 from support.live_fakes import DT, PLANT, REQUEST, record

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.live.observer.make_view import EstimateHistory, make_view
-from replant.live.observer.terminal import report_of
-from replant.live.observer.view import SessionInfo, View
+from replant.live.make_view import EstimateHistory, make_view
+from replant.live.terminal import report_of
+from replant.live.view import SessionInfo, View
 from replant.report import result_page as report
 
 pytestmark = pytest.mark.usefixtures("unrendered")

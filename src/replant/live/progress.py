@@ -292,10 +292,7 @@ class Limits:
 
 @contextmanager
 def stop_on_signals(stop: Callable[[], None]) -> Iterator[None]:
-    """Call ``stop`` on the first SIGINT or SIGTERM within the ``with`` block; the second one has its usual effect.
-
-    Only the main thread receives signals: in another thread this has no effect.
-    """
+    """Call ``stop`` on the first SIGINT or SIGTERM in the block, of the main thread; the second acts as usual."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -16,16 +16,16 @@ import numpy as np
 
 from replant.errors import ReplantError
 from replant.estimation.simulation.stretches import stretches_of
-from replant.live.observer.view import View
+from replant.live.view import View
 from replant.logs import Log
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
 from replant.online.runs.result import Clock, History, Result
-from replant.plotting.numbers import fraction, grouped, off_by, std_alone, true_parameters, with_std, wrapped
+from replant.plotting.numbers import fraction, grouped, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
-from replant.report.terminal import table
+from replant.report.terminal import parameter_table
 from replant.verdict import fit_percent, simulate
 
 LINES_APART = 5.0  # time between two lines where nobody watches [s]
@@ -107,13 +107,17 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
     frozen = "" if view.adapting else "  (frozen: samples arrive, but the estimate is not updated)"
     rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis")]
     if view.window.r.size:
-        rows.append(Text(_newest(view)))
+        newest = {"reference": view.window.r, "output": view.window.y, "input": view.window.u}
+        rows.append(Text("   ".join(f"{name} {grouped(float(signal[-1]))}" for name, signal in newest.items())))
     rows.append(Text(""))
     if view.den.size:
         model = TransferFunction(view.num, view.den, view.delay)
         rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
-        rows += [Text(""), _coefficients(view, truth), Text("")]
-        rows.append(Text(f"DC gain  {with_std(view.dc_gain, view.dc_gain_std)}    {_fit(view)}"))
+        figures = view.parameters.tolist(), view.std.tolist()
+        rows += [Text(""), parameter_table(view.names, *figures, truth, "estimate", 5), Text("")]
+        fit = f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"
+        fit = fit if math.isfinite(view.simulated) else ""
+        rows.append(Text(f"DC gain  {with_std(view.dc_gain, view.dc_gain_std)}    {fit}"))
     rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
     rows += [Padding(Text(line), (0, 0, 0, 9)) for reason in view.reasons for line in wrapped(reason, REASONS_WIDTH)]
     if running:
@@ -138,13 +142,6 @@ def _traffic(view: View, *, running: bool) -> str:
     return "   ".join(part for part in (*parts, _lost(view)) if part)
 
 
-def _newest(view: View) -> str:
-    """Return the newest sample, where there is a reference: whether the output follows it."""
-    window = view.window
-    named = {"reference": window.r, "output": window.y, "input": window.u}
-    return "   ".join(f"{name} {grouped(float(signal[-1]))}" for name, signal in named.items())
-
-
 def _progress(view: View) -> list[str]:
     return [f"{grouped(view.at)} s", f"{grouped(view.samples, 0)} samples"]
 
@@ -153,22 +150,6 @@ def _lost(view: View) -> str:
     """Return the samples and lines that were not learned, by reason."""
     counts = [*view.rejected.items(), *view.counters.items()]
     return ", ".join(f"{grouped(count, 0)} {reason}" for reason, count in counts if count)
-
-
-def _coefficients(view: View, truth: TransferFunction | None) -> Any:
-    true, rows = true_parameters(truth) if truth is not None else [], []
-    for i, name in enumerate(view.names):
-        value, std = float(view.parameters[i]), float(view.std[i])
-        cells = [name, f"{value:.5g}", std_alone(std)]
-        if i < len(true):
-            cells += [f"{true[i]:.5g}", off_by(value, true[i])]
-        rows.append(cells)
-    return table(("coefficient", "estimate", "std", *(("true", "off by") if true else ())), rows)
-
-
-def _fit(view: View) -> str:
-    said = f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"
-    return said if math.isfinite(view.simulated) else ""
 
 
 ROUNDING = 1e-6  # difference between an interval and the sampling time that is rounding [sampling times]

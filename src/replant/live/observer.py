@@ -17,9 +17,9 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 
 from replant.errors import InvalidArgumentError
-from replant.live.observer.process import ENDING, Handover, ObserverOptions, Told, observe
-from replant.live.observer.view import SessionInfo, View
+from replant.live.observing import ENDING, Handover, ObserverOptions, Told, observe
 from replant.live.outputs.message import Notices
+from replant.live.view import SessionInfo, View
 from replant.numerics.operating_system import Worker, one_line, refusal
 from replant.online.identifier import Identifier
 

@@ -14,15 +14,15 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
 from replant.errors import ReplantError
-from replant.live.observer.make_view import EstimateHistory, make_view
-from replant.live.observer.view import UNNAMED, Rows, SessionInfo, SignalNames, View
+from replant.live.make_view import EstimateHistory, make_view
 from replant.live.outputs.message import Notices
+from replant.live.view import UNNAMED, Rows, SessionInfo, SignalNames, View
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.operating_system import one_line, refusal
 from replant.online.identifier import Identifier
 
 if TYPE_CHECKING:
-    from replant.live.dashboard.hub import Hub
+    from replant.live.dashboard.app import Hub
     from replant.live.dashboard.server import Dashboard
 
 #: Signals that end a session, and the observer by it alone.
@@ -87,7 +87,7 @@ class _Observing:
     """The state of the running observer: its newest identifier and view, its terminal and dashboard."""
 
     def __init__(self, connection: Connection, options: ObserverOptions) -> None:
-        from replant.live.observer.terminal import TerminalStatus
+        from replant.live.terminal import TerminalStatus
 
         self._connection, self._sending = connection, threading.Lock()
         self._options = options
@@ -185,16 +185,16 @@ class _Observing:
         if time.monotonic() < self._serve_again:
             return
         self._serve_again = time.monotonic() + AGAIN
-        from replant.live.dashboard.hub import Hub
-        from replant.live.dashboard.server import serve
+        from replant.live.dashboard.server import libraries_needed, serve
 
-        if self._hub is None:
-            self._hub = Hub(
+        try:
+            with libraries_needed():
+                from replant.live.dashboard.app import Hub
+            self._hub = self._hub or Hub(
                 command=lambda name: self._send(Told("command", name)),
                 report=self._report,
                 notice=lambda text: self._notices.say("dashboard", f"replant: the dashboard: {text}"),
             )
-        try:
             self._dashboard = serve(self._hub, address.host, address.port, address.token)
         except (ReplantError, OSError, RuntimeError) as mistake:
             self._send(Told("failed", one_line(mistake)))
@@ -203,7 +203,7 @@ class _Observing:
 
     def _report(self) -> bytes:
         """Return the report of the newest estimate over the samples that the identifier keeps."""
-        from replant.live.observer.terminal import report_of
+        from replant.live.terminal import report_of
 
         identifier, view = self._identifier, self._view
         if identifier is None or view is None:

@@ -14,7 +14,7 @@ import pytest
 
 import replant as rp
 from replant.live.outputs.message import ENDED, UNKNOWN
-from replant.live.session.progress import Limits, Progress, resume
+from replant.live.progress import Limits, Progress, resume
 from replant.online import saving
 from support.live_fakes import DT, REQUEST, FakeObserver, FakeSink, FakeSource, make, record
 from support.waiting import PATIENCE, wait_until

@@ -1,21 +1,30 @@
-"""Session: the loop from source to identifier to outputs, which waits for samples only."""
+"""Session: the loop from source to identifier to outputs, which waits for samples only; and a whole run of it."""
 
 from __future__ import annotations
 
+import contextlib
+import ctypes
+import shlex
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from replant.errors import CheckpointError, InvalidArgumentError, SystemRefusedError
-from replant.live.observer.client import Observer
-from replant.live.observer.view import SessionInfo, View
+from replant.errors import CheckpointError, DamagedCheckpointError, InvalidArgumentError, SystemRefusedError
+from replant.estimation.settings import Request
+from replant.live.make_view import EstimateHistory, make_view
+from replant.live.observer import Observer
+from replant.live.observing import DashboardAddress, ObserverOptions
 from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, ParquetRecorder, time_to_live
-from replant.live.outputs.sinks import Publisher, Sink
-from replant.live.session.progress import CheckpointWriter, Limits, Progress, Throughput, stop_on_signals
-from replant.live.streams import Batch, Source
+from replant.live.outputs.sinks import Publisher, Sink, open_sink
+from replant.live.progress import CheckpointWriter, Limits, Progress, Throughput, resume, stop_on_signals
+from replant.live.streams import Batch, Source, open_source
+from replant.live.terminal import print_summary
+from replant.live.view import UNNAMED, SessionInfo, SignalNames, View
+from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import refusal
 from replant.online.identifier import Identifier
@@ -260,3 +269,103 @@ def speaks_of(view: View, parameters: FloatArray) -> bool:
     """Return whether a view speaks of parameters (P,): one that has moved beyond chance since is another model's."""
     with np.errstate(invalid="ignore"):  # infinite where the model has left float64
         return not (np.abs(parameters - view.parameters) > MOVED_SIGMAS * view.std).any()
+
+
+M_MMAP_THRESHOLD = -3  # name of the setting in malloc.h [number]
+THRESHOLD = 1 << 17  # size of blocks that the system gets back at once: glibc's initial value [bytes]
+
+
+def limit_heap_growth() -> None:
+    """Have the C library map blocks of 128 KiB and more one by one, and return them when they are freed.
+
+    Otherwise blocks of lines and samples, whose sizes vary, leave holes in the heap: at hundreds of thousands of
+    samples a second it grows by some megabytes a minute until it has found its size.  Without glibc this has no effect.
+    """
+    with contextlib.suppress(OSError, AttributeError, TypeError):
+        ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, THRESHOLD)
+
+
+def run(
+    source: str,
+    request: Request,
+    limits: Limits,
+    *,
+    sinks: Sequence[str] = (),
+    record: Path | None = None,
+    checkpoint: Path | None = None,
+    every: float = 10.0,
+    dashboard: DashboardAddress | None = None,
+    truth: TransferFunction | None = None,
+    signals: SignalNames = UNNAMED,
+    ttl: float | None = None,
+    background: bool = False,
+) -> bool:
+    """Identify until the stream, a limit or the user ends the session, and print the result.
+
+    Samples come from the URL ``source``, estimates go to the addresses ``sinks``.  Both are recorded in the folder
+    ``record``, and the state is saved in the file ``checkpoint`` every so many seconds.  The ``truth`` of a simulated
+    rig is shown beside the estimate.  With ``background`` a second process solves the record again.
+    """
+    limit_heap_growth()
+    progress, identifier, messages = _load_checkpoint(checkpoint, request, background=background)
+    resumed = identifier is not None
+    with ExitStack() as opened:
+        stream = open_source(source)
+        opened.callback(stream.close)
+        receivers: list[Sink] = []
+        for to in sinks:
+            receivers.append(open_sink(to, time_to_live(request.dt) if ttl is None else ttl))
+            opened.callback(receivers[-1].close)
+        observer = Observer(ObserverOptions(dashboard, terminal=True, truth=truth, signals=signals))
+        opened.callback(observer.close)
+        for line in [*messages, *([f"replant: watch it at {observer.url}"] if observer.url else [])]:
+            observer.show(line)
+        notices = Notices(observer.show)
+        disk_writer = DiskWriter(notices)
+        session = Session(
+            stream,
+            identifier or Identifier(**vars(request), background=background),
+            disk_writer=disk_writer,
+            notices=notices,
+            observer=observer,
+            sinks=receivers,
+            recorder=None if record is None else ParquetRecorder(record, disk_writer, go_on=resumed),
+            checkpoints=None if checkpoint is None else CheckpointWriter(checkpoint, every, disk_writer),
+            limits=limits,
+            progress=progress,
+            ttl=ttl,
+        )
+        if record is not None:
+            observer.show(f"replant: cut and fit it meanwhile: {shlex.join(['replant', 'open', str(record)])}")
+        reached = session.run()
+        if session.identifier.forced_waits:
+            waited = f"{session.identifier.forced_waits:,} times a sample waited for the second process"
+            observer.show(f"replant: {waited}: the record is solved again more slowly than samples come")
+    view = observer.last or make_view(session.identifier, session.info, EstimateHistory(request.structure.size))
+    print_summary(view, truth, to_stderr="-" in sinks)
+    return reached
+
+
+def _load_checkpoint(
+    path: Path | None, request: Request, *, background: bool
+) -> tuple[Progress, Identifier | None, list[str]]:
+    """Return progress and identifier of the checkpoint, if there is one, and messages about it for the user."""
+    if path is None:
+        return Progress(), None, []
+    if not path.absolute().parent.is_dir():
+        raise InvalidArgumentError(f"--checkpoint {path}: there is no folder {path.parent}; make it first")
+    loaded = resume(path, request)
+    if loaded is None:
+        return Progress(), None, []
+    try:
+        progress = Progress.of(loaded.progress)
+    except DamagedCheckpointError as error:
+        raise DamagedCheckpointError(f"{path}: {error}") from error
+    if background and not loaded.identifier.background:
+        raise InvalidArgumentError(
+            f"--background: {path} goes on without a second process; leave it out, or begin anew"
+        )
+    messages = [f"replant: {path}: continuing after {progress.taken:,} samples"]
+    if loaded.used_previous:
+        messages.insert(0, f"replant: {loaded.used_previous}; the previous checkpoint is used instead")
+    return progress, loaded.identifier, messages

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.live.observer.make_view import MOST_ROWS, EstimateHistory
+from replant.live.make_view import MOST_ROWS, EstimateHistory
 
 
 def test_the_history_covers_the_whole_run_in_bounded_memory() -> None:

@@ -21,16 +21,16 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.live.observer import client as observing
-from replant.live.observer import process as process_module
-from replant.live.observer.client import Observer
-from replant.live.observer.process import (
+from replant.live import observer as observing
+from replant.live import observing as process_module
+from replant.live.observer import Observer
+from replant.live.observing import (
     DashboardAddress,
     Handover,
     ObserverOptions,
     Told,
 )
-from replant.live.observer.view import SessionInfo, View
+from replant.live.view import SessionInfo, View
 from support.live_command import wait_for
 from support.live_fakes import DT, REQUEST, record
 from support.waiting import PATIENCE
@@ -281,8 +281,8 @@ def test_what_is_said_before_the_first_view_is_shown_at_once(capfd: pytest.Captu
 def test_it_goes_away_with_its_session() -> None:
     """However that ends; a signal would not end it."""
     program = """
-from replant.live.observer.client import Observer
-from replant.live.observer.process import ObserverOptions
+from replant.live.observer import Observer
+from replant.live.observing import ObserverOptions
 if __name__ == "__main__":
     observer = Observer(ObserverOptions())
     print(observer._process.pid, flush=True)

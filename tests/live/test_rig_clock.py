@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from replant.live.session.progress import RigClock
+from replant.live.progress import RigClock
 from support.live_fakes import DT
 
 
@@ -40,3 +40,11 @@ def test_a_clock_set_back_by_a_day_goes_on_after_a_gap() -> None:
     assert rig[1] - last > 20 * DT
     again = RigClock(DT, clock.last, clock.offset)  # as after a resumption
     assert again.follow(np.array([1e6 - 86400.0 + 5 * DT]))[0] == pytest.approx(rig[-1] + DT)
+
+
+@pytest.mark.parametrize(("later", "last"), [(6.25, 106.25), (6.375, 100.0)])
+def test_a_leap_is_confirmed_within_fifty_sampling_times(later: float, last: float) -> None:
+    """Beyond, the rig is one whose stamps all leap, of which the stamp before counts."""
+    clock = RigClock(0.125)
+    clock.follow(np.array([0.0, 0.125, 100.0, 100.0 + later]))
+    assert clock.last == last

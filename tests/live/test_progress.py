@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import replant as rp
-from replant.live.session.progress import Progress
+from replant.live.progress import Progress
 from support.cases import every
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from replant.estimation.simulation.stretches import joined, stretches_of
 from replant.fitting.model_json import as_object
 from replant.fitting.responses import SETTLED, Bode, StepResponse, frequencies, time_of
-from replant.live.observer import view
-from replant.live.observer.view import UNNAMED, Rows, SessionInfo, SignalNames, View, Window
+from replant.live import view
+from replant.live.view import UNNAMED, Rows, SessionInfo, SignalNames, View, Window
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
-from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of, newest_samples
 from replant.plotting.diagrams import mirrored
@@ -72,7 +72,6 @@ FASTER = 0.25  # a mode that settles within this part of the response gets times
 GROWN = 3.0  # time constants of an unstable mode that are shown: later it hides all others [time constants]
 SIGMAS = 2.0  # half-width of a band [standard deviations]
 WIDEST = 60.0  # half-width at which a band is cut: beyond it nothing is known anyway [dB]
-
 NOTHING = np.zeros(0)
 
 
@@ -174,20 +173,14 @@ def make_view(
     model = identifier.transfer_function
     finite = known and bool(np.isfinite(parameters).all())
     window, simulated = _window(identifier, model if finite else None, info.at)
-    verdict = identifier.assess()
+    verdict, noise = identifier.assess(), identifier.noise
     history.append(info.at, parameters, std)
     shown = model if finite else None
     bode = bode_of(shown, uncertainty, identifier.dt)
     return View(
-        at=info.at,
+        **vars(info),
         samples=identifier.samples,
         rejected=identifier.rejected,
-        counters=dict(info.counters),
-        source=info.source,
-        source_state=info.source_state,
-        rate=info.rate,
-        lag=info.lag,
-        silence=info.silence,
         status=identifier.status,
         adapting=identifier.adapting,
         names=identifier.names,
@@ -201,7 +194,9 @@ def make_view(
         excited=verdict.excited,
         reasons=verdict.reasons,
         simulated=simulated,
-        residual_std=_residual_std(identifier),
+        residual_std=math.nan
+        if noise is None or noise.residual_variance == 0.0
+        else math.sqrt(noise.residual_variance),
         input_label=mapped_label(signals.input, identifier.request.preprocess.input_map),
         output_label=signals.output,
         window=window,
@@ -211,12 +206,6 @@ def make_view(
         history=history.rows(),
         model=_kept(identifier, verdict) if finite else {},
     )
-
-
-def _residual_std(identifier: Identifier) -> float:
-    """Return the standard deviation of the residual by the noise model; NaN where there is none."""
-    noise = identifier.noise
-    return math.nan if noise is None or noise.residual_variance == 0.0 else math.sqrt(noise.residual_variance)
 
 
 def _kept(identifier: Identifier, verdict: Verdict) -> dict[str, Any]:
@@ -267,7 +256,9 @@ def _window(identifier: Identifier, model: TransferFunction | None, at: float) -
     residual = np.where(judged, y - output, np.nan)
     drawn_t, drawn = _thinned(t, [u, y, output, residual, *([r] if r.size else [])])
     u, y, output, residual, *others = drawn
-    return Window(drawn_t, u, y, output, residual, _left_out(t, judged), others[0] if others else r), fit
+    rows = joined(stretches_of(~judged), max(1, t.size // POINTS))  # each begins at the sample before it
+    left_out = np.column_stack([t[np.maximum(rows[:, 0] - 1, 0)], t[np.minimum(rows[:, 1], t.size) - 1]])
+    return Window(drawn_t, u, y, output, residual, left_out, others[0] if others else r), fit
 
 
 def _thinned(t: FloatArray, signals: Sequence[FloatArray]) -> tuple[FloatArray, list[FloatArray]]:
@@ -285,9 +276,3 @@ def _thinned(t: FloatArray, signals: Sequence[FloatArray]) -> tuple[FloatArray, 
         times.append(t[part][thinned[0].indices(t[part].size)])
         drawn.append([signal.values for signal in thinned])
     return np.concatenate(times), [np.concatenate(pieces) for pieces in zip(*drawn, strict=True)]
-
-
-def _left_out(t: FloatArray, judged: BoolArray) -> FloatArray:
-    """Return begin and end (L, 2) of the stretches left out, in rig time; each begins at the sample before it."""
-    rows = joined(stretches_of(~judged), max(1, t.size // POINTS))
-    return np.column_stack([t[np.maximum(rows[:, 0] - 1, 0)], t[np.minimum(rows[:, 1], t.size) - 1]])

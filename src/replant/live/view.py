@@ -104,20 +104,12 @@ class Rows:
     std: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class View:
-    """A running identification at one moment."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class View(SessionInfo):
+    """A running identification at one moment: what the session says, and what the identifier does."""
 
-    at: float  # rig time of the newest sample in s
     samples: int  # accepted samples
-    # rejected, counters: samples that the identifier rejected, and lines that the source refused, by reason
-    rejected: Mapping[str, int]
-    counters: Mapping[str, int]
-    source: str
-    source_state: str
-    rate: float  # rate, lag: samples a second; seconds from a sample's arrival until it was learned
-    lag: float
-    silence: float  # see `SessionInfo`
+    rejected: Mapping[str, int]  # samples that the identifier rejected, by reason
     status: str  # {"starting", "running", "diverged"}
     adapting: bool  # whether the estimate is updated; False while it is frozen
     names: tuple[str, ...]

@@ -1,1 +1,0 @@
-"""The observer: a separate process that judges the estimate and shows it."""

@@ -1,1 +1,0 @@
-"""The session: one loop from source to outputs, with checkpoints."""
