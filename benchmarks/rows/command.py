@@ -9,7 +9,7 @@ diverged and were trusted.
 
 "public" has records of public repositories, read from clones in ``--mirror``, beside an output-error fit.
 
-"random" has ``--records`` random plants of ``--inputs`` inputs, through the identifier and `fit`; "starts" asks how
+"random" has ``--records`` random plants of ``--inputs`` inputs, through the identifier; "starts" asks how
 often the start of a random plant leads to the minimum near the truth.
 """
 

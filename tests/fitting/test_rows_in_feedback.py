@@ -81,6 +81,25 @@ def test_a_reference_that_is_not_known_leaves_its_output_out() -> None:
     assert distance(found) < chi2_quantile(0.9999, TRUE.size)
 
 
+def test_an_input_that_moves_with_the_reference_by_chance_is_from_outside() -> None:
+    """It follows half of the set-point, and no disturbance: what else it does counts, too."""
+    u, y, r = looped(8)
+    other = PLANT[1].simulate(u[:, 1] + 0.5 * r, DT) - PLANT[1].simulate(u[:, 1].copy(), DT)
+    a, b, c, _, _ = cont2discrete(tf2ss(PLANT[0].num, PLANT[0].den), DT)
+    x, total, more, extra = np.zeros(2), 0.0, np.zeros(SAMPLES), np.zeros(SAMPLES)
+    for k in range(SAMPLES):  # the loop is linear: what the further movement adds
+        extra[k] = c[0] @ x + other[k]
+        total -= DT * extra[k]
+        more[k] = -2.0 * extra[k] + total
+        x = a @ x + b[:, 0] * more[k]
+    found = rp.fit(np.column_stack([u[:, 0] + more, u[:, 1] + 0.5 * r]), y + extra, DT, **ASKED, reference=r)
+    reasons = " ".join(found.verdict.reasons)
+    assert "input u1 is moved by the reference" in reasons
+    assert "input u2 is moved" not in reasons
+    assert np.diag(found.covariance)[-1] < 2.0 * np.diag(rp.fit(u, y, DT, **ASKED, reference=r).covariance)[-1]
+    assert distance(found) < chi2_quantile(0.9999, TRUE.size)
+
+
 @every(
     "reference, words",
     [

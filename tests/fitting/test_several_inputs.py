@@ -144,6 +144,21 @@ def test_the_text_names_each_input_and_the_verdict() -> None:
     assert "u2: 0.2 / (s + 0.1) exp(-0.3 s)" in text
 
 
+def test_each_of_several_logs_has_an_offset_and_initial_states_of_its_own() -> None:
+    logs = []
+    for seed in range(4):
+        u = toggling(seed, samples=500)
+        y = row_of(u, FAST, SLOW) + 0.05 * np.random.default_rng(seed).standard_normal(500) + 10.0 * seed
+        u, y = u[200:], y[200:]  # it begins in motion
+        logs.append(rp.Log(u[:, 0].copy(), y, DT, others={"u2": u[:, 1].copy()}, more_inputs=("u2",)))
+    found = rp.fit(logs, **ASKED)
+    error = found.parameters - TRUE
+    assert error @ np.linalg.solve(found.covariance, error) < chi2_quantile(0.9999, TRUE.size)
+    assert found.verdict.status == "trusted"
+    one = rp.fit(logs[0], **ASKED)
+    assert (np.diag(found.covariance) < 0.5 * np.diag(one.covariance)).all()
+
+
 class TestVerdict:
     """Each reason is given where it is the cause, and not beside it."""
 

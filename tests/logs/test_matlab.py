@@ -15,7 +15,7 @@ import scipy.io
 
 from replant.errors import LogError
 from replant.logs import read_columns, read_log
-from replant.logs.hdf5 import _unpacked_size
+from replant.logs.hdf5 import _sizes, _unpacked_size
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -196,3 +196,14 @@ def test_a_packed_element_is_as_long_as_what_it_holds_and_no_byte_behind_it_coun
     assert _unpacked_size(io.BytesIO(packed + packed), len(packed)) == len(content)
     assert _unpacked_size(io.BytesIO(packed[:1000]), len(packed)) < len(content)  # the file ends before
     assert _unpacked_size(io.BytesIO(packed), 0) == 0
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_the_lengths_of_the_variables_are_those_of_the_file_unpacked(tmp_path: Path, packed: bool) -> None:
+    """What is not read for its length costs no memory: a file that is packed tells the same as one that is not."""
+    path = tmp_path / "log.mat"
+    scipy.io.savemat(path, {"u": T, "cube": np.zeros((20, 30, 40))}, do_compression=packed)
+    lengths = list(_sizes(path, path.read_bytes()[:128]))
+    assert len(lengths) == 2
+    for length, held in zip(lengths, (8 * T.size, 8 * 20 * 30 * 40), strict=True):
+        assert held <= length < held + 128

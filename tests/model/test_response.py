@@ -163,3 +163,14 @@ def test_a_record_and_its_builder_agree() -> None:
     simulated = rp.verdict.simulate(plant, u[100:], y[100:] + 3.0, 0.05, t=t[100:])
     assert simulated.offset == pytest.approx(3.0, abs=1e-9)
     assert simulated.fit > 99.999999
+
+
+@every_hold
+def test_the_unit_of_time_does_not_matter(hold: str) -> None:
+    """An interval of 1 is one as any other, the first as well."""
+    u = np.random.default_rng(5).standard_normal(50)
+    expected = Response(TransferFunction([2.0], [1.0, 0.5]), 0.1, hold).take(u).output
+    for unit in (0.1, 1e-3, 60.0):
+        model = TransferFunction([2.0 * unit], [1.0, 0.5 * unit])
+        found = Response(model, 0.1 / unit, hold).take(u).output
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)

@@ -2,8 +2,9 @@
 
 import pytest
 
-from replant.paper import TABLES, TableResult, reproduce
 from replant.paper.actuator import Actuator, measure_rig, reproduce_actuator
+from replant.paper.reproduction import TableResult, reproduce
+from replant.paper.tables import TABLES
 
 
 @pytest.fixture(scope="session")

@@ -2,8 +2,8 @@
 
 import pytest
 
-from replant.paper import NAMES, actuator
-from replant.paper.figures import is_figure, run, steps
+from replant.paper import actuator
+from replant.paper.figures import NAMES, is_figure, run, steps
 from support.cases import every
 
 

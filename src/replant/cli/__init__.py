@@ -21,7 +21,7 @@ COMMANDS = {
     "look": ("look", "Show what is in a recorded log, and suggest a command to begin with."),
     "run": ("run", "Identify G(s) online, in one pass over a recorded log."),
     "fit": ("run", "Fit G(s) to a whole recorded log at once (batch); search structures."),
-    "compare": ("compare", "Compare saved models over a log, or methods on it."),
+    "compare": ("look", "Compare saved models over a log, or methods on it."),
     "fleet": ("fleet", "Identify every rig of a fleet, on all cores or a cluster; one table and page."),
     "examples": ("look", "Write records of a motor to try the commands on."),
     "validate": ("look", "Compare a saved model with other logs."),

@@ -24,7 +24,7 @@ from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Result
 from replant.online.runs.run import run_online
 from replant.paper import rendering
-from replant.paper.actuator import NOTES, Actuator
+from replant.paper.actuator import NOTES
 from replant.paper.figures import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, is_figure, run, save, steps
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
@@ -83,7 +83,9 @@ def deliver(
     """Reproduce tables and figures, print the tables, and write everything into a folder."""
     make_folder(out)
     outcome, written, pictures = _run(names, out, report=report, on=on)
-    text = json.dumps(results_as_json(outcome), indent=2, allow_nan=False)
+    results = as_json(list(outcome.tables.values()))
+    of_actuator = {ACTUATOR: rendering.as_json(outcome.actuator)} if outcome.actuator else {}
+    text = json.dumps({**results, **of_actuator}, indent=2, allow_nan=False)
     if out is not None and (outcome.tables or outcome.actuator):
         written += _write_tables(out, text, outcome)
     if out is not None and report:
@@ -93,25 +95,6 @@ def deliver(
         click.echo(text)
     else:
         _show(outcome, written)
-
-
-def results_as_json(outcome: Outcome) -> dict[str, Any]:
-    """Return {table: {row: {index: {ours, published}}}}, including the actuator's table."""
-    tables: dict[str, Any] = as_json(list(outcome.tables.values()))
-    return tables | ({ACTUATOR: rendering.as_json(outcome.actuator)} if outcome.actuator else {})
-
-
-def print_actuator(console: Any, actuator: Actuator) -> None:
-    """Print the actuator's table with its legend, notes and summary."""
-    from rich.padding import Padding
-
-    console.print(rendering.ACTUATOR_TITLE, style="bold")
-    console.print(rendering.as_rich(actuator))
-    for line in (*rendering.LEGEND, *NOTES):
-        console.print(Padding(line, (0, 0, 0, 2), expand=False), style="dim")
-    console.print()
-    for line in rendering.actuator_summary(actuator):
-        console.print(line)
 
 
 def _run(
@@ -167,7 +150,13 @@ def _show(outcome: Outcome, written: Sequence[Path]) -> None:
         console.print(line)
     if outcome.actuator is not None:
         console.print()
-        print_actuator(console, outcome.actuator)
+        console.print(rendering.ACTUATOR_TITLE, style="bold")
+        console.print(rendering.as_rich(outcome.actuator))
+        for line in (*rendering.LEGEND, *NOTES):
+            console.print(Padding(line, (0, 0, 0, 2), expand=False), style="dim")
+        console.print()
+        for line in rendering.actuator_summary(outcome.actuator):
+            console.print(line)
     for path in written:
         if path.suffix != ".svg":
             console.print(f"wrote {path}" + (" and .svg" if path.suffix == ".png" else ""), soft_wrap=True)

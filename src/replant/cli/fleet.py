@@ -96,20 +96,15 @@ def fleet_command(
     _show(found, page, as_json=as_json)
 
 
-def _odd(found: Fleet) -> list[tuple[str, str]]:
-    """Return the odd rigs by name, the farthest first, and why each is odd."""
-    table = found.table()
-    odd, rigs = oddness_of(table, found.structure), table.column("rig").to_pylist()
-    return [(rigs[row], odd.words[row]) for row in odd.order.tolist() if odd.odd[row]]
-
-
 def _plain(text: str) -> str:
     r"""Return a name in one line, without what would move the cursor of a terminal or colour it."""
     return "".join(sign if sign.isprintable() else "?" for sign in text)
 
 
 def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
-    verdicts, odd = found.verdicts, _odd(found)
+    table, verdicts = found.table(), found.verdicts
+    names, all_odd = table.column("rig").to_pylist(), oddness_of(table, found.structure)
+    odd = [(names[row], all_odd.words[row]) for row in all_odd.order.tolist() if all_odd.odd[row]]  # the farthest first
     if as_json:
         said = [{"rig": rig, "why": why} for rig, why in odd]
         whole = {"rigs": len(found), "verdicts": verdicts, "odd": said, "folder": str(found.folder)}
@@ -125,7 +120,6 @@ def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
     for path in (found.folder / TABLE, found.folder / MODELS, page):
         click.echo(f"wrote {path}")
     if FAILED in verdicts:
-        table = found.table()
         rows = zip(*(table.column(name).to_pylist() for name in ("rig", "verdict", "reasons")), strict=True)
         rig, _, reason = next(row for row in rows if row[1] == FAILED)
         count = verdicts[FAILED]

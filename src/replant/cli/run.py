@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -83,8 +82,10 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
         recording = recording_of(options, lambda rows, about: progress("checking", rows, about))
         request = request_of(options, recording.dt)
         make_folder(out)
-        stages = partial(_with_total, progress, recording.samples)
-        result = _run(recording, request, full_trace, startup, stages, structures)
+        total = recording.samples
+        result = _run(
+            recording, request, full_trace, startup, lambda stage, done: progress(stage, done, total), structures
+        )
     shown = result.overview
     log = recording.held
     if shown is not None:
@@ -108,10 +109,6 @@ def _side_by_side(options: dict[str, Any]) -> list[Structure]:
     if len(found) > MOST:
         raise InvalidArgumentError(f"at most {MOST} structures learn side by side, got {len(found)}: use replant fit")
     return found
-
-
-def _with_total(progress: Callable[[str, int, int], None], total: int, stage: str, done: int) -> None:
-    progress(stage, done, total)
 
 
 def _run(

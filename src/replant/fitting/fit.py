@@ -110,8 +110,8 @@ def fit(
     reference : (K,) array, optional
         Where a controller makes the input: the set-point or a dither, whatever is applied from outside and knows
         nothing of the disturbances; for "srivc".  The unit does not matter.  A sample whose reference is not finite is
-        left out.  Or (K, p) of p references, where there are several inputs: an input that none of them moves counts
-        as one from outside; one that moves with them by chance, though nobody controls it, is to be given among them.
+        left out.  Or (K, p) of p references, where there are several inputs: an input that none of them moves, or that
+        answers to no disturbance, counts as one from outside.
     input, output : str, optional
         Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
         columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.

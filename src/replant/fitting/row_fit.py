@@ -11,8 +11,8 @@ from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.row import Row, RowRecord
 from replant.fitting.fields import Provenance
 from replant.fitting.row_model import RowModel, one_step_percent
-from replant.fitting.row_outside import held, references_of, with_outside
-from replant.fitting.row_solve import RowEstimate, solve_record
+from replant.fitting.row_outside import held, references_of
+from replant.fitting.row_solve import RowEstimate, solve_with
 from replant.fitting.row_verdict import judged
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
@@ -156,8 +156,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     ready, structures, references = ready_row(given, poles, zeros, delay)
     columns, output, dt = _inputs(given.inputs), vector("y", given.y), duration("dt", given.dt)
     names = given.input_names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
-    ready, of_references = with_outside(ready, references, names)
-    solution = solve_record(structures, ready, names)
+    ready, solution, of_references = solve_with(structures, ready, references, names)
     if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
     row, found, _ = solution

@@ -12,12 +12,14 @@ from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.outside import Outside
 from replant.estimation.simulation.row import RowRecord
 from replant.model.preprocess import accepted
-from replant.numerics.arguments import FloatArray, array_of_reals
+from replant.numerics.arguments import BoolArray, FloatArray, array_of_reals
 from replant.verdict.loop_tests import COPIED, STILL, Reference, fault_of
 from replant.verdict.verdict import Finding
 
 IDLE = "the reference explains nothing of any input: give the column that does, move it more, or leave it out"
 SERVED = "input {} is moved by the reference: the estimate is made from what that explains of it"
+
+OPEN = "no input answers to disturbances: the reference is not needed"
 
 
 def references_of(given: Any, samples: int) -> FloatArray | None:
@@ -44,16 +46,22 @@ def held(references: FloatArray) -> FloatArray:
 
 
 def with_outside(
-    ready: RowRecord, references: FloatArray | None, names: Sequence[str]
+    ready: RowRecord, references: FloatArray | None, names: Sequence[str], is_moved: BoolArray | None = None
 ) -> tuple[RowRecord, tuple[Finding, ...]]:
-    """Return a record (J,) with what references (J, p) explain of its inputs, and what there is to say about them."""
+    """Return a record (J,) with what references (J, p) explain of its inputs, and what there is to say about them.
+
+    Which inputs (q,) they move is told by the record, where it is not known yet.
+    """
     if references is None:
         return ready, ()
     each_of = [np.ascontiguousarray(each) for each in references.T]
     if all(fault_of(each, ready.inputs[:, 0]) == STILL for each in each_of):
         return ready, (Finding("not excited", f"{STILL}: move it, or leave it out"),)
-    inputs = [np.ascontiguousarray(each) for each in ready.inputs.T]
-    is_moved = np.array([any(_moves(r, u, ready.record.y) for r in each_of) for u in inputs])
+    inputs, told = [np.ascontiguousarray(each) for each in ready.inputs.T], is_moved is not None
+    if is_moved is None:
+        is_moved = np.array([any(_moves(r, u, ready.record.y) for r in each_of) for u in inputs])
+    if not is_moved.any() and told:
+        return replace(ready, outside=None), (Finding("trusted", OPEN),)
     if not is_moved.any():
         if any(fault_of(r, u) == COPIED for r in each_of for u in inputs):
             return ready, (Finding("trusted", f"{COPIED}, and says no more than the input does"),)

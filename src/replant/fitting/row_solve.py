@@ -22,13 +22,14 @@ from replant.estimation.simulation.row import Point, Row, RowRecord, colour_of, 
 from replant.estimation.solver import solve
 from replant.estimation.solver.row_start import start
 from replant.estimation.solver.row_steps import instrumental, refine
+from replant.fitting.row_outside import with_outside
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of
 from replant.numerics.projections import products
-from replant.verdict.row_tests import controlled, lacking
+from replant.verdict.row_tests import answering, controlled, lacking
 from replant.verdict.verdict import Finding
 
 GIVEN_UP = (
@@ -112,6 +113,26 @@ def solve_record(
         if (doubt == solution.doubt).all():
             break
     return solution
+
+
+def solve_with(
+    structures: tuple[Structure, ...], ready: RowRecord, references: FloatArray | None, names: tuple[str, ...],
+    begins_of: Begins = started,
+) -> tuple[RowRecord, RowSolution | None, tuple[Finding, ...]]:  # fmt: skip
+    """Return a record with what references (J, p) explain of it, its estimate, and what there is to say about them.
+
+    An input that moves with a reference, but answers to no disturbance, comes from outside: all of it is instruments.
+    """
+    ready, findings = with_outside(ready, references, names)
+    solution = solve_record(structures, ready, names, begins_of)
+    if ready.outside is None or solution is None:
+        return ready, solution, findings
+    row, found, _ = solution
+    answers = answering(row, found.point, found.noise)
+    if not answers[ready.outside.is_moved].all():
+        ready, findings = with_outside(ready, references, names, answers)
+        solution = solve_record(structures, ready, names, begins_of)
+    return ready, solution, findings
 
 
 def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -> IntArray:

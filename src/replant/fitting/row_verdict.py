@@ -12,15 +12,13 @@ import numpy as np
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.row import Point, Row
 from replant.estimation.solver.refined import relative_uncertainty
-from replant.estimation.solver.row_start import start
+from replant.estimation.solver.row_start import start_without
 from replant.estimation.solver.row_steps import refine
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.verdict.estimate_tests import MOST_UNCERTAIN
 from replant.verdict.row_tests import lacking
 from replant.verdict.verdict import Finding, Verdict, conclude, percent
-
-USELESS = "input {} explains nothing of the output: leave it out"
 
 
 def judged(
@@ -29,8 +27,7 @@ def judged(
     """Return the verdict of a point, with other findings about it."""
     findings = [*_at_rest(row), *_uncertain(row, record, point, covariance)]
     if not findings:
-        useless = _useless(row, point, noise) if row.outside is None else _untold(row, point, covariance)
-        findings += [*useless, *lacking(row, point, noise)]
+        findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
     return Verdict(
         *conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
     )
@@ -80,30 +77,38 @@ def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -
             )
 
 
-def _useless(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
-    """Inputs without which the record is as likely, by the Bayesian information criterion."""
+def _useless(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
+    """Inputs without which the record is as likely, by the Bayesian information criterion.
+
+    In feedback, where likelihoods are no judges, they are those whose numerator is nought within chance.
+    """
     count = len(row.structures)
-    useless = [i for i in range(count) if count > 1 and _is_left_out(row, point, noise, i)]
-    if len(useless) > 1 and not _is_left_out(row, point, noise, *useless):
-        named = " and ".join(row.names[i] for i in useless)
-        yield Finding(
-            "inconsistent", f"inputs {named} move together, and any of them explains what all do: move one alone"
-        )
+    if count == 1:
         return
+    if row.outside is not None:
+        useless = [i for i, beyond in enumerate(_beyond_nought(row, point, covariance)) if beyond < 1.0]
+    else:
+        useless = [i for i in range(count) if _is_left_out(row, point, noise, i)]
+        if len(useless) > 1 and not _is_left_out(row, point, noise, *useless):
+            named = " and ".join(row.names[i] for i in useless)
+            yield Finding(
+                "inconsistent", f"inputs {named} move together, and any of them explains what all do: move one alone"
+            )
+            return
     for i in useless:
-        yield Finding("inconsistent", USELESS.format(row.names[i]))
+        yield Finding("inconsistent", f"input {row.names[i]} explains nothing of the output: leave it out")
 
 
-def _untold(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]:
-    """Inputs whose numerator is nought within chance, by the same criterion: in feedback likelihoods are no judges."""
+def _beyond_nought(row: Row, point: Point, covariance: FloatArray) -> Iterator[float]:
+    """Yield of each input how far its numerator lies from nought, as a statistic over the criterion's limit."""
     end = 0
-    for structure, name in zip(row.structures, row.names, strict=True):
+    for structure in row.structures:
         end += structure.size
         rows = slice(end - structure.zeros - 1, end)
-        b = point.theta[rows]
-        statistic = float(b @ np.linalg.lstsq(covariance[rows, rows], b, rcond=None)[0])
-        if len(row.structures) > 1 and statistic < structure.size * math.log(row.count):
-            yield Finding("inconsistent", USELESS.format(name))
+        std = np.sqrt(np.maximum(np.diag(covariance[rows, rows]), np.finfo(float).tiny))
+        b = point.theta[rows] / std
+        statistic = float(b @ np.linalg.lstsq(covariance[rows, rows] / np.outer(std, std), b, rcond=None)[0])
+        yield statistic / (structure.size * math.log(row.count))
 
 
 def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) -> bool:
@@ -111,8 +116,8 @@ def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) 
     less = [k for k in range(len(row.structures)) if k not in left_out]
     power = sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
     if less:
+        begins = start_without(row, point.theta, left_out, noise)
         others = row.of_inputs(less)
-        begins = start(others.structures, others.record, others.inputs, noise)
-        power = min((refine(others, begin.theta, noise, begin).cost for begin in begins), default=power)
+        power = min((refine(others, begin.theta, noise, begin).cost for begin in begins[:1]), default=power)
     size = sum(row.structures[i].size for i in left_out)
     return row.count * math.log(max(power, 1e-300) / max(point.cost, 1e-300)) < size * math.log(row.count)

@@ -23,9 +23,9 @@ from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
 from replant.online.runs.result import Clock, History, Result
-from replant.plotting.numbers import fraction, grouped, off_by, std_alone, true_parameters, with_std, wrapped
+from replant.plotting.numbers import fraction, grouped, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
-from replant.report.terminal import table
+from replant.report.terminal import parameter_table
 from replant.verdict import fit_percent, simulate
 
 LINES_APART = 5.0  # time between two lines where nobody watches [s]
@@ -113,7 +113,8 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
     if view.den.size:
         model = TransferFunction(view.num, view.den, view.delay)
         rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
-        rows += [Text(""), _coefficients(view, truth), Text("")]
+        figures = view.parameters.tolist(), view.std.tolist()
+        rows += [Text(""), parameter_table(view.names, *figures, truth, "estimate", 5), Text("")]
         fit = f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"
         fit = fit if math.isfinite(view.simulated) else ""
         rows.append(Text(f"DC gain  {with_std(view.dc_gain, view.dc_gain_std)}    {fit}"))
@@ -149,17 +150,6 @@ def _lost(view: View) -> str:
     """Return the samples and lines that were not learned, by reason."""
     counts = [*view.rejected.items(), *view.counters.items()]
     return ", ".join(f"{grouped(count, 0)} {reason}" for reason, count in counts if count)
-
-
-def _coefficients(view: View, truth: TransferFunction | None) -> Any:
-    true, rows = true_parameters(truth) if truth is not None else [], []
-    for i, name in enumerate(view.names):
-        value, std = float(view.parameters[i]), float(view.std[i])
-        cells = [name, f"{value:.5g}", std_alone(std)]
-        if i < len(true):
-            cells += [f"{true[i]:.5g}", off_by(value, true[i])]
-        rows.append(cells)
-    return table(("coefficient", "estimate", "std", *(("true", "off by") if true else ())), rows)
 
 
 ROUNDING = 1e-6  # difference between an interval and the sampling time that is rounding [sampling times]

@@ -58,7 +58,8 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
     held = [Signal(_snapped(signal.t, output.t, tolerance), signal.values) for signal in held]
     inside = np.ones(output.t.size, np.bool_)
     for signal in held:
-        inside &= (output.t >= signal.t[0]) & (output.t < _held_until(signal.t) - tolerance)
+        until = float(signal.t[-1] + np.diff(signal.t).max()) if signal.t.size > 1 else np.inf
+        inside &= (output.t >= signal.t[0]) & (output.t < until - tolerance)
     t, y = output.t[inside], output.values[inside]
     for signal in held:
         if not np.isin(signal.t[_changes(signal.values)], output.t).all():
@@ -77,10 +78,6 @@ def _snapped(t: FloatArray, grid: FloatArray, tolerance: float) -> FloatArray:
     left = np.maximum(right - 1, 0)
     nearest = np.where(np.abs(grid[left] - t) < np.abs(grid[right] - t), grid[left], grid[right])
     return np.where(np.abs(nearest - t) <= tolerance, nearest, t)
-
-
-def _held_until(t: FloatArray) -> float:
-    return float(t[-1] + np.diff(t).max()) if t.size > 1 else np.inf
 
 
 def _changes(values: FloatArray) -> NDArray[np.bool_]:

@@ -171,7 +171,9 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
             if farthest * seconds <= LATEST:
                 doubt = f"{taken} are beyond the year 5000; by their size they are {words} since 1970"
                 return StampUnit(seconds, doubt, True, f"name the column {_core(name)}_{short}, {_GIVE_DT}")
-    if not known and (step := _usual_step(finite)) >= COARSE:
+    with np.errstate(over="ignore"):
+        step = float(np.median(np.diff(finite))) if finite.size > 1 else 0.0
+    if not known and step >= COARSE:
         doubt = (
             f"its name states no unit; its steps of {step:.6g} are taken as seconds, and may be milliseconds or less"
         )
@@ -185,11 +187,6 @@ def check_unit(path: Path, name: str, stamps: FloatArray) -> None:
     unit = unit_of_stamps(name, stamps)
     if unit.refused:
         raise LogError(f"{path}: column {shown(name)}: {unit.doubt}; {unit.remedy}")
-
-
-def _usual_step(stamps: FloatArray) -> float:
-    with np.errstate(over="ignore"):
-        return float(np.median(np.diff(stamps))) if stamps.size > 1 else 0.0
 
 
 def _core(name: str) -> str:

@@ -44,21 +44,29 @@ class Instruments:
     tail: FloatArray  # (LAGS, P + N): instruments of the newest samples
 
     @classmethod
-    def of(cls, row: Row, stretch: Stretch, theta: FloatArray, columns: FloatArray) -> Instruments | None:
+    def of(
+        cls, row: Row, stretch: Stretch, theta: FloatArray, states: FloatArray, columns: FloatArray
+    ) -> Instruments | None:
         """Return those behind the last stretch of a record, whose instruments (K, P + N) are known; None without."""
-        outside, models = row.outside, row.ended_outside(theta, stretch)
+        outside, models = row.outside, row.ended_outside(theta, stretch, states)
         if outside is None or models is None:
             return None
         return cls(outside.law, outside.is_moved, models, outside.inputs[stretch.rows][0], _newest(columns))
 
     def take(
-        self, u: FloatArray, r: FloatArray, coefficients: list[FloatArray], intervals: FloatArray, free: FloatArray
+        self,
+        u: FloatArray,
+        r: FloatArray,
+        coefficients: list[FloatArray],
+        states: FloatArray,
+        intervals: FloatArray,
+        free: FloatArray,
     ) -> tuple[Instruments, FloatArray]:
         """Return those after K samples of inputs and references, and the instruments (LAGS + K, P + N)."""
         law, explained = self.law.follow(np.column_stack([r, u[:, ~self.is_moved]]))
         models, outside = self.models.copy(), with_moved(u, self.is_moved, explained)
         records = _records(outside - self.origin, intervals)
-        _, slopes, _ = models.run(coefficients, np.zeros(free.shape[1] - 1), records, on=True)
+        _, slopes, _ = models.run(coefficients, states, records, on=True)
         rows = np.vstack([self.tail, np.column_stack([*slopes, free])])
         return replace(self, law=law, models=models, tail=rows[-LAGS:].copy()), rows
 
@@ -103,7 +111,7 @@ class RowRecursion:
         outputs, slopes, free = row.signals(theta, stretch, weights[1:])
         columns = np.hstack([slopes, free])
         error = np.where(stretch.measured, stretch.y - outputs.sum(axis=1) - free @ weights, 0.0)
-        made = row.instruments(theta, stretch)
+        made = row.instruments(theta, stretch, weights[1:])
         zeta = columns if made is None else np.hstack([made, free])
         white = row.whitened(found.noise, zeta, stretch)
         information = products(white, white)
@@ -120,7 +128,7 @@ class RowRecursion:
             point.power / max(row.count - columns.shape[1], 1), scale,
             row.ended(theta, stretch, weights[1:]), row.inputs[stretch.rows][0], level, 0.0,
             tail, np.zeros(columns.shape[1]), factor, diagonal, np.array([known, row.count, 0]), np.array([point.cost]),
-            Instruments.of(row, stretch, theta, zeta),
+            Instruments.of(row, stretch, theta, weights[1:], zeta),
         )  # fmt: skip
 
     @property
@@ -192,7 +200,8 @@ class RowRecursion:
         rows = np.vstack([self.tail, rows])
         instruments, zeta = self.instruments, np.zeros((0, self.delta.size))
         if instruments is not None:
-            instruments, zeta = instruments.take(u, r, self._coefficients, intervals, nuisances)
+            states = self.weights[1:]
+            instruments, zeta = instruments.take(u, r, self._coefficients, states, intervals, nuisances)
         new = replace(
             self, models=models, waits=max(float(left[-1]), 0.0), tail=rows[-LAGS:].copy(), delta=self.delta.copy(),
             factor=self.factor.copy(), diagonal=self.diagonal.copy(), counts=self.counts.copy(),

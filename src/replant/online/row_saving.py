@@ -28,6 +28,7 @@ OF_INSTRUMENTS, OF_LAW = ("origin", "tail"), ("poles", "origins", "states", "wei
 #: The same of a noise model.
 OF_NOISE = "coefficients", "models", "powers", "sums"
 HOLDS = "zoh", "foh"
+FINDINGS = "findings", "of_references"
 COUNTS = "samples", "solve_at", "afresh_at"
 
 
@@ -38,7 +39,7 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
         "structures": [[each.poles, each.zeros, each.delay] for each in structures],
         "dt": dt, "startup": startup, "history": history, "hold": hold, "names": names,
         "rejected": state.rejected, "stamped": state.stamped, "references": state.references, "adapts": state.adapts,
-        "findings": [[each.status, each.reason] for each in state.findings],
+        **{name: [[each.status, each.reason] for each in getattr(state, name)] for name in FINDINGS},
         **{name: getattr(state, name) for name in COUNTS},
     }  # fmt: skip
     arrays, known = {"kept": state.kept.values}, state.recursion
@@ -54,6 +55,10 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
             arrays |= {f"law.{name}": getattr(made.law, name) for name in OF_LAW}
             arrays |= _of_branches(made.models, "instruments.")
     return plain, arrays
+
+
+def _findings(plain: list[list[Any]]) -> tuple[Finding, ...]:
+    return tuple(Finding(*map(str, each)) for each in plain)
 
 
 def _of_branches(models: Branches, before: str = "") -> dict[str, Any]:
@@ -79,12 +84,13 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     counts = [settings.startup, settings.history, *(plain[name] for name in COUNTS), *plain["rejected"].values()]
     if any(type(each) is not int or each < 0 for each in counts) or set(plain["rejected"]) != set(state.rejected):
         raise DamagedCheckpointError("its counts are not valid")
-    if len(kept) > settings.history or any(status not in STATUSES for status, _ in plain["findings"]):
+    findings = {name: plain.get(name, []) for name in FINDINGS}  # checkpoints of before know of no references
+    if len(kept) > settings.history or any(status not in STATUSES for each in findings.values() for status, _ in each):
         raise DamagedCheckpointError("its samples or findings are not valid")
     return replace(
         state, kept=RowHistory(kept, settings.history, 0, len(kept)), rejected=plain["rejected"],
         stamped=plain["stamped"], adapts=bool(plain["adapts"]), **{name: plain[name] for name in COUNTS},
-        findings=tuple(Finding(*map(str, each)) for each in plain["findings"]),
+        findings=_findings(findings["findings"]), of_references=_findings(findings["of_references"]),
         recursion=_recursion(structures, hold, references, arrays) if arrays else None,
     )  # fmt: skip
 

@@ -17,7 +17,7 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate
 from replant.estimation.solver.solve import leaving_out
 from replant.fitting.row_outside import with_outside
-from replant.fitting.row_solve import RowEstimate, doubts_of, solve_record, started
+from replant.fitting.row_solve import RowEstimate, doubts_of, solve_with, started
 from replant.fitting.row_verdict import judged
 from replant.kernels.schema import LARGEST, Doubt
 from replant.model.structure import Structure
@@ -121,6 +121,7 @@ class RowState:
     adapts: bool = True
     recursion: RowRecursion | None = None  # None before the first model
     findings: tuple[Finding, ...] = ()  # of the last solution
+    of_references: tuple[Finding, ...] = ()  # likewise
 
     @classmethod
     def of(cls, settings: RowSettings) -> RowState:
@@ -177,6 +178,8 @@ class RowState:
 
     def _held(self, r: FloatArray) -> FloatArray:
         """Return references (K, p) with the last known one where one is not known, at first with nought."""
+        if not r.size:
+            return r
         before = self.kept.values[-1:, len(self.settings.structures) : -2]
         r = np.vstack([before if len(before) else np.zeros((1, r.shape[1])), r])
         newest = np.maximum.accumulate(np.where(np.isfinite(r), np.arange(len(r))[:, None], 0), axis=0)
@@ -203,7 +206,7 @@ class RowState:
         new = replace(self, solve_at=later if later <= min(RECENT, self.settings.history) or starting else 0)
         if not (self.adapts and whole):
             return new
-        ready, row, _ = self.record()
+        ready, row, references = self.record()
         if row.count <= row.nuisances + self.settings.size:
             return new
         afresh = starting or self.afresh_at <= self.samples <= AFRESH
@@ -216,12 +219,16 @@ class RowState:
                 present = [evaluate(row.from_outside, known.parameters, known.noise)]
             return lambda noise: [*(started(row)(noise) if afresh else ()), *present]
 
-        solution = solve_record(self.settings.structures, ready, self.settings.input_names, begins_of)
+        settings = self.settings
+        ready, solution, of_references = solve_with(
+            settings.structures, ready, references, settings.input_names, begins_of
+        )
         if solution is None:
             return new
         return replace(
-            new, recursion=self._behind(ready, solution.row, solution.found), findings=solution.found.findings
-        )
+            new, recursion=self._behind(ready, solution.row, solution.found), findings=solution.found.findings,
+            of_references=of_references,
+        )  # fmt: skip
 
     def _behind(self, ready: RowRecord, row: Row, found: RowEstimate) -> RowRecursion:
         """Return the recursion that has taken what is behind the last stretch of a record, too."""
@@ -234,16 +241,14 @@ class RowState:
         inputs = len(self.settings.structures)
         return recursion.take(rest[:, :inputs], rest[:, -2], rest[:, inputs:-2], intervals)[0]
 
-    def record(self, most: int | None = None) -> tuple[RowRecord, Row, tuple[Finding, ...]]:
-        """Return the samples kept, or the newest of them, as a record, and what there is to say of its references."""
+    def record(self, most: int | None = None) -> tuple[RowRecord, Row, FloatArray | None]:
+        """Return the samples kept, or the newest of them, as a record, and its references."""
         values, settings = self.kept.values if most is None else self.kept.values[-most:], self.settings
         inputs = len(settings.structures)
         u, y, stamps = values[:, :inputs].copy(), values[:, -2].copy(), values[:, -1].copy() if self.stamped else None
         ready = RowRecord.of(u, y, settings.dt, stamps, settings.input_hold)
         references = values[ready.used, inputs:-2] if self.references else None
-        ready, findings = with_outside(ready, references, settings.input_names)
-        row = Row(settings.structures, ready.record, ready.inputs, settings.input_names, ready.outside)
-        return ready, row, findings
+        return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names), references
 
     @quiet
     def newest(self) -> Newest | None:
@@ -253,9 +258,11 @@ class RowState:
             return None
         if np.isfinite(self.kept.values[-RECENT:, -2]).sum() <= known.delta.size:
             return None
-        ready, row, of_references = self.record(RECENT)
+        ready, row, references = self.record(RECENT)
         if row.count <= row.nuisances:
             return None
+        is_moved = np.zeros(len(row.structures), bool) if known.instruments is None else known.instruments.is_moved
+        ready, _ = with_outside(ready, references, row.names, is_moved)
         doubt = doubts_of(row, ready, _over(row, known), known.noise)
         row = Row(row.structures, leaving_out(ready.record, doubt), ready.inputs, row.names, ready.outside)
         if row.count <= row.nuisances:
@@ -265,7 +272,7 @@ class RowState:
         findings = [*(self.findings or controlled(row, point, known.noise))]
         if known.counts[2]:
             findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
-        findings += [*of_references, *left_out_finding(int((doubt == Doubt.STUCK).sum()))]
+        findings += [*self.of_references, *left_out_finding(int((doubt == Doubt.STUCK).sum()))]
         found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
         return Newest(ready, row, found, judged(row, row.record, point, known.noise, known.covariance, findings), doubt)
 

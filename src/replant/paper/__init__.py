@@ -6,31 +6,4 @@ DEAP actuator", Archives of Control Sciences 33(3), 565-587, doi 10.24425/acs.20
 The article does not print all the settings of its tables.  `replant.paper.tables` has settings that
 reproduce its figures, and names those that differ from the printed ones.  `replant.paper.actuator` is the
 experiment of section 4 on a simulated rig, with a table that the article does not have.
-
->>> NAMES
-('table1', 'table2', 'table3', 'table4', 'fig1', 'fig2', 'fig3', 'fig4', 'fig6', 'fig7', 'fig8', 'actuator')
 """
-
-from replant.paper.actuator import Actuator, reproduce_actuator
-from replant.paper.figures import FIGURES, NAMES
-from replant.paper.reproduction import SEEDS, Cell, RowResult, TableResult, reproduce
-from replant.paper.tables import TABLES, Experiment, Improvement, Plant, Row, Table, run
-
-__all__ = [
-    "FIGURES",
-    "NAMES",
-    "SEEDS",
-    "TABLES",
-    "Actuator",
-    "Cell",
-    "Experiment",
-    "Improvement",
-    "Plant",
-    "Row",
-    "RowResult",
-    "Table",
-    "TableResult",
-    "reproduce",
-    "reproduce_actuator",
-    "run",
-]

@@ -10,6 +10,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from replant.fitting.model_json import finite
 from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator, Row
 from replant.paper.figures import ACTUATOR_FIGURES, FIGURES, Outcome
 from replant.paper.reproduction import SOURCE, Cell, TableResult, notes, summary
@@ -46,7 +47,10 @@ def as_json(actuator: Actuator) -> dict[str, dict[str, dict[str, float | None]]]
     free_run [%].  None where there is no figure.
     """
     return {
-        row.label: {name: {"ours": _finite(value), "published": None} for name, value in _figures(row).items()}
+        row.label: {
+            name: {"ours": None if value is None else finite(value), "published": None}
+            for name, value in _figures(row).items()
+        }
         for row in actuator.rows
     }
 
@@ -178,10 +182,6 @@ def _listed(errors: Mapping[str, float]) -> str:
     return ", ".join(f"{name} {size:.0f} %" if size >= 10.0 else f"{name} {size:.2g} %" for name, size in sizes.items())
 
 
-def _finite(value: float | None) -> float | None:
-    return value if value is not None and math.isfinite(value) else None
-
-
 TITLE = "The buffered optimization methods, reproduced"
 LEDE = (
     "J. Bernat and J. Kolota (2023), The buffered optimization methods for online transfer function identification "
@@ -227,20 +227,16 @@ def write_report(path: Path, outcome: Outcome, pictures: Mapping[str, str], comm
     parts["actuator"] = _actuator(outcome.actuator, pictures)
     shown = {name: (title, body) for name, (title, body) in parts.items() if body}
     links = "".join(f'<li><a href="#{name}">{html.escape(title)}</a></li>' for name, (title, _) in shown.items())
+    results = list(outcome.tables.values())
+    claims = "".join(f'<p class="claim">{html.escape(line)}</p>' for line in summary(results))
+    source = f'<p class="note">{html.escape(SOURCE)}</p>' if results else ""
     body = [
-        section("", _outcome(outcome), f'<nav aria-label="Contents"><ul>{links}</ul></nav>'),
+        section("", claims + source, f'<nav aria-label="Contents"><ul>{links}</ul></nav>'),
         *(section(title, part, anchor=name) for name, (title, part) in shown.items()),
         section("How to reproduce this", code("shell", command)) if command else "",
         section("Article and versions", facts([("article", LEDE), ("versions", versions())])),
     ]
     return write_page(path, title=TITLE, eyebrow="The article compared with replant", lede=LEDE, body="".join(body))
-
-
-def _outcome(outcome: Outcome) -> str:
-    """Return the summary of the tables."""
-    results = list(outcome.tables.values())
-    claims = "".join(f'<p class="claim">{html.escape(line)}</p>' for line in summary(results))
-    return claims + (f'<p class="note">{html.escape(SOURCE)}</p>' if results else "")
 
 
 def _pair(name: str, outcome: Outcome, pictures: Mapping[str, str]) -> tuple[str, str]:

@@ -120,17 +120,13 @@ def of_fit(material: Material) -> str:
         return "Input and measured output over time; the model's output is not finite."
     size = number(float(np.sqrt(np.mean(np.square(residual, dtype=np.longdouble)))), 3)
     unit = unit_of(material.log.output_name)
+    newest = f" over the newest {material.log.output.size:,} samples" if material.log.earlier else ""
     hidden = " Where the model's output is not visible, it lies outside the axes."
     beyond = hidden if material.result.simulation.fit < 0 else ""
     return (
         f"The model, {material.result.simulation.how}, has a fit of {fit}; the "
-        f"root mean square of the residual is {size}{' ' + unit if unit else ''}{_newest(material)}.{beyond}"
+        f"root mean square of the residual is {size}{' ' + unit if unit else ''}{newest}.{beyond}"
     )
-
-
-def _newest(material: Material) -> str:
-    """Return which samples the figures are of, if not of the whole record."""
-    return f" over the newest {material.log.output.size:,} samples" if material.log.earlier else ""
 
 
 def of_transients(material: Material) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from itertools import zip_longest
 from typing import Any
 
 from replant.fitting import model_json
@@ -140,11 +141,12 @@ def _source(model: Model | RowModel) -> str:
 
 def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> None:
     _print_lines(console, fraction(model.transfer_function))
-    console.print(_parameter_table(model, truth))
+    known = model.uncertainty
+    std = None if known is None else known.std.tolist()
+    console.print(parameter_table(model.structure.names, model.parameters.tolist(), std, truth))
     console.print()
     console.print(_mode_table(model))
     console.print()
-    known = model.uncertainty
     _say(console, "DC gain", with_std(model.transfer_function.dc_gain, known.dc_gain_std if known else None))
 
 
@@ -169,17 +171,23 @@ def table(
     return shown
 
 
-def _parameter_table(model: Model, truth: TransferFunction | None) -> Any:
+def parameter_table(
+    names: Sequence[str],
+    values: Sequence[float],
+    std: Sequence[float] | None,
+    truth: TransferFunction | None,
+    heading: str = "identified",
+    digits: int = 4,
+) -> Any:
     """Return the table of coefficients, with standard deviations and true values if known."""
-    columns = {"coefficient": list(model.structure.names)}
-    columns["identified"] = [f"{value:.4g}" for value in model.parameters]
-    if model.uncertainty is not None:
-        columns["std"] = [*map(std_alone, model.uncertainty.std.tolist())]
+    columns = {"coefficient": list(names), heading: [f"{value:.{digits}g}" for value in values]}
+    if std is not None:
+        columns["std"] = [*map(std_alone, std)]
     if truth is not None:
         true = true_parameters(truth)
-        columns["true"] = [f"{value:.4g}" for value in true]
-        columns["off by"] = [*map(off_by, model.parameters.tolist(), true)]
-    return table(list(columns), zip(*columns.values(), strict=False))
+        columns["true"] = [f"{value:.{digits}g}" for value in true]
+        columns["off by"] = [*map(off_by, values, true)]
+    return table(list(columns), zip_longest(*columns.values(), fillvalue=""))
 
 
 def _mode_table(model: Model) -> Any:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.estimation.simulation.row import Point, Row, Stretch
+from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile
@@ -78,7 +80,7 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
     What filters of all inputs up to now explain of an input's later values is taken off them: where the structure is
     not right the inputs explain some of the residual, which is no answer to it.
     """
-    past = _filtered(row, *row.inputs.T)
+    past = cache(_filtered(row, *row.inputs.T))
     free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
     for i in free:
 
@@ -92,6 +94,33 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
                 f"input {row.names[i]} answers to disturbances of the output: a controller makes it, and the transfer "
                 "functions may be off; give what is applied from outside, as a set-point or a dither, as the reference",
             )
+
+
+def answering(row: Row, point: Point, noise: Autoregression) -> BoolArray:
+    """Return which inputs (q,) answer to the residual by what does not come from outside of them.
+
+    What a reference explains of an input is taken off it: of one in a loop only the noise is left.  What the inputs'
+    past explains of that is taken off, too.
+    """
+    found = np.zeros(len(row.structures), bool)
+    if row.outside is None:
+        return found
+    filters, inside = _filtered(row, *row.inputs.T), row.inputs - row.outside.inputs
+
+    @cache
+    def past(stretch: Stretch) -> FloatArray:
+        given = [each.u for each in stretch.inputs]
+        before = [np.append(np.zeros(lag), u[: u.size - lag]) for u in given for lag in range(1, LAGS + 1)]
+        return np.column_stack([filters(stretch)[:, : -len(given)], *before])
+
+    for i in np.flatnonzero(row.outside.is_moved).tolist():
+
+        def later(stretch: Stretch, i: int = i) -> FloatArray:
+            v = np.append(inside[stretch.rows, i], np.zeros(LATER))
+            return np.column_stack([v[lag : lag + stretch.y.size] for lag in range(LATER + 1)])
+
+        found[i] = _explained(row, point, noise, later, past)[0] > 1.0
+    return found
 
 
 def _explained(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
 import json
 import math
 import subprocess
@@ -12,12 +11,11 @@ import tempfile
 import threading
 import webbrowser
 from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -127,26 +125,16 @@ def report_of(card: Card) -> bytes:
         return written.read_bytes()
 
 
-class Upload:
-    """A file that comes from the page, block by block: a log, or the file of a session."""
+class Upload(ExitStack):
+    """A file that comes from the page, block by block: a log, or the file of a session; what is left is removed."""
 
     def __init__(self, session: Session, name: str) -> None:
+        super().__init__()
         self._session, self._name = session, _safe(name)
-        self._sum, self._size = hashlib.sha256(), 0
-        self._folder = tempfile.TemporaryDirectory(prefix="drop-", dir=logs_folder())
-        self._path = Path(self._folder.name, self._name)
-        self._file = self._path.open("wb")
-
-    def __enter__(self) -> Self:
-        """Return the upload."""
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Remove what is left of it."""
-        self._file.close()
-        self._folder.cleanup()
+        self._path = Path(
+            self.enter_context(tempfile.TemporaryDirectory(prefix="drop-", dir=logs_folder())), self._name
+        )
+        self._file = self.enter_context(self._path.open("wb"))
 
     def write(self, block: bytes) -> None:
         """Take a block."""
@@ -154,14 +142,12 @@ class Upload:
             self._file.write(block)
         except OSError as cause:
             raise ReplantError(f"{self._name}: {one_line(cause)}") from None
-        self._sum.update(block)
-        self._size += len(block)
 
     def finish(self) -> dict[str, Any]:
         """Open what has come."""
         self._file.close()
         if self._name.endswith(SUFFIX):
-            if self._size > LARGEST:
+            if self._path.stat().st_size > LARGEST:
                 raise ReplantError(f"{self._name}: too large for a session")
             self._session.restore(self._path.read_text(encoding="utf-8", errors="replace"), self._name)
             return {"log": self._session.active}
@@ -169,8 +155,8 @@ class Upload:
 
     def _kept(self) -> Path:
         """Return where the log lies: in the working folder, if it is the file of that name there, or a copy of it."""
-        named, known = Path.cwd() / self._name, self._sum.hexdigest()
-        if named.is_file() and named.stat().st_size == self._size and digest(named) == known:
+        named, known = Path.cwd() / self._name, digest(self._path)
+        if named.is_file() and named.stat().st_size == self._path.stat().st_size and digest(named) == known:
             return named
         folder = logs_folder() / known[:16]
         folder.mkdir(exist_ok=True)

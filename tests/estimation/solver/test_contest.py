@@ -85,6 +85,16 @@ def test_what_has_changed_is_found(what: str, supposition: Supposition, seed: in
     assert found.supposition is supposition
 
 
+@every("unit", [1e-3, 1.0, 1e3])
+def test_what_a_claim_leaves_is_told_beside_the_usual_variance_in_any_unit(unit: float) -> None:
+    u, y = changed("gain", 0)
+    record = Record(u, unit * y, np.array([DT]))
+    found = decided(Contest(STRUCTURE, record, BEFORE, known(record)[0]).claims())
+    assert found is not None
+    assert found.supposition is Supposition.PART
+    assert found.left == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / 300))  # of 300 samples of the same noise
+
+
 @pytest.mark.parametrize("changed_to", [0, 1, 2])
 def test_of_a_coefficient_that_changes_the_others_are_kept(changed_to: int) -> None:
     """What was known of them stays: the covariance of the coefficient that changed alone grows."""

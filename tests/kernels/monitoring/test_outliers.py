@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,19 +15,23 @@ from replant.numerics.linear_algebra import compose
 from support.builders import DT, binary
 from support.references import gate
 
+FIXED = {"filter": rp.StateVariableFilter(cutoff=3.0), "instruments": True}
 
-def learned(samples: int = 800) -> tuple[rp.Identifier, np.ndarray, np.ndarray]:
+
+def learned(samples: int = 800, **options: Any) -> tuple[rp.Identifier, np.ndarray, np.ndarray]:
     u = binary(4, samples + 400, 8)
     y = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]).simulate(u, DT)
     y += 0.03 * np.random.default_rng(2).standard_normal(u.size)
-    ident = rp.Identifier(rp.Structure(2), DT)
+    ident = rp.Identifier(rp.Structure(2), DT, **options)
     ident.update_many(u[:samples], y[:samples])
     return ident, u[samples:], y[samples:]
 
 
-def test_the_gate_is_its_naive_twin() -> None:
-    ident, _, _ = learned()
+@pytest.mark.parametrize("options", [{}, FIXED], ids=["with a noise model", "without one"])
+def test_the_gate_is_its_naive_twin(options: dict[str, Any]) -> None:
+    ident, _, _ = learned(**options)
     state, size = ident._state, ident._state.entries
+    assert bool(state.has_noise_model) == (options == {})
     memory = state.memory[: size * size + size]
     covariance = compose(memory[: size * size].reshape(size, size), memory[size * size :])
     rng, found = np.random.default_rng(0), []

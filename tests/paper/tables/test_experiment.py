@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from replant import AMSGrad
-from replant.paper import TABLES, Plant, run
+from replant.paper.tables import TABLES, Plant, run
 
 
 def simulated(num, den, u, dt):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from replant.paper import TABLES
 from replant.paper.figures import FIGURES, compute, draw
+from replant.paper.tables import TABLES
 from replant.plotting.numbers import symbol
 from support.axes import assert_drawn, lines, points
 

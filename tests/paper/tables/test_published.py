@@ -6,8 +6,8 @@ import math
 import pytest
 
 from replant import Scaling
-from replant.paper import SEEDS, TABLES, run
-from replant.paper.reproduction import three_digits
+from replant.paper.reproduction import SEEDS, three_digits
+from replant.paper.tables import TABLES, run
 from support.cases import every
 
 ROWS = [(table.name, row.label) for table in TABLES.values() for row in table.rows]

@@ -5,8 +5,8 @@ import json
 
 import pytest
 
-from replant.paper import TABLES
 from replant.paper.reproduction import as_json, as_markdown, as_rich, notes, summary
+from replant.paper.tables import TABLES
 
 
 def test_json_has_every_figure_beside_the_published_one(results):

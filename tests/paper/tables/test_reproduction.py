@@ -2,8 +2,8 @@
 
 import math
 
-from replant.paper import TABLES, Cell, reproduce
-from replant.paper.reproduction import runs
+from replant.paper.reproduction import Cell, reproduce, runs
+from replant.paper.tables import TABLES
 from support.cases import every
 
 

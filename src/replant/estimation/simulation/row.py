@@ -122,20 +122,21 @@ class Row:
             slopes = [np.sum([each[:, :poles] for each in slopes], axis=0), *(each[:, poles:] for each in slopes)]
         return np.column_stack(outputs), np.hstack(slopes), np.hstack([np.ones((stretch.y.size, 1)), *free])
 
-    def instruments(self, theta: FloatArray, stretch: Stretch) -> FloatArray | None:
-        """Return the slopes (K, P) of what comes from outside, from rest; None where all inputs do."""
+    def instruments(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> FloatArray | None:
+        """Return the slopes (K, P) of what comes from outside, of the same initial states; None where all inputs do."""
         if self._twins is None or stretch.outside is None:
             return None
-        return np.hstack(self._twins.run(self.branches(theta), np.zeros(self.nuisances - 1), stretch.outside)[1])
+        return np.hstack(self._twins.run(self.branches(theta), states, stretch.outside)[1])
 
     def ended(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches:
         """Return the branches of a model as they are at the end of a stretch."""
         self._models.run(self.branches(theta), states, stretch.inputs)
         return self._models.copy()
 
-    def ended_outside(self, theta: FloatArray, stretch: Stretch) -> Branches | None:
+    def ended_outside(self, theta: FloatArray, stretch: Stretch, states: FloatArray) -> Branches | None:
         """Return those of the instruments likewise."""
-        return None if self.instruments(theta, stretch) is None or self._twins is None else self._twins.copy()
+        made = self.instruments(theta, stretch, states)
+        return None if made is None or self._twins is None else self._twins.copy()
 
     def whitened(self, noise: Autoregression, signals: FloatArray, stretch: Stretch) -> FloatArray:
         """Return D signals (K, ...) of a stretch; zero where nothing was measured."""
@@ -177,7 +178,10 @@ class Point:
 def evaluate(
     row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, *, pulled: bool = False
 ) -> Point:
-    """Return the point of a model; ``pulled`` takes the slopes of a common denominator from the measured output."""
+    """Return the point of a model; ``pulled`` takes phi of a common denominator from the measured output.
+
+    The instruments are then the model's slopes.
+    """
     error, phi, zeta, residual, nuisances = [], [], [], [], []
     for number, stretch in enumerate(row.stretches):
         states = np.zeros(row.nuisances - 1) if before is None else before.nuisances[number][1:]
@@ -186,16 +190,16 @@ def evaluate(
         basis, back = _basis(row.whitened(noise, free, stretch))
         weights = back @ (basis.T @ row.whitened(noise, left, stretch))
         e = np.where(stretch.measured, left - free @ weights, 0.0)
-        if pulled:
-            slopes = slopes.copy()
-            poles = row.structures[0].poles
-            slopes[:, :poles] -= row.filtered(theta, stretch, e)
         made = row.whitened(noise, np.column_stack([slopes, e]), stretch)
         made = _freed(made, basis)
         error.append(made[:, -1])
         phi.append(made[:, :-1])
-        instruments = row.instruments(theta, stretch)
+        instruments = row.instruments(theta, stretch, states)
         zeta.append(phi[-1] if instruments is None else _freed(row.whitened(noise, instruments, stretch), basis))
+        if pulled:
+            phi[-1] = phi[-1].copy()
+            seen = row.whitened(noise, row.filtered(theta, stretch, e), stretch)
+            phi[-1][:, : seen.shape[1]] -= _freed(seen, basis)
         residual.append(e)
         nuisances.append(weights)
     cost = float(sum(each @ each for each in error))

@@ -6,8 +6,9 @@ Splitting a common denominator by a basis or by backfitting finds 26 to 29 of 30
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -40,13 +41,39 @@ def start(
     if not found:
         return []
     others = [pair for pair in found if pair[0] > ANOTHER * found[0][0]]
-    dealt = []
-    for _, denominator in [found[0], *others[:1]]:
-        for theta in _dealt(row, denominator):
-            model = _with_numerators(row, theta, noise)
-            dealt.append((evaluate(row, model, noise).cost, tuple(model)))
-    points = [refine(row, np.array(theta), noise, steps=SHORT) for _, theta in sorted(set(dealt))[:KEPT]]
+    dealt = (theta for _, denominator in [found[0], *others[:1]] for theta in _dealt(row, denominator))
+    return _best_of(row, dealt, noise)
+
+
+def start_without(row: Row, theta: FloatArray, left_out: Sequence[int], noise: Autoregression) -> list[Point]:
+    """Return the best models without some inputs of a model: branches keep their poles, or one takes of theirs."""
+    less = [i for i in range(len(row.structures)) if i not in left_out]
+    others, poles = row.of_inputs(less), _poles_of(row, theta)
+    lost = [pole for i in left_out for pole in poles[i]]
+
+    def models() -> Iterator[FloatArray]:
+        for i in less:
+            for chosen in itertools.combinations([*poles[i], *lost], len(poles[i])):
+                each = [np.poly(chosen if k == i else poles[k]) for k in less]
+                if _are_real(each):
+                    yield _without_numerators(others, each)
+
+    return _best_of(others, models(), noise)
+
+
+def _best_of(row: Row, models: Iterable[FloatArray], noise: Autoregression) -> list[Point]:
+    """Return the best of models without numerators, refined, the likeliest first."""
+    tried = set()
+    for theta in models:
+        model = _with_numerators(row, theta, noise)
+        tried.add((evaluate(row, model, noise).cost, tuple(model)))
+    points = [refine(row, np.array(theta), noise, steps=SHORT) for _, theta in sorted(tried)[:KEPT]]
     return sorted(points, key=lambda point: point.cost)
+
+
+def _poles_of(row: Row, theta: FloatArray) -> list[list[complex]]:
+    pairs = zip(row.structures, row.branches(theta), strict=True)
+    return [roots(np.concatenate([[1.0], branch[each.denominator]])).tolist() for each, branch in pairs]
 
 
 @quiet
@@ -63,12 +90,11 @@ def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[floa
                 break
             inside = -np.clip(np.abs(places.real), 0.1 / span, 10.0 / row.dt) + 1j * places.imag
             theta[:poles] = np.poly(inside).real[1:]
-            point = evaluate(row, theta, noise, before)
-            pulled = evaluate(row, theta, noise, before, pulled=True)
+            point = evaluate(row, theta, noise, before, pulled=True)
             if np.isfinite(point.cost):
                 yield point.cost, theta[:poles].copy()
-            instruments = pulled.phi if number == 0 else point.phi
-            matrix = np.asarray(sum(zeta.T @ phi for zeta, phi in zip(instruments, pulled.phi, strict=True)))
+            instruments = point.phi if number == 0 else point.zeta
+            matrix = np.asarray(sum(zeta.T @ phi for zeta, phi in zip(instruments, point.phi, strict=True)))
             vector = np.asarray(sum(zeta.T @ error for zeta, error in zip(instruments, point.error, strict=True)))
             if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
                 break
@@ -83,9 +109,18 @@ def _dealt(row: Row, denominator: FloatArray) -> Iterator[FloatArray]:
     for poles in (places, real.astype(np.complex128)) if places.imag.any() else (places,):
         for deal in deals(range(poles.size), sizes):
             parts = [np.poly(poles[list(part)]) for part in deal]
-            if all(np.abs(np.imag(part)).max() <= 1e-9 * np.abs(part).max() for part in parts):
-                each = zip(parts, row.structures, strict=True)
-                yield np.concatenate([np.append(np.real(a)[1:], np.zeros(s.zeros + 1)) for a, s in each])
+            if _are_real(parts):
+                yield _without_numerators(row, parts)
+
+
+def _are_real(denominators: Sequence[npt.NDArray[Any]]) -> bool:
+    return all(np.abs(np.imag(each)).max() <= 1e-9 * np.abs(each).max() for each in denominators)
+
+
+def _without_numerators(row: Row, denominators: Sequence[npt.NDArray[Any]]) -> FloatArray:
+    """Return the model (P,) of a row with these denominators and no numerators."""
+    each = zip(denominators, row.structures, strict=True)
+    return np.concatenate([np.append(np.real(a)[1:], np.zeros(s.zeros + 1)) for a, s in each])
 
 
 def deals(items: Sequence[int], sizes: Sequence[int]) -> Iterator[tuple[tuple[int, ...], ...]]:

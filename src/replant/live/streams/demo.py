@@ -15,7 +15,7 @@ from replant.errors import InvalidArgumentError
 from replant.live.streams.opening import Address
 from replant.live.streams.reader import Reader, StopRequest
 from replant.live.streams.source import Batch
-from replant.logs import Table, read_columns
+from replant.logs import read_columns
 from replant.logs.rasters import on_one_clock
 from replant.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.model import state_space
@@ -60,7 +60,8 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
     speed, dt = speed_of(address, math.inf), address.positive("dt")
     if dt is not None and "time" in options:
         raise InvalidArgumentError(f"{address.name}: give one of time and dt")
-    stamps = None if dt is not None else time_column(table, options.get("time"))
+    named = [table.find(options["time"])] if "time" in options else time_candidates(table.names)
+    stamps = named[0] if len(named) == 1 and dt is None else None
     keys: list[str | int] = [options.get("input", "u"), options.get("output", "y")]
     referenced = "reference" in options
     if referenced:
@@ -81,23 +82,10 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
             raise InvalidArgumentError(f"{address.name}: no column is the time; add &time=COLUMN or &dt=SECONDS")
         return ReplaySource(address.name, record, np.arange(rows, dtype=np.float64) * (dt or 0.0), speed)
     unit = 1.0 if stamps in table.in_seconds else unit_in_seconds(table.names[stamps])
-    return stamped_source(address.name, record, others[-1] * unit, speed)
-
-
-def time_column(table: Table, named: str | None) -> int | None:
-    """Return the index of the column of time stamps."""
-    if named is not None:
-        return table.find(named)
-    candidates = time_candidates(table.names)
-    return candidates[0] if len(candidates) == 1 else None
-
-
-def stamped_source(name: str, record: Batch, t: FloatArray, speed: float) -> ReplaySource:
-    """Return the source of a record with time stamps; rows without a finite stamp are left out and counted."""
+    t = others[-1] * unit
     kept = np.isfinite(t)
-    record = replace(record, t=t).select(kept)
     elapsed = np.maximum.accumulate(t[kept]) - t[kept][:1]
-    source = ReplaySource(name, record, elapsed, speed)
+    source = ReplaySource(address.name, replace(record, t=t).select(kept), elapsed, speed)
     source.count_refused("time not finite", int(kept.size - kept.sum()))
     return source
 
