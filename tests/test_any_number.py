@@ -343,6 +343,8 @@ def test_the_regressor_takes_a_number_of_any_type() -> None:
     expected = TransferFunctionRegressor().partial_fit(u[:, None], y).predict(u[:, None]).tolist()
     for name, value in (("poles", 1), ("zeros", 0), ("delay", 0.0), ("dt", 1.0)):
         for kind, convert in TYPES.items():
+            if name == "poles" and kind == "vector":  # an entry for each input
+                continue
             model = TransferFunctionRegressor(**{name: convert(value)})
 
             def predicted(model: TransferFunctionRegressor = model) -> Any:

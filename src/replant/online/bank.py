@@ -71,7 +71,7 @@ class Bank(Members):
 
     Examples
     --------
-    >>> from replant import Identifier
+    >>> from replant import Identifier, Structure
     >>> from replant.signals import prbs, white_noise
     >>> u = prbs(3000, hold=8)
     >>> y = Structure(2).transfer_function([4.0, 3.0, 2.0]).simulate(u, 0.05) + white_noise(3000, 0.02)
