@@ -9,7 +9,7 @@ import pytest
 from scipy.signal import cont2discrete, lfilter, tf2ss
 
 import replant as rp
-from replant.estimation.simulation.outside import Law
+from replant.estimation.simulation.outside import Law, Outside, windows
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
 from support.cases import every
@@ -128,6 +128,24 @@ def test_a_law_follows_in_pieces_as_it_does_whole() -> None:
         done.append(part)
     assert np.concatenate(done).tobytes() == explained.tobytes()
     assert parts.states.tobytes() == after.states.tobytes()
+
+
+def test_what_is_explained_of_a_part_knows_nothing_of_the_noise_in_it() -> None:
+    """Of an input that follows nothing, what 25 weights explain of the noise that they were fitted to is left out."""
+    rng, along = np.random.default_rng(8), []
+    for _ in range(30):
+        signals, noise = rng.standard_normal((400, 2)), rng.standard_normal((400, 1))
+        whole = Law.of(signals, noise).follow(signals)[1]
+        parts = Outside.of(noise, signals, np.array([True])).inputs
+        along.append([float(np.vdot(each, noise)) for each in (whole, parts)])
+    mean, spread = np.mean(along, axis=0), np.std(along, axis=0) / np.sqrt(30.0)
+    assert mean[0] > 10.0 * spread[0]
+    assert mean[1] < 4.0 * spread[1]
+
+
+def test_the_parts_of_a_record_make_a_whole() -> None:
+    for samples in (9, 100, 4001):
+        assert windows(samples).sum(axis=0) == pytest.approx(np.ones(samples))
 
 
 def test_a_law_is_that_by_which_an_input_follows() -> None:

@@ -215,6 +215,21 @@ def test_what_does_not_match_is_named_in_a_line(call: Any, words: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_an_update_to_an_unstable_pole_is_named_and_solved_anew() -> None:
+    u, y = record(0, 3500)
+    ident = begun()
+    ident.update_many(u, y)
+    now = ident._now
+    off = now.recursion.delta.copy()
+    off[1] = -100.0  # a0 of the first input
+    ident._now = dataclasses.replace(now, recursion=dataclasses.replace(now.recursion, delta=off))
+    assert ident.assess().status == "diverged"
+    assert "made a pole unstable" in ident.assess().reasons[0]
+    ident.finish()
+    assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
+    assert ident.assess().status == "trusted"
+
+
 def test_stamps_come_with_every_sample_or_with_none() -> None:
     ident = begun()
     ident.update((1.0, 2.0), 3.0)

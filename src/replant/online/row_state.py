@@ -217,7 +217,7 @@ class RowState:
             present = []
             if known is not None and row.is_stable(known.parameters):
                 present = [evaluate(row.from_outside, known.parameters, known.noise)]
-            return lambda noise: [*(started(row)(noise) if afresh else ()), *present]
+            return lambda noise: [*(started(row)(noise) if afresh or not present else ()), *present]
 
         settings = self.settings
         ready, solution, of_references = solve_with(
@@ -270,6 +270,10 @@ class RowState:
         point = _over(row, known)
         # without a noise model the error has a colour, and inputs seem to answer to it
         findings = [*(self.findings or controlled(row, point, known.noise))]
+        if not row.is_stable(known.parameters):
+            findings.append(
+                Finding("diverged", "an update has made a pole unstable: solve again, with finish, or reset")
+            )
         if known.counts[2]:
             findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
         findings += [*self.of_references, *left_out_finding(int((doubt == Doubt.STUCK).sum()))]
