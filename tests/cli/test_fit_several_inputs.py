@@ -196,4 +196,7 @@ def test_a_reference_is_a_column(capsys: Any, tmp_path: Path, command: str) -> N
     whole = json.loads(out)
     assert "input u1 is moved by the reference" in " ".join(whole["verdict"]["reasons"])
     direct = rp.fit(u, y, 0.1, poles=(2, 1), delay=(0.0, 0.3), reference=r)
-    assert whole["dc_gain"] == pytest.approx([g.dc_gain for g in direct.transfer_functions], rel=1e-4)
+    gains = np.array([g.dc_gain for g in direct.transfer_functions])
+    # a gain is b0 / a0, and a0 what is known the least; both begin at other points, and stop within this of the optimum
+    deviations = gains * (np.sqrt(np.diag(direct.covariance)) / direct.parameters)[[1, 3]]
+    assert (np.abs(whole["dc_gain"] - gains) < 0.1 * deviations).all()
