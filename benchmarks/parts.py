@@ -32,6 +32,7 @@ from replant.kernels.filters import chain, reference, whitening
 from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance
 from replant.kernels.schema import StateArrays
+from replant.kernels.slot_tables import begins, numbers
 
 CHUNK, REPETITIONS = 2_000, 101
 LIMIT = 1.25
@@ -112,7 +113,8 @@ def compile_parts(folder: Path) -> ctypes.CDLL:
     slots |= {f"AT_{block.name.upper()}": block.index for block in table.blocks}
     slots |= {"LAGS": at.LAGS, "LAGUERRE": at.LAGUERRE, "REFERENCE_SIZE": reference.SIZE}
     for part, sizes in ((at.NoiseSlots, {"T": 0}), (at.ReferenceSlots, {"L": reference.SIZE})):
-        places = {slot.name: slot.index for slot in part.scalars} | part.begins(at.FIXED | sizes)
+        blocks = begins(part.scalars, part.blocks, numbers(tuple((at.FIXED | sizes).items())))
+        places = {slot.name: slot.index for slot in part.scalars} | blocks
         slots |= {f"{part.__name__.removesuffix('Slots')}_{name}".upper(): place for name, place in places.items()}
     lines = [f"#define {name} {value}" for name, value in slots.items()]
     lines += [f"#define {name} {getattr(bk, name)}" for name in names] + [f"#define CONSTANT_CHANNEL {bk.CONSTANT}"]
