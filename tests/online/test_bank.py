@@ -247,7 +247,7 @@ def _data() -> bytes:
     ids=str,
 )  # fmt: skip
 def test_a_forged_checkpoint_is_refused(forged: dict[str, Any]) -> None:
-    from replant.online.bank_saving import restored
+    from replant.online.checkpoint.bank import restored
     from replant.online.checkpoint.encoding import ARRAYS, BANK, decode
 
     data = _data()

@@ -15,7 +15,7 @@ from replant.fitting.fields import ModelFields
 from replant.fitting.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.fitting.validation import Validation, validate
 from replant.logs.log import Log
-from replant.model.response import Response
+from replant.model.forced_response import Response
 from replant.numerics.arguments import FloatArray, record, vector, whole
 from replant.numerics.autoregression import ahead
 from replant.numerics.limits import increasing

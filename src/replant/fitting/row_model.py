@@ -17,7 +17,7 @@ from replant.fitting.model import Model, usual_interval
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model import interop
-from replant.model.response import Response
+from replant.model.forced_response import Response
 from replant.numerics.arguments import FloatArray, array_of_reals, vector
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import increasing

@@ -39,7 +39,7 @@ MOST_OF_DISK = 0.8  # part of the disk's free space that an unpacked file may ta
 
 
 def read_packed(path: Path, read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
-    """Read a compressed log, such as ``logs.log.csv.gz``, or a zip archive with one file in it."""
+    """Read a compressed log, such as ``log.csv.gz``, or a zip archive with one file in it."""
     suffix = path.suffix.lower()
     with (
         damage_as_log_error(path, _KINDS[suffix], "pack or copy the log again"),

@@ -1,1 +1,1 @@
-"""The mathematics of a model: structure, transfer function, state space, response and uncertainty; immutable values."""
+"""The mathematics of a model: structure, G(s), state space, forced response and uncertainty; immutable values."""

@@ -2,5 +2,6 @@
 
 `identifier` is its interface, `estimate` what is read from it, `lifecycle` how it starts and goes on.  It starts by
 `startup` and `begin_recursion`; at growing counts, at an alarm and at the end `revision` and `change_response` ask
-again which model holds.  `ensemble` and `company` step many at once, `saving` and `resume` are for checkpoints.
+again which model holds.  `ensemble` and `company` step many at once.  `saving` and `resume` write and read checkpoints,
+whose bytes are those of `checkpoint`.
 """

@@ -148,7 +148,7 @@ class Bank(Members):
     @reads
     def to_bytes(self, progress: Progress | None = None) -> bytes:
         """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes."""
-        from replant.online.bank_saving import bytes_of
+        from replant.online.checkpoint.bank import bytes_of
 
         return bytes_of([member.to_bytes() for member in self._members], self._state, progress)
 

@@ -270,11 +270,11 @@ class Identifier(Lifecycle):
     @classmethod
     def _of(cls, attributes: dict[str, Any]) -> Any:
         from replant.online.checkpoint.encoding import BANK, ROW
-        from replant.online.row_saving import restored as row
+        from replant.online.checkpoint.row import restored as row
 
         if BANK in attributes:
             from replant.online.bank import Bank
-            from replant.online.bank_saving import restored as bank
+            from replant.online.checkpoint.bank import restored as bank
 
             return Bank._with(*bank(attributes, cls.from_bytes))
 

@@ -145,7 +145,7 @@ class RowIdentifier(Shared):
     def to_bytes(self, progress: Progress | None = None) -> bytes:
         """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes."""
         from replant.online.checkpoint.encoding import ROW, encode_other
-        from replant.online.row_saving import parts_of
+        from replant.online.checkpoint.row import parts_of
 
         return encode_other(ROW, *parts_of(self._now), progress)
 

@@ -1,4 +1,4 @@
-"""Response: the output of a transfer function under an input on any clock, whole or batch by batch.
+"""Forced response: the output of a transfer function under an input on any clock, whole or batch by batch.
 
 Exact for the hold over every interval, and for a dead time of any length: the output at the samples is that of the
 differential equation.
