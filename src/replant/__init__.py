@@ -20,6 +20,7 @@ What most programs need, in this order; help(rp.fit) and so on says more:
 3721 / (s + 2.23) exp(-0.01 s) trusted
 """
 
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -27,77 +28,78 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-__all__ = [
-    "AMSGrad",
-    "AdaDelta",
-    "AdaGrad",
-    "Adam",
-    "ArgumentTypeError",
-    "CheckpointError",
-    "DamagedCheckpointError",
-    "Ensemble",
-    "FitResult",
-    "Gradient",
-    "Identifier",
-    "InUseError",
-    "IntegralCost",
-    "InvalidArgumentError",
-    "KalmanTracking",
-    "Log",
-    "LogError",
-    "MatrixFit",
-    "MatrixModel",
-    "MissingCheckpointError",
-    "MissingDependencyError",
-    "Model",
-    "ModelComparison",
-    "ModelFileError",
-    "NAdam",
-    "NoiseModel",
-    "Preprocess",
-    "RMSProp",
-    "RecursiveLeastSquares",
-    "RefinedFilter",
-    "ReplantError",
-    "Replay",
-    "RowFit",
-    "RowModel",
-    "Scaling",
-    "StateVariableFilter",
-    "Structure",
-    "SystemRefusedError",
-    "Trace",
-    "TransferFunction",
-    "Uncertainty",
-    "UnsupportedDependencyError",
-    "Validation",
-    "__version__",
-    "bandpass",
-    "compare",
-    "decimate",
-    "detrend",
-    "examples",
-    "figures",
-    "fit",
-    "fit_percent",
-    "fleet",
-    "from_rest",
-    "load",
-    "load_model",
-    "read_log",
-    "resample",
-    "run",
-    "search",
-]
+#: Where each public name is: the module is imported when the name is first used.
+_PLACES = {
+    "examples": "replant.examples",
+    "fleet": "replant.fleet",
+    "ArgumentTypeError": "replant.errors",
+    "CheckpointError": "replant.errors",
+    "DamagedCheckpointError": "replant.errors",
+    "InUseError": "replant.errors",
+    "InvalidArgumentError": "replant.errors",
+    "LogError": "replant.errors",
+    "MissingCheckpointError": "replant.errors",
+    "MissingDependencyError": "replant.errors",
+    "ModelFileError": "replant.errors",
+    "ReplantError": "replant.errors",
+    "SystemRefusedError": "replant.errors",
+    "UnsupportedDependencyError": "replant.errors",
+    "RefinedFilter": "replant.estimation.filters",
+    "StateVariableFilter": "replant.estimation.filters",
+    "AdaDelta": "replant.estimation.optimizers",
+    "AdaGrad": "replant.estimation.optimizers",
+    "Adam": "replant.estimation.optimizers",
+    "AMSGrad": "replant.estimation.optimizers",
+    "Gradient": "replant.estimation.optimizers",
+    "IntegralCost": "replant.estimation.optimizers",
+    "KalmanTracking": "replant.estimation.optimizers",
+    "NAdam": "replant.estimation.optimizers",
+    "RecursiveLeastSquares": "replant.estimation.optimizers",
+    "RMSProp": "replant.estimation.optimizers",
+    "Replay": "replant.estimation.optimizers.optimizer",
+    "Scaling": "replant.estimation.scaling",
+    "fit": "replant.fitting.fit",
+    "FitResult": "replant.fitting.fit_result",
+    "load_model": "replant.fitting.matrix",
+    "MatrixFit": "replant.fitting.matrix",
+    "MatrixModel": "replant.fitting.matrix",
+    "Model": "replant.fitting.model",
+    "RowFit": "replant.fitting.row_fit",
+    "RowModel": "replant.fitting.row_model",
+    "search": "replant.fitting.structure_search",
+    "Validation": "replant.fitting.validation",
+    "Log": "replant.logs",
+    "read_log": "replant.logs",
+    "bandpass": "replant.logs.band",
+    "decimate": "replant.logs.conditioning",
+    "detrend": "replant.logs.conditioning",
+    "from_rest": "replant.logs.conditioning",
+    "resample": "replant.logs.conditioning",
+    "NoiseModel": "replant.model.noise",
+    "Preprocess": "replant.model.preprocess",
+    "Structure": "replant.model.structure",
+    "TransferFunction": "replant.model.transfer_function",
+    "Uncertainty": "replant.model.uncertainty",
+    "Ensemble": "replant.online.ensemble",
+    "Identifier": "replant.online.identifier",
+    "load": "replant.online.resume",
+    "run": "replant.online.runs.run_log",
+    "Trace": "replant.online.trace",
+    "figures": "replant.report.figures",
+    "compare": "replant.report.compared_page",
+    "ModelComparison": "replant.report.compared_page",
+    "fit_percent": "replant.verdict",
+}
+
+__all__ = sorted(["__version__", *_PLACES])
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name; the first use of one imports all of them, which `replant --help` thus does not."""
-    if name not in __all__:
+    """Return a public name; its module is imported at its first use, and of the others those that this one needs."""
+    if name not in _PLACES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    from replant import public
-
-    globals().update({known: getattr(public, known) for known in __all__ if known != "__version__"})
+    module = import_module(_PLACES[name])
+    globals()[name] = getattr(module, name, module)  # some names are modules themselves
     return globals()[name]
 
 

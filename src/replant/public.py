@@ -1,4 +1,4 @@
-"""The public names of `replant`, imported from their modules; `replant` imports this module at the first use of one."""
+"""The public names of `replant`, for type checkers; at run time the table in `replant` says where each one is."""
 
 from replant.verdict import fit_percent as fit_percent
 from replant.online.resume import load as load
