@@ -197,6 +197,7 @@ def test_a_reference_is_a_column(capsys: Any, tmp_path: Path, command: str) -> N
     assert "input u1 is moved by the reference" in " ".join(whole["verdict"]["reasons"])
     direct = rp.fit(u, y, 0.1, poles=(2, 1), delay=(0.0, 0.3), reference=r)
     gains = np.array([g.dc_gain for g in direct.transfer_functions])
-    # a gain is b0 / a0, and a0 what is known the least; both begin at other points, and stop within this of the optimum
+    # both come to rest at one point, of which each is within a thousandth of a deviation by the instruments' measure; a
+    # gain is b0 / a0, and a0 what is known the least
     deviations = gains * (np.sqrt(np.diag(direct.covariance)) / direct.parameters)[[1, 3]]
-    assert (np.abs(whole["dc_gain"] - gains) < 0.1 * deviations).all()
+    assert (np.abs(whole["dc_gain"] - gains) < 0.002 * deviations).all()

@@ -10,8 +10,14 @@ from scipy.signal import cont2discrete, lfilter, tf2ss
 
 import replant as rp
 from replant.estimation.simulation.outside import Law, Outside, windows
+from replant.estimation.simulation.row import Row, RowRecord, evaluate, noise_of
+from replant.estimation.solver.row_steps import instrumental
+from replant.fitting.row_solve import solve_with
+from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import chi2_quantile
+from replant.verdict.row_tests import controlled
 from support.cases import every
 
 DT, SAMPLES = 0.1, 3000
@@ -57,6 +63,33 @@ def test_with_a_reference_the_estimate_is_right_under_any_noise(load: bool, pole
     assert distance(found) < chi2_quantile(0.9999, TRUE.size)
     assert found.verdict.status == "trusted"
     assert "input u1 is moved by the reference" in " ".join(found.verdict.reasons)
+
+
+@every("seed", range(3))
+def test_the_estimate_is_the_root_of_the_noise_model_of_what_it_leaves(seed: int) -> None:
+    u, y, r = looped(seed, load=True, pole=0.95)
+    structures = tuple(Structure(n, delay=delay) for n, delay in zip(ASKED["poles"], ASKED["delay"], strict=True))
+    _, solution, _ = solve_with(structures, RowRecord.of(u, y, DT), r[:, None], ("u1", "u2"))
+    assert solution is not None
+    row, found, _ = solution
+    noise = noise_of(row, found.point)
+    root = instrumental(row, found.point.theta, noise, found.point)
+    moved = root.theta - found.point.theta
+    assert moved @ np.linalg.solve(found.covariance, moved) < 0.01**2
+
+
+@every("size, is_answered", [(1e-2, True), (1e-7, False), (1e-12, False)])
+def test_of_a_residual_that_is_rounding_no_answer_is_sought(size: float, is_answered: bool) -> None:
+    rng = np.random.default_rng(0)
+    u, noise = rng.choice([-1.0, 1.0], (100, 2)).repeat(10, axis=0), rng.standard_normal(1000)
+    u[1:, 0] -= noise[:-1]
+    y = sum(g.simulate(each.copy(), DT) for g, each in zip(PLANT, u.T, strict=True)) + size * noise
+    structures = tuple(Structure(n, delay=delay) for n, delay in zip(ASKED["poles"], ASKED["delay"], strict=True))
+    ready = RowRecord.of(u, y, DT)
+    row = Row(structures, ready.record, ready.inputs)
+    white = Autoregression.white(1.0, row.count)
+    found = list(controlled(row, evaluate(row, TRUE, white), white))
+    assert [each.reason.split()[1] for each in found] == ["u1"] * is_answered
 
 
 def test_under_a_load_the_estimate_without_one_is_off_and_not_trusted() -> None:

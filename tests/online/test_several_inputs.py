@@ -15,6 +15,7 @@ import replant as rp
 from fitting.test_several_inputs import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
+from replant.online.row_step import RowStep
 from support.cases import every
 
 SAMPLES = 1500
@@ -89,11 +90,41 @@ def test_chunks_of_any_size_give_the_same_bits(awkward: Any, stamped: bool) -> N
     trace = whole.update_many(u, y, t if stamped else None)
     parts = [slice(begin, begin + 97) for begin in range(0, LENGTH, 97)]
     joined = [chunks.update_many(u[rows], y[rows], t[rows] if stamped else None) for rows in parts]
-    errors = [single.update(tuple(u[k]), y[k], t[k] if stamped else None) for k in range(LENGTH)]
+    errors, estimates = np.empty(LENGTH), np.empty_like(trace.parameters)
+    for k in range(LENGTH):
+        given = tuple(u[k].tolist()), float(y[k]), float(t[k]) if stamped else None
+        errors[k] = single.update(*given)
+        estimates[k] = single.parameters
+        if k % 97 == 0:  # a copy goes on by itself
+            single.clone().update(*given)
     assert whole.to_bytes() == chunks.to_bytes() == single.to_bytes()
     assert np.array_equal(np.concatenate([each.errors for each in joined]), trace.errors, equal_nan=True)
-    assert np.array_equal(np.array(errors), trace.errors, equal_nan=True)
+    assert np.array_equal(errors, trace.errors, equal_nan=True)
+    assert np.array_equal(estimates, trace.parameters)
     assert np.array_equal(np.concatenate([each.parameters for each in joined]), trace.parameters)
+
+
+def test_a_sample_that_is_interrupted_was_not_taken(monkeypatch: Any, awkward: Any) -> None:
+    u, y, _ = awkward
+    ident, other = (begun(startup=300) for _ in range(2))
+    for each in (ident, other):
+        each.update_many(u[:400], y[:400])
+        for k in range(400, 410):
+            each.update(tuple(u[k].tolist()), 0.5)
+    taken = RowStep.take
+
+    def interrupted(step: Any, *given: Any) -> float:
+        taken(step, *given)
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RowStep, "take", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            ident.update(tuple(u[410].tolist()), 0.5)
+    assert ident.samples == other.samples
+    for k in range(410, 420):
+        assert ident.update(tuple(u[k].tolist()), 0.5) == other.update(tuple(u[k].tolist()), 0.5)
+    assert ident.to_bytes() == other.to_bytes()
 
 
 def test_what_cannot_be_used_is_counted_and_changes_nothing(awkward: Any) -> None:

@@ -21,7 +21,8 @@ import numpy as np
 from replant.estimation.simulation.row import Point, Row, RowRecord, colour_of, evaluate, noise_of
 from replant.estimation.solver import solve
 from replant.estimation.solver.row_start import start
-from replant.estimation.solver.row_steps import instrumental, refine
+from replant.estimation.solver.row_steps import STEPS, explained_by, instrumental, refine
+from replant.estimation.solver.srivc_steps import NEARLY_DONE
 from replant.fitting.row_outside import with_outside
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
@@ -36,6 +37,8 @@ GIVEN_UP = (
     "the structure leaves slow parts of the output, which a noise model would take for noise: none was used; try more "
     "poles, a further input, or, where a controller makes an input, its reference"
 )
+
+NOT_SOLVED = "the estimate made with the reference did not come to rest: record more, or move the reference more"
 
 ROUNDS = 3  # times that the noise model is estimated [count]
 SHORT = 12  # steps after each [count]
@@ -162,11 +165,18 @@ def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], l
 
 def _by_instruments(row: Row, theta: FloatArray) -> RowEstimate:
     """Return the estimate by instruments, its noise model that of what it leaves."""
-    point, noise = evaluate(row, theta, Autoregression.white(1.0, row.count)), Autoregression.white(1.0, row.count)
-    for _ in range(ROUNDS):
-        noise = noise_of(row, point)
-        point = instrumental(row, point.theta, noise, point, SHORT)
-    return RowEstimate(point, noise, _sandwich(row, point), tuple(controlled(row, point, noise)))
+    before = evaluate(row, theta, Autoregression.white(1.0, row.count))
+    noise = noise_of(row, before)
+    point = instrumental(row, theta, noise, before, SHORT)
+    for _ in range(STEPS):  # the root of one noise model is that of no other: a step, and the model anew
+        before, noise = point, noise_of(row, point)
+        point = instrumental(row, before.theta, noise, before, 1)
+        if (point.theta == before.theta).all():
+            break
+    findings = list(controlled(row, point, noise))
+    if not explained_by(row, point) <= NEARLY_DONE:
+        findings.append(Finding("converging", NOT_SOLVED))
+    return RowEstimate(point, noise, _sandwich(row, point), tuple(findings))
 
 
 def _sandwich(row: Row, point: Point) -> FloatArray:

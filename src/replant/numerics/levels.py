@@ -11,3 +11,5 @@ MATTERS = 0.01
 Origin: a choice of what a user may rely on.
 Sensitivity: not measured.
 """
+# the square of some million times float64's precision
+ROUNDING = 1e-18  # power of the residual below which only rounding is left [part of the output's power]

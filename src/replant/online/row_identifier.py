@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +23,7 @@ from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
 from replant.numerics.limits import duration, stamps_of
 from replant.online.row_state import RowSettings, RowState
+from replant.online.row_step import Kept
 from replant.online.trace import Trace
 from replant.online.turns import Shared, Turn, changes, reads
 from replant.verdict import fit_percent
@@ -105,6 +106,15 @@ class RowIdentifier(Shared):
         settings = RowSettings(structures, duration("dt", dt), startup, history, hold, names)
         self._turn, self._now = Turn(), RowState.of(settings)
 
+    @property
+    def _now(self) -> RowState:
+        """The state; that of the last chunk takes the single samples since, and stays as it is."""
+        return self._kept.now
+
+    @_now.setter
+    def _now(self, state: RowState) -> None:
+        self._kept = Kept(state, None, [])
+
     @changes
     def reset(self) -> None:
         """Forget every sample and begin again."""
@@ -113,7 +123,8 @@ class RowIdentifier(Shared):
     @reads
     def clone(self) -> RowIdentifier:
         """Return an independent copy in the same state."""
-        return self._with(replace(self._now, kept=self._now.kept.copy()))
+        now = self._now
+        return self._with(replace(now, kept=now.kept.copy()))
 
     __copy__ = clone
 
@@ -124,7 +135,7 @@ class RowIdentifier(Shared):
         return {"_now": self.clone()._now}
 
     def __setstate__(self, attributes: dict[str, Any]) -> None:
-        self.__dict__.update(attributes | {"_turn": Turn()})
+        self._turn, self._now = Turn(), attributes["_now"]
 
     @classmethod
     def _with(cls, state: RowState) -> RowIdentifier:
@@ -133,7 +144,7 @@ class RowIdentifier(Shared):
 
     @property
     def _settings(self) -> RowSettings:
-        return self._now.settings
+        return self._kept.state.settings
 
     def save(self, path: AnyPath, progress: Progress | None = None) -> None:
         """Save the whole state to a file, from which `replant.load` continues to the bit; see `Identifier.save`."""
@@ -172,10 +183,27 @@ class RowIdentifier(Shared):
         InvalidArgumentError, ArgumentTypeError
             If an argument is not a number; the state stays as it was.
         """
-        trace = self.update_many(
-            [u], [number("y", y)], None if t is None else [number("t", t)], None if r is None else [r]
-        )
+        y = y if type(y) is float else number("y", y)
+        u = u.tolist() if type(u) is np.ndarray else u
+        if r is None and isinstance(u, tuple | list) and all(isinstance(each, float | int) for each in (*u, t or 0.0)):
+            error = self._take_one(u, y, t)
+            if error is not None:
+                return error
+        trace = self.update_many([u], [y], None if t is None else [number("t", t)], None if r is None else [r])
         return float(trace.errors[0])
+
+    @changes
+    def _take_one(self, u: Sequence[float], y: float, t: float | None) -> float | None:
+        """Take a sample that moves the recursion and nothing else; of another one take nothing, and return None."""
+        kept = self._kept
+        interval = kept.interval_to(u, y, t)
+        if interval is None:
+            return None
+        self._kept = kept.without_step()  # whoever is interrupted has the state before
+        step = kept.step or kept.step_behind()
+        error = step.take(u, y, interval)
+        self._kept = kept.with_more(step, (*u, y, 0.0 if t is None else t))
+        return error
 
     @changes
     def update_many(self, u: Any, y: Any, t: Any = None, r: Any = None) -> Trace:
@@ -254,7 +282,7 @@ class RowIdentifier(Shared):
         InvalidArgumentError
             During start-up, when there is no estimate yet.
         """
-        if self._now.recursion is None:
+        if self._kept.state.recursion is None:
             raise InvalidArgumentError(
                 "freezing needs a model, and the samples for the first one are still being collected: try again later"
             )
@@ -285,12 +313,13 @@ class RowIdentifier(Shared):
     @property
     def has_model(self) -> bool:
         """Whether there is an estimate."""
-        return self._now.recursion is not None
+        return self._kept.state.recursion is not None
 
     @property
     def parameters(self) -> FloatArray:
         """The estimate (P,) in physical units, in the order of `names`; zero while there is none."""
-        return self._now.parameters
+        state, step, _ = self._kept
+        return state.parameters if step is None else step.parameters
 
     @property
     def covariance(self) -> FloatArray:
@@ -330,12 +359,13 @@ class RowIdentifier(Shared):
     @property
     def samples(self) -> int:
         """Accepted samples."""
-        return self._now.samples
+        state, _, since = self._kept
+        return state.samples + len(since)
 
     @property
     def rejected(self) -> dict[str, int]:
         """Rejected samples by reason; those without an output count as accepted, too."""
-        return dict(self._now.rejected)
+        return dict(self._kept.state.rejected)
 
     @property
     def taken(self) -> int:
@@ -346,7 +376,7 @@ class RowIdentifier(Shared):
     @property
     def adapting(self) -> bool:
         """Whether the estimate follows the samples, or is frozen."""
-        return self._now.adapts
+        return self._kept.state.adapts
 
     @property
     def status(self) -> str:

@@ -176,6 +176,13 @@ class RowState:
             estimates[end - 1] = new.parameters
         return new, end
 
+    def take_all(self, rows: list[tuple[float, ...]]) -> RowState:
+        """Return the state after further rows of inputs, output and time, at none of which the record is solved."""
+        columns = np.array(rows, np.float64)
+        errors, estimates = np.full(len(rows), np.nan), np.empty((len(rows), self.settings.size))
+        u, y, t = np.ascontiguousarray(columns[:, :-2]), columns[:, -2].copy(), columns[:, -1].copy()
+        return self.take(u, y, t if self.stamped else None, np.empty((len(rows), 0)), errors, estimates)[0]
+
     def _held(self, r: FloatArray) -> FloatArray:
         """Return references (K, p) with the last known one where one is not known, at first with nought."""
         if not r.size:

@@ -14,6 +14,7 @@ from replant.model.uncertainty import UncertainMode, Uncertainty
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.levels import MATTERS
 from replant.numerics.linear_algebra import roots
+from replant.numerics.robust import usual_step
 from replant.verdict.verdict import duration
 
 FEWEST = 100  # samples held out below which one column explains as much as MATTERS by chance [samples]
@@ -233,6 +234,15 @@ class Runs:
             return largest
         made = np.abs(step[n:]) * self.now.zeta[:, n:].std(axis=0) / output
         return max(largest, 0.5 * float(made.max()))
+
+
+def rounding_of(modelled: FloatArray, output: FloatArray) -> float:
+    """Return the standard deviation below which a residual is rounding, of which nothing can be told.
+
+    That of the sensor follows from the input's past, but is white where the noise is four tenths of a step, and both
+    together half of one.
+    """
+    return max(ROUNDING * float(modelled.std()), 0.5 * usual_step(output))
 
 
 def moving(u: FloatArray, power: float = 0.0) -> int:

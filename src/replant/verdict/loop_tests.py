@@ -37,8 +37,7 @@ from replant.numerics.projections import (
     widening,
     without,
 )
-from replant.numerics.robust import usual_step
-from replant.verdict.evidence import RESTING, ROUNDING, Evidence, Runs
+from replant.verdict.evidence import RESTING, ROUNDING, Evidence, Runs, rounding_of
 from replant.verdict.score_test import Explained, noise_of, residual_of
 from replant.verdict.verdict import Finding
 
@@ -62,10 +61,7 @@ def answer(evidence: Evidence, run: ModelRun, signal: FloatArray, first: int = 0
     rows, used = evidence.known, evidence.used[evidence.known]
     error = run.error[rows] - run.error[rows][used].mean()
     w = np.zeros(signal.size)
-    # of a residual that is rounding nothing can be told: that of the sensor follows from the input's past, but is white
-    # where the noise is four tenths of a step, and both together half of one
-    rounding = max(ROUNDING * float(run.forced[rows].std()), 0.5 * usual_step(evidence.record.y[rows][used]))
-    if error[used].std() > rounding:
+    if error[used].std() > rounding_of(run.forced[rows], evidence.record.y[rows][used]):
         noise = noise_of(error, evidence.past)
         w[rows] = noise.ahead(error) * (used & (evidence.past >= noise.order))
     moved = signal - signal.mean()

@@ -17,6 +17,7 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile
 from replant.numerics.projections import orthogonal, products, widening, without
+from replant.verdict.evidence import rounding_of
 from replant.verdict.verdict import Finding, figure, percent
 
 FILTERS = 8  # first-order filters of each input that its transfer function is tested against [count]
@@ -137,6 +138,8 @@ def _explained(
     The columns are whitened, and freed of what offset, initial states and others ``beside`` explain.  A model of this
     record explains what its instruments do; the error of one of another record is larger, by the model's covariance.
     """
+    if _is_rounding(row, point):
+        return 0.0, 0.0
     parts = []
     for stretch, phi in zip(row.stretches, point.zeta, strict=True):
         white = row.whitened(noise, columns(stretch), stretch)
@@ -162,3 +165,12 @@ def _explained(
     statistic = float(amounts @ np.linalg.lstsq(spread, amounts, rcond=None)[0])
     limit = chi2_quantile(1.0 - ALPHA, basis.shape[1]) * widening(basis, error)
     return statistic / max(limit, 1e-300), float(amounts @ amounts) - float(np.trace(spread))
+
+
+def _is_rounding(row: Row, point: Point) -> bool:
+    """Return whether the residual is rounding, of the log's numbers or of the sensor's steps: nothing is told by it."""
+    output, error = (
+        np.concatenate([each[stretch.measured] for each, stretch in zip(signals, row.stretches, strict=True)])
+        for signals in ([stretch.y for stretch in row.stretches], point.residual)
+    )
+    return not float(error.std()) > rounding_of(output - error, output)

@@ -24,6 +24,7 @@ from replant.model.preprocess import accepted
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import LEAST, Autoregression, sums_of
+from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import quiet, roots
 from replant.numerics.projections import lengths_of, orthogonal, products
 
@@ -227,7 +228,9 @@ def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def noise_of(row: Row, point: Point) -> Autoregression:
-    """Return the autoregression of a point's residual, one for all stretches."""
+    """Return the autoregression of a point's residual, one for all stretches; what is rounding counts as white."""
+    if point.power <= ROUNDING * sum(float(each.y @ each.y) for each in row.stretches):
+        return Autoregression.white(point.power, row.count)
     return colour_of(row, point.residual)
 
 

@@ -95,5 +95,12 @@ def instrumental(
     return point
 
 
+def explained_by(row: Row, point: Point) -> float:
+    """Return what instruments explain of the error, in variances of it: how far a point is from the fixed point."""
+    turned = orthogonal(np.asarray(sum(products(zeta, zeta) for zeta in point.zeta)))
+    power = float(np.sum((turned.T @ _along(point.zeta, point.error)) ** 2))
+    return power * max(row.count, 1) / max(point.cost, 1e-300)
+
+
 def _along(columns: list[FloatArray], signals: list[FloatArray]) -> FloatArray:
     return np.asarray(sum(each.T @ signal for each, signal in zip(columns, signals, strict=True)))

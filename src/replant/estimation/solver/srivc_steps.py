@@ -17,6 +17,7 @@ from replant.estimation.solver.refined import Prior, Projection, Refined, Root, 
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
+from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import real_coefficients, roots, solve
 from replant.numerics.projections import orthogonal, products
 
@@ -26,8 +27,6 @@ STILL = 1e-3  # movement of the estimate below which it has converged [standard 
 DONE = 1e-6  # gain of a Gauss-Newton step below which the fit is done: .001 standard deviations [residual's variances]
 # a third of a standard deviation: where poles are as fast as the sampling the instruments' root is not the least cost
 NEARLY_DONE = 0.1  # the same where no shorter step gains anything either [variances of the residual]
-# the square of some million times float64's precision
-ROUNDING = 1e-18  # power of the residual below which only rounding is left [part of the output's power]
 DIFFERENCE = 1e-5  # step of differences that make derivatives: float64's cube root [part of a coefficient]
 HALVINGS = 10  # halvings of a Gauss-Newton step at the most: a thousandth is left of it [count]
 POLISH = 30  # Gauss-Newton steps at the most [count]

@@ -1,0 +1,134 @@
+"""Single samples of several inputs: what a recursion does of a chunk of one, in arrays that are made once.
+
+A recursion is never changed in place.  To copy it at each sample takes a hundred times as long as the sample; a step
+works on a copy of its own, and whoever has it keeps what came since: the recursion that takes these as a chunk has the
+same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from replant.estimation.engine.state import GAP
+from replant.estimation.simulation.auxiliary_model import NOTHING
+from replant.kernels.filters.whitening import IRREGULAR
+from replant.kernels.schema import LARGEST
+from replant.numerics.arguments import FloatArray
+from replant.online.row_recursion import RowRecursion
+from replant.online.row_state import RowState
+
+SINCE = 256  # single samples that a state takes as one chunk [samples]
+
+
+class RowStep:
+    """Takes samples one by one, behind those of a recursion, which stays as it is; `serves` says of which one."""
+
+    def __init__(self, recursion: RowRecursion, *, learns: bool) -> None:
+        from replant.kernels.step.row import learn
+        from replant.kernels.step.stages import regressors
+
+        self._learn, self._regressors = learn, regressors
+        self._models, size = recursion.models.copy(), recursion.delta.size
+        self._theta, self._dt = recursion.theta, recursion.dt
+        self._origin, self._level, self._constant = (
+            recursion.origin.tolist(),
+            recursion.level,
+            float(recursion.weights[0]),
+        )
+        self._rows = np.vstack([np.empty((1, size + 1)), recursion.tail])  # the oldest goes with the first sample
+        self._newest, self._error = self._rows[-1], np.empty(1)
+        self._interval, self._usual = np.empty(1), np.empty(1, np.int64)
+        self._branches: list[tuple[Any, ...]] = []
+        self._u = [np.empty(1) for _ in self._origin]
+        slope, free = 0, recursion.theta.size + 1
+        for model, structure, u in zip(self._models.models, recursion.structures, self._u, strict=True):
+            phi, zeta = np.empty((1, model.entries)), np.empty((1, model.entries))
+            output = np.empty(1)
+            given = *model.arrays, u, np.zeros(1), self._interval, NOTHING, phi, zeta, np.empty(1), output
+            parts = (
+                (self._newest[slope : slope + structure.size], zeta[0, : structure.coefficients]),
+                (self._newest[free : free + structure.poles], zeta[0, -structure.poles :]),
+            )
+            self._branches.append((given, output, parts))
+            slope, free = slope + structure.size, free + structure.poles
+        noise = recursion.noise
+        self._before = (
+            self._rows, np.zeros((0, size)), np.ones(1, np.int64), self._usual, learns, noise.order, noise.models,
+            noise.powers, recursion.delta.copy(), recursion.factor.copy(), recursion.diagonal.copy(),
+            recursion.counts.copy(), recursion.squares.copy(), self._error,
+        )  # fmt: skip
+        self._work, self._estimate = np.empty(4 * size + 1), recursion.delta[: self._theta.size][None].copy()
+
+    @staticmethod
+    def serves(recursion: RowRecursion) -> bool:
+        """Whether samples have to do with no reference and with no dead time behind a gap."""
+        return recursion.instruments is None and recursion.waits == 0.0
+
+    @property
+    def parameters(self) -> FloatArray:
+        """The estimate (P,)."""
+        return np.asarray(self._theta + self._estimate[0])
+
+    def take(self, u: Sequence[float], y: float, interval: float) -> float:
+        """Take a finite sample; return its error."""
+        self._rows[:-1] = self._rows[1:]
+        self._interval[0], self._usual[0] = interval, abs(interval - self._dt) <= IRREGULAR * self._dt
+        error = (y - self._level) - self._constant
+        for place, value, origin, (given, output, parts) in zip(self._u, u, self._origin, self._branches, strict=True):
+            place[0] = value - origin
+            self._regressors(*given)
+            for into, of in parts:
+                into[:] = of
+            error -= output.item()
+        self._newest[self._theta.size], self._newest[-1] = 1.0, error
+        estimate = np.empty((1, self._theta.size))  # one of its own: another thread may look at the one before
+        self._learn(*self._before, estimate, self._work)
+        self._estimate = estimate
+        return self._error.item()
+
+
+class Kept(NamedTuple):
+    """The state after the last chunk; what takes single samples behind these; their inputs, output and time."""
+
+    state: RowState
+    step: RowStep | None
+    since: list[tuple[float, ...]]
+
+    @property
+    def now(self) -> RowState:
+        """The state after the single samples, too."""
+        return self.state.take_all(self.since) if self.since else self.state
+
+    def interval_to(self, u: Sequence[float], y: float, t: float | None) -> float | None:
+        """Return the interval in s to a sample that moves the recursion and nothing else; None of any other one."""
+        state, step, since = self
+        known = state.recursion
+        if known is None or state.references or state.stamped != (t is not None):
+            return None
+        is_due = 0 < state.solve_at <= state.samples + len(since) + 1
+        if is_due or not (step or RowStep.serves(known)) or len(u) != len(known.structures):
+            return None
+        if not (abs(y) <= LARGEST and all(abs(each) <= LARGEST for each in u)):
+            return None
+        if t is None:
+            return state.settings.dt
+        interval = t - (since[-1][-1] if since else float(state.kept.values[-1, -1]))
+        return interval if 0.0 < interval <= GAP * known.dt else None
+
+    def step_behind(self) -> RowStep:
+        """Return what takes samples behind the newest one."""
+        state = self.now
+        assert state.recursion is not None, "there is a model"
+        return RowStep(state.recursion, learns=state.adapts)
+
+    def without_step(self) -> Kept:
+        """Return the same samples while a step takes one: where that is interrupted it is made anew."""
+        return Kept(self.state, None, self.since)
+
+    def with_more(self, step: RowStep, sample: tuple[float, ...]) -> Kept:
+        """Return what is kept after a sample that a step has taken."""
+        self.since.append(sample)
+        return Kept(self.now, step, []) if len(self.since) >= SINCE else Kept(self.state, step, self.since)
