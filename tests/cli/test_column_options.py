@@ -10,7 +10,10 @@ COMMANDS = ("run", "compare", "look", "fleet")
 @pytest.mark.parametrize(
     ("command", "option", "words"),
     [
-        *((command, "-i", "only replant fit, run and validate take several inputs") for command in COMMANDS[1:]),
+        *(
+            (command, "-i", "only replant fit, run, validate and fleet take several inputs")
+            for command in COMMANDS[1:-1]
+        ),
         *((command, "-o", "only replant fit, run and validate take several outputs") for command in COMMANDS[1:]),
     ],
 )

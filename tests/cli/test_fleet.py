@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import replant as rp
+from fleet.test_several_inputs import written as two_inputs
 from replant.cli import main
 from support.cases import every
 from support.fleets import as_csv, recorded, small_fleet
@@ -163,3 +164,28 @@ def test_the_terminal_names_the_odd_rigs(capsys: pytest.CaptureFixture[str], tmp
     (odd,) = json.loads(said)["odd"]
     assert odd["rig"] == "rig07.csv"
     assert odd["why"]
+
+
+def test_several_inputs_are_named_as_for_run_and_fit(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    """With a report of each rig, its G(s) from each input."""
+    for k in range(2):
+        two_inputs(tmp_path / "logs" / f"rig{k}.csv", k)
+    given = (tmp_path / "logs", "-i", "Q1", "-i", "Q2", "-o", "T1", "--method", "fit", "--on", "threads:1")
+    asked = (*given, "-p", "1,1", "--delay", "0,0.3")
+    code, said, errors = call(capsys, *asked, "--out", tmp_path / "out", "--reports", 1)
+    assert (code, errors) == (0, "")
+    assert said.splitlines()[0] == "2 rigs: 2 trusted"
+    (report,) = (tmp_path / "out" / "reports").glob("*.html")
+    assert "Q2 → T1" in report.read_text()
+    code, _, errors = call(capsys, *asked, "--zeros", "0,0", "--out", tmp_path / "new", "--compare", tmp_path / "out")
+    assert (code, errors) == (0, "")
+    for words, more in (
+        ("--poles must have a number for each of 2 inputs (Q1, Q2), as in 1,1: got one", (*given, "-p", "1")),
+        ("a range is searched by replant fit", (*given, "-p", "1:2,1")),
+        ("several inputs take no --bias yet", (*asked, "--bias")),
+        ("column 'T1' is the output and an input", (*asked[:4], "T1", *asked[5:])),
+        ("-i Q1 is given twice", (*asked, "-i", "Q1")),
+    ):
+        code, said, errors = call(capsys, *more, "--out", tmp_path / "refused")
+        assert (code, said, errors.count("\n")) == (2, "", 1), errors
+        assert words in errors

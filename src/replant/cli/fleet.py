@@ -11,6 +11,7 @@ import click
 
 from replant.cli.option_types import path_option
 from replant.cli.options import fleet_options, progress_bar, structure_of
+from replant.cli.several_inputs import numbers_of
 from replant.cli.terminal import Choice, note
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
@@ -18,6 +19,7 @@ from replant.fleet.fit import Fleet, fit, load
 from replant.fleet.job import METHODS, MODELS, TABLE
 from replant.fleet.oddness import check_comparable, oddness_of
 from replant.fleet.page import MOST_REPORTS, write_page, write_reports
+from replant.fleet.shape import shape_of, wanted
 from replant.fleet.store import FAILED
 
 NAMED = 5  # odd rigs that the terminal names [count]
@@ -60,14 +62,18 @@ def fleet_command(
     """Identify every rig of a fleet from LOGS, a folder or a pattern such as 'logs/*.parquet'.
 
     Each rig gets a row of DIR/rigs.parquet; DIR/report.html names the rigs that lie far from the fleet.  Started again,
-    what is done stays done; a rig whose files have changed is done again.
+    what is done stays done; a rig whose files have changed is done again.  Several inputs are named as for run and fit.
     """
     on = on or f"processes:{os.cpu_count() or 1}"
     parsed(on)
-    structure = structure_of(options)
+    inputs = options["input_column"]
+    if isinstance(inputs, tuple):
+        structure = wanted(inputs, None, **numbers_of(options, inputs))
+    else:
+        structure = structure_of(options)
     before = None if compare is None else load(compare)
     if before is not None:
-        check_comparable(before, structure, out)
+        check_comparable(before, shape_of(structure, inputs), out)
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     with progress_bar(rate=True) as bar:
@@ -80,7 +86,7 @@ def fleet_command(
             bar.update(task, description=shown, completed=state.samples, total=total, stage=f"{state.rigs:,} rigs")
 
         found = fit(
-            logs, by=by, input=options["input_column"], output=options["output_column"], structure=structure,
+            logs, by=by, input=inputs, output=options["output_column"], structure=structure,
             method=method, executor=on, out=out, reference=options["reference_column"], time=options["time_column"],
             dt=options["dt"], begin=options["begin"], end=options["end"], input_map=options["input_map"],
             optimizer=options["optimizer"], progress=show,
@@ -103,7 +109,7 @@ def _plain(text: str) -> str:
 
 def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
     table, verdicts = found.table(), found.verdicts
-    names, all_odd = table.column("rig").to_pylist(), oddness_of(table, found.structure)
+    names, all_odd = table.column("rig").to_pylist(), oddness_of(table, found.shape)
     odd = [(names[row], all_odd.words[row]) for row in all_odd.order.tolist() if all_odd.odd[row]]  # the farthest first
     if as_json:
         said = [{"rig": rig, "why": why} for rig, why in odd]

@@ -194,9 +194,8 @@ def _named(
         return given[0] if given else None
     if not several:
         typed = " ".join(f"{option.opts[0]} {each}" for each in given)
-        raise click.UsageError(
-            f"{typed}: only replant fit, run and validate take several {role}s: name one of them here", context
-        )
+        who = "fit, run, validate and fleet" if role == "input" else "fit, run and validate"
+        raise click.UsageError(f"{typed}: only replant {who} take several {role}s: name one of them here", context)
     twice = next((each for each in given if given.count(each) > 1), None)
     if twice is not None:
         raise click.UsageError(f"{option.opts[0]} {twice} is given twice: name each column once", context)

@@ -132,6 +132,11 @@ _REFERENCE = click.option(
     help="Column of the reference, where a controller makes the input: the set-point, or a dither.",
 )
 _STRUCTURE = structure_options("Number of poles.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]")
+_OF_INPUTS = structure_options(
+    "Number of poles; of several inputs of each: 2,1.",
+    "Number of zeros, likewise.  [default: 0]",
+    "Dead time in s, likewise.  [default: 0]",
+)
 _EACH = structure_options(
     "Number of poles, or a range such as 1:4, which learn side by side; of several inputs of each: 2,1.",
     "Number of zeros, likewise.  [default: 0]",
@@ -191,7 +196,7 @@ def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
 
 def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options for a fleet, whose logs are many, and its results a folder."""
-    options = group(click.argument("logs"), _INPUT, _OUTPUT, _REFERENCE, _STRUCTURE, _REST, OPTIMIZER)
+    options = group(click.argument("logs"), _INPUTS, _OUTPUT, _REFERENCE, _OF_INPUTS, _REST, OPTIMIZER)
     decorated: Callable[..., Any] = options(_checked(command))
     return decorated
 

@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import click
-import numpy as np
 
 from replant.cli.conditioning_options import is_conditioned
-from replant.cli.option_types import Each, command_line
+from replant.cli.option_types import command_line
 from replant.cli.options import progress_bar, read_several
 from replant.cli.output import CONDITIONED, Keeping, check_required, echo_json, make_folder, write_errors_reported
+from replant.cli.several_inputs import is_range, orders_of, refuse_not_yet, refuse_ranges
 from replant.cli.terminal import is_quiet
-from replant.errors import InvalidArgumentError
-from replant.estimation.engine.dimensions import RECENT
 from replant.fitting import model_json
 from replant.fitting.fit import fit
 from replant.fitting.matrix import MatrixFit
@@ -27,7 +25,7 @@ from replant.fitting.structure_search import SearchResult, search
 from replant.fitting.validation import Validation
 from replant.logs import Log
 from replant.logs.recording import digest
-from replant.online.row_identifier import RowIdentifier
+from replant.online.runs.run_row import first_model, run_row
 from replant.report.programs import row_as_python
 from replant.report.terminal import (
     HEADINGS,
@@ -38,13 +36,6 @@ from replant.report.terminal import (
     record_line,
     rows_of,
 )
-
-#: Options that one input takes, and several do not, with what they are without them.
-NOT_YET = {
-    "bias": False, "feedthrough": False, "input_map": "identity", "method": "auto",
-    "optimizer": "auto", "full_trace": None,
-}  # fmt: skip
-CHUNK = 8192  # samples taken between two marks of progress [samples]
 
 
 class Solved(NamedTuple):
@@ -59,22 +50,17 @@ class Solved(NamedTuple):
 Solver = Callable[[list[Log], dict[str, Any]], Solved]
 
 
-def are_several(options: dict[str, Any]) -> bool:
-    """Return whether the options name several inputs or outputs."""
-    return any(isinstance(options[name], tuple) for name in ("input_column", "output_column"))
-
-
 def fitted(logs: list[Log], asked: dict[str, Any]) -> Solved:
     """Return the row that `fit` makes of logs, or `search` where a range is asked for."""
     given = logs if len(logs) > 1 else logs[0]
-    if not any(_is_range(each) for each in asked.values()):
+    if not any(is_range(each) for each in asked.values()):
         row: RowFit = fit(given, **asked)
         return Solved(row, row_as_python(row.model, logs))
     count = len(logs[0].input_names)
     ranges: dict[str, Any] = {
         name: tuple(each if isinstance(each, tuple) else (each,) for each in given) for name, given in asked.items()
     }
-    if asked["zeros"] == (0,) * count and _is_range(asked["poles"]):
+    if asked["zeros"] == (0,) * count and is_range(asked["poles"]):
         ranges["zeros"] = None
     poles, zeros, delays = ranges.values()
     with progress_bar() as bar:
@@ -90,10 +76,6 @@ def fitted(logs: list[Log], asked: dict[str, Any]) -> Solved:
     return Solved(best, row_as_python(best.model, logs), found)
 
 
-def _is_range(given: Any) -> bool:
-    return any(isinstance(each, tuple) for each in given)
-
-
 def _unless_one(ranges: Any) -> Any:
     return ranges[0] if ranges is not None and len(ranges) == 1 else ranges
 
@@ -103,26 +85,11 @@ def passed_over(startup: int | None) -> Solver:
 
     def row_of(logs: list[Log], asked: dict[str, Any]) -> Solved:
         (log,) = logs
-        if any(_is_range(each) for each in asked.values()):
-            raise InvalidArgumentError("a range is searched by replant fit: give a number for each input here")
-        count = len(log)
-        first = min(max(count // 10, 1), RECENT) if startup is None else startup
-        hold, names = log.input_hold, log.input_names
-        ident = RowIdentifier(dt=log.dt, startup=first, input_hold=hold, input_names=names, **asked)
-        u, y, t, r = log.inputs, log.output, log.stamps, log.reference
+        refuse_ranges(asked)
         with progress_bar(rate=True) as bar:
-            task = bar.add_task("identifying", total=count)
-            for begin in range(0, count, CHUNK):
-                rows = slice(begin, begin + CHUNK)
-                stamps, references = (None if each is None else each[rows] for each in (t, r))
-                ident.update_many(u[rows], y[rows], stamps, references)
-                bar.update(task, completed=min(begin + CHUNK, count))
-        if startup is None or not ident.has_model:
-            ident.finish()
-        model = ident.model.of_log(log.input_names, log.output_name, log.path.name)
-        none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
-        row = RowFit(model, model.validate(log).output, none, none, missing)
-        return Solved(row, row_as_python(model, logs, first))
+            task = bar.add_task("identifying", total=len(log))
+            row = run_row(log, asked, startup, lambda done: bar.update(task, completed=done))
+        return Solved(row, row_as_python(row.model, logs, first_model(len(log)) if startup is None else startup))
 
     return row_of
 
@@ -132,13 +99,8 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
     begun = time.perf_counter()
     named = (options[name] for name in ("input_column", "output_column"))
     inputs, outputs = (each if isinstance(each, tuple) else (each,) for each in named)
-    several = "outputs" if len(outputs) > 1 else "inputs"
-    for name, usual in NOT_YET.items():
-        if options.get(name, usual) != usual:
-            raise InvalidArgumentError(
-                f"several {several} take no --{name.removesuffix('_column').replace('_', '-')} yet"
-            )
-    asked = {name: _of_each(options[name], name, inputs) for name in ("poles", "zeros", "delay")}
+    refuse_not_yet(options, "outputs" if len(outputs) > 1 else "inputs")
+    asked = orders_of(options, inputs)
     columns = [{"input_column": inputs, "output_column": each} for each in outputs]
     records = _of_one_output([read_several(options | each) for each in columns])
     make_folder(out)
@@ -239,19 +201,3 @@ def as_one(logs: list[Log]) -> Log:
         reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
         others=all_of.others, more_inputs=all_of.more_inputs,
     )  # fmt: skip
-
-
-def _of_each(given: tuple[Any, ...] | None, name: str, inputs: tuple[str, ...]) -> tuple[Any, ...]:
-    """Return a number for each input, or a range: those given, or 0 for all."""
-    if given is not None and len(given) > 1 and not isinstance(given, Each):
-        return (given,) * len(inputs)
-    example = ",".join("1" for _ in inputs)
-    if given is None or (name != "poles" and given == (0.0,)):
-        return (0,) * len(inputs)
-    if len(given) != len(inputs) or not (isinstance(given, Each) or len(inputs) == 1):
-        got = f"{len(given)} numbers" if isinstance(given, Each) else "one number"
-        raise InvalidArgumentError(
-            f"--{name} must have a number for each of {len(inputs)} inputs ({', '.join(inputs)}), as in {example}: "
-            f"got {got}"
-        )
-    return tuple(given)

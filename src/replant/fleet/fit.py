@@ -21,9 +21,12 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, Re
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.settings import AUTO
 from replant.fitting.model import Model
+from replant.fitting.model_json import STRUCTURE
+from replant.fitting.row_model import RowModel
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
 from replant.fleet.job import ABOUT, MODELS, TABLE, Job, planned
+from replant.fleet.shape import Shape, branches_of, shape_of, wanted
 from replant.fleet.store import Store, column, read_table
 from replant.fleet.work import carry_out, one_thread
 from replant.model.structure import Structure
@@ -183,9 +186,10 @@ class Fleet:
     ----------
     folder : Path
         Holds ``rigs.parquet`` with one row a rig, ``models.jsonl``, ``timing.parquet`` and ``report.html``.
-    structure : Structure
-        Of all models.
-    input_name, output_name : str
+    structure : Structure or tuple of Structure
+        Of all models; of several inputs one each.
+    input_name : str or tuple of str
+    output_name : str
         The columns that were asked for.
     logs, by : str
         What was identified.
@@ -194,12 +198,17 @@ class Fleet:
     """
 
     folder: Path
-    structure: Structure
-    input_name: str = "u"
+    structure: Structure | tuple[Structure, ...]
+    input_name: str | tuple[str, ...] = "u"
     output_name: str = "y"
     logs: str = ""
     by: str = ""
     job: Job | None = None
+
+    @property
+    def shape(self) -> Shape:
+        """What columns the table has for the models."""
+        return shape_of(self.structure, self.input_name)
 
     def table(self) -> Any:
         """Return one row a rig as a `pyarrow.Table`, sorted by rig."""
@@ -220,12 +229,17 @@ class Fleet:
             each["values"]: each["counts"] for each in sorted(counts, key=lambda one: (-one["counts"], one["values"]))
         }
 
-    def model(self, rig: str) -> Model:
+    def model(self, rig: str) -> Model | RowModel:
         """Return the model of a rig.
 
         Parameters
         ----------
         rig : str
+
+        Returns
+        -------
+        Model or RowModel
+            A RowModel of several inputs.
 
         Raises
         ------
@@ -236,7 +250,8 @@ class Fleet:
         with (self.folder / MODELS).open(encoding="utf-8") as lines:
             for line in lines:
                 if line.startswith(begin):
-                    return Model.from_json(line[len(begin) : -2])
+                    kind = RowModel if isinstance(self.structure, tuple) else Model
+                    return kind.from_json(line[len(begin) : -2])
         raise InvalidArgumentError(f"{self.folder}: no rig {rig!r} with a model")
 
     def column(self, name: str) -> Any:
@@ -261,8 +276,11 @@ def load(folder: str | Path) -> Fleet:
     folder = file_path("folder", folder)
     try:
         about = json.loads(Path(folder, ABOUT).read_text(encoding="utf-8"))
-        structure = Structure(**about["structure"])
-        entered, given, logs, by = (str(about[name]) for name in ("input_name", "output_name", "logs", "by"))
+        shapes, entered = about["structure"], about["input_name"]
+        several = isinstance(shapes, list)
+        structure = tuple(Structure(**each) for each in shapes) if several else Structure(**shapes)
+        entered = tuple(map(str, entered)) if several else str(entered)
+        given, logs, by = (str(about[name]) for name in ("output_name", "logs", "by"))
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise LogError(f"{folder}: no results of `replant fleet` there ({ABOUT} cannot be read)") from error
     return Fleet(Path(folder), structure, entered, given, logs, by)
@@ -275,12 +293,12 @@ def fit(
     logs: AnyPath,
     *,
     by: str,
-    input: str | int,  # noqa: A002 - the field's word
+    input: str | int | Sequence[str | int],  # noqa: A002 - the field's word
     output: str | int,
-    structure: Structure | None = None,
-    poles: int | None = None,
-    zeros: int = 0,
-    delay: float = 0.0,
+    structure: Structure | Sequence[Structure] | None = None,
+    poles: int | tuple[int, ...] | None = None,
+    zeros: int | tuple[int, ...] = 0,
+    delay: float | tuple[float, ...] = 0.0,
     method: str = "run",
     executor: Executor | str | None = None,
     out: AnyPath | None = None,
@@ -298,6 +316,9 @@ def fit(
     Rigs that an earlier call with the same options has done stay as they are, unless their files have changed.  A rig
     that cannot be identified is a row with the verdict "failed" and the reason.
 
+    Of several inputs, ``input`` is a list of columns, and ``poles``, ``zeros`` and ``delay`` have an entry for each;
+    the columns of the table that are an input's end in its name, as ``dc_gain.Q1``.
+
     >>> import tempfile
     >>> import numpy as np
     >>> from replant import TransferFunction
@@ -310,8 +331,9 @@ def fit(
     ...     found.verdicts, found.column("b0").round(6), found.model("b.npz")
     ({'trusted': 2}, array([2., 3.]), <Model 3 / (s + 0.5): u -> y, fit 100.0 %, trusted>)
     """
-    structure = Structure.wanted(structure, poles, zeros, delay)
-    job = Job(input, output, structure, method, reference, time, dt, begin, end, input_map, optimizer)
+    columns = input if isinstance(input, str | int) else tuple(input)
+    shape = wanted(columns, structure, poles, zeros, delay)
+    job = Job(columns, output, shape, method, reference, time, dt, begin, end, input_map, optimizer)
     logs = file_path("logs", logs)
     folder = Path(tempfile.mkdtemp(prefix="replant-fleet-") if out is None else file_path("out", out))
     rigs = find_rigs(logs, by, leave_out=folder)
@@ -321,7 +343,8 @@ def fit(
         missing = [rig for rig in rigs if rig.name not in done]
         store.forget_reports(missing)
         _identify_all(store, missing, len(rigs), executor, progress or (lambda state: None))
-        fleet = Fleet(folder, structure, str(input), str(output), os.fspath(logs), by, job)
+        names = tuple(map(str, columns)) if isinstance(columns, tuple) else str(columns)
+        fleet = Fleet(folder, job.structure, names, str(output), os.fspath(logs), by, job)
         if out is None:
             weakref.finalize(fleet, shutil.rmtree, folder, ignore_errors=True)
         store.merge(rigs, _about(fleet, job))
@@ -346,9 +369,8 @@ def _identify_all(
 
 
 def _about(fleet: Fleet, job: Job) -> dict[str, Any]:
-    s = fleet.structure
-    structure = {"poles": s.poles, "zeros": s.zeros, "delay": s.delay, "bias": s.bias, "feedthrough": s.feedthrough}
+    structures = [{name: getattr(each, name) for name in STRUCTURE} for _, _, each in branches_of(fleet.shape)]
     return {
-        "structure": structure, "input_name": fleet.input_name, "output_name": fleet.output_name, "logs": fleet.logs,
-        "by": fleet.by, "method": job.method,
+        "structure": structures if job.several else structures[0], "input_name": fleet.input_name,
+        "output_name": fleet.output_name, "logs": fleet.logs, "by": fleet.by, "method": job.method,
     }  # fmt: skip

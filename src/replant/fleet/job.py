@@ -16,11 +16,12 @@ from typing import Any
 from replant.errors import InvalidArgumentError, SystemRefusedError
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.settings import AUTO, Request
+from replant.fleet.shape import Shape, shape_of, wanted
 from replant.logs.arrow import SUFFIXES, RowGroups
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics import operating_system
-from replant.numerics.arguments import finite, instance, keep, one_of, text, whole
+from replant.numerics.arguments import finite, instance, iterable, keep, one_of, text, whole
 from replant.numerics.limits import duration
 from replant.numerics.operating_system import refusal
 
@@ -30,11 +31,14 @@ FORMAT = 2  # version of the files that a fleet writes; those of another version
 
 @dataclass(frozen=True)
 class Job:
-    """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all."""
+    """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all.
 
-    input: str | int
+    Of several inputs there is a tuple of columns, and one of structures.
+    """
+
+    input: str | int | tuple[str | int, ...]
     output: str | int
-    structure: Structure
+    structure: Structure | tuple[Structure, ...]
     method: str = "run"
     reference: str | int | None = None
     time: str | int | None = None
@@ -45,12 +49,15 @@ class Job:
     optimizer: Optimizer | str = AUTO
 
     def __post_init__(self) -> None:
-        for name in ("input", "output"):
-            keep(self, name, _column)
+        if self.several:
+            self._check_inputs()
+        else:
+            keep(self, "input", _column)
+            keep(self, "structure", instance, Structure)
+        keep(self, "output", _column)
         for name in ("reference", "time"):
             if getattr(self, name) is not None:
                 keep(self, name, _column)
-        keep(self, "structure", instance, Structure)
         keep(self, "method", one_of, METHODS)
         keep(self, "input_map", one_of, ("identity", "square"))
         if self.dt is not None:
@@ -64,11 +71,40 @@ class Job:
                 keep(self, name, finite)
         if self.method == "fit" and self.optimizer != AUTO:
             raise InvalidArgumentError("an optimizer is that of the method run: leave it out, or use the method run")
-        if self.method == "run":
+        if self.method == "run" and not self.several:
             self.request(1.0 if self.dt is None else self.dt)  # raises what no rig could be identified with
 
+    def _check_inputs(self) -> None:
+        """Check what several inputs are, and what they do not take yet."""
+        inputs = tuple(_column("input", each) for each in self.input)  # type: ignore[union-attr]
+        for each in inputs:
+            if inputs.count(each) > 1:
+                raise InvalidArgumentError(f"input {each!r} is given twice: name each column once")
+        object.__setattr__(self, "input", inputs)
+        object.__setattr__(self, "structure", wanted(inputs, self.structure, None, 0, 0.0))
+        for name, usual in (("input_map", "identity"), ("optimizer", AUTO)):
+            if getattr(self, name) != usual:
+                raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
+
+    @property
+    def several(self) -> bool:
+        """Whether there are several inputs."""
+        return iterable(self.input)
+
+    @property
+    def shape(self) -> Shape:
+        """That of the models."""
+        return shape_of(self.structure, self.input)
+
+    @property
+    def orders(self) -> dict[str, tuple[Any, ...]]:
+        """Poles, zeros and dead time of each of several inputs."""
+        each = self.structure if isinstance(self.structure, tuple) else (self.structure,)
+        return {name: tuple(getattr(one, name) for one in each) for name in ("poles", "zeros", "delay")}
+
     def request(self, dt: float) -> Request:
-        """Return the settings of an identifier for records with a sampling time ``dt`` in s."""
+        """Return the settings of an identifier of one input for records with a sampling time ``dt`` in s."""
+        assert isinstance(self.structure, Structure)
         return Request(self.structure, dt, optimizer=self.optimizer, preprocess=self.preprocess)
 
     @property

@@ -12,6 +12,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.fleet.fit import Fleet
 from replant.fleet.job import TABLE
+from replant.fleet.shape import Shape, branches_of
 from replant.fleet.statistics import (
     Figures,
     Location,
@@ -25,7 +26,6 @@ from replant.fleet.statistics import (
     unit_factor,
 )
 from replant.fleet.store import FAILED, column, read_table
-from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 
 FEWEST = 8  # trusted rigs beyond their coefficients from which on there is something usual [count]
@@ -64,14 +64,14 @@ class Oddness:
     usual: tuple[tuple[Quantity, float, float], ...]
 
 
-def oddness_of(table: Any, structure: Structure) -> Oddness:
+def oddness_of(table: Any, shape: Shape) -> Oddness:
     """Return what is odd in a fleet's table of results.
 
     A trusted rig is odd if its distance has a probability below `CHANCE` divided by the number of rigs.  Rigs that are
     not trusted do not move what is usual; they are odd where their signals show why.
     """
     verdicts = np.asarray(table.column("verdict").to_pylist(), object)
-    trusted, figures = verdicts == "trusted", figures_of(table, structure)
+    trusted, figures = verdicts == "trusted", figures_of(table, shape)
     words = [""] * len(verdicts)
     distance = np.full(len(verdicts), math.nan)
     usual: tuple[tuple[Quantity, float, float], ...] = ()
@@ -80,11 +80,11 @@ def oddness_of(table: Any, structure: Structure) -> Oddness:
         place = located(figures.x[base], figures.covariances[base])
         squared = distances(figures, place)
         distance[figures.known] = np.sqrt(squared[figures.known])
-        usual = _usual(figures, place, quantities_of(structure))
+        usual = _usual(figures, place, quantities_of(shape))
         limit = limit_of(len(figures.names), int(base.sum()), len(verdicts))
         for row in np.flatnonzero(trusted & figures.known & (squared > limit)).tolist():
             words[row] = _of_figures(figures, place, row, usual)
-    for row, said in _of_signals(table, verdicts).items():
+    for row, said in _of_signals(table, shape, verdicts).items():
         words[row] = said
     odd = np.array([bool(each) for each in words], bool)
     rank = np.select([odd, verdicts == FAILED, ~trusted], [0, 1, 2], 3)
@@ -123,20 +123,20 @@ def _of_figures(figures: Figures, place: Location, row: int, usual: tuple[tuple[
     return "; ".join([*head, *(rest[:2] if not factor or turned else [])])
 
 
-def _of_signals(table: Any, verdicts: Any) -> dict[int, str]:
+def _of_signals(table: Any, shape: Shape, verdicts: Any) -> dict[int, str]:
     """Return in words, by row, what the signals of rigs that are not trusted show."""
     trusted = verdicts == "trusted"
-    held, moved, entered, fit = (
-        column(table, name) for name in ("output_held", "output_std", "input_std", "fit")
-    )  # fmt: skip
+    held, moved, fit = (column(table, name) for name in ("output_held", "output_std", "fit"))
+    entered = [(f"input {name}" if name else "input", f"input_std{end}") for name, end, _ in branches_of(shape)]
     usual_held = float(np.nanquantile(held[trusted], 0.9)) if trusted.any() else 0.0
     usual_fit = float(np.nanmedian(fit[trusted])) if trusted.any() else math.nan
     least_fit = _least_fit(fit[trusted])
     reasons = table.column("reasons").to_pylist()
+    still = {int(row): name for name, of in entered for row in np.flatnonzero(column(table, of) == 0.0)}
     found = {}
     for row in np.flatnonzero(~trusted & (verdicts != FAILED)):
-        if entered[row] == 0.0:
-            found[int(row)] = "the input does not move"
+        if row in still:
+            found[int(row)] = f"the {still[int(row)]} does not move"
         elif moved[row] == 0.0 or (held[row] >= STANDING and held[row] > 4.0 * usual_held):
             found[int(row)] = f"stuck sensor? the output stands still over {100.0 * held[row]:.0f} % of the record"
         elif math.isfinite(usual_fit) and not fit[row] >= max(POOR * usual_fit, least_fit):
@@ -189,7 +189,7 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
     """
     import pyarrow
 
-    check_comparable(before, now.structure, now.folder)
+    check_comparable(before, now.shape, now.folder)
     old, new = (read_table(fleet.folder, TABLE) for fleet in (before, now))
     old_rows, new_rows = ({name: row for row, name in enumerate(of.column("rig").to_pylist())} for of in (old, new))
     both = [name for name in new_rows if name in old_rows]
@@ -198,7 +198,7 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
         for of, rows in ((old, old_rows), (new, new_rows))
     )
     was, is_now = (np.asarray(of.column("verdict").to_pylist(), object) == "trusted" for of in (old, new))
-    found = _differences(old, new, was & is_now, now.structure)
+    found = _differences(old, new, was & is_now, now.shape)
     return Drift(
         len(both),
         int((was & is_now).sum()),
@@ -211,11 +211,11 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
     )  # fmt: skip
 
 
-def check_comparable(before: Fleet, structure: Structure, folder: Path) -> None:
-    """Check that results can be compared with those of a structure in a folder, before these are made."""
-    if before.structure != structure:
+def check_comparable(before: Fleet, shape: Shape, folder: Path) -> None:
+    """Check that results can be compared with those of a shape in a folder, before these are made."""
+    if before.shape != shape:
         raise InvalidArgumentError(
-            f"{before.folder}: its models are of {before.structure}, those of {folder} of {structure}; "
+            f"{before.folder}: its models are of {before.shape}, those of {folder} of {shape}; "
             "identify both with the same options"
         )
     if before.folder.resolve() == folder.resolve():
@@ -227,11 +227,11 @@ def check_comparable(before: Fleet, structure: Structure, folder: Path) -> None:
 
 
 def _differences(
-    old: Any, new: Any, trusted: BoolArray, structure: Structure
+    old: Any, new: Any, trusted: BoolArray, shape: Shape
 ) -> tuple[list[tuple[int, float, str]], tuple[str, ...]]:
     """Return row, distance and words of the rigs that have drifted, and how the fleet has."""
-    first = figures_of(old, structure, trusted)
-    second = figures_of(new, structure, trusted)
+    first = figures_of(old, shape, trusted)
+    second = figures_of(new, shape, trusted)
     if (first.signs != second.signs).any():
         return [], ("the signs of the coefficients have changed in the whole fleet",)
     usable = trusted & first.known & second.known
@@ -246,12 +246,12 @@ def _differences(
     if straight.sum() >= FEWEST + size:
         around = located(off[straight], P[straight])
         place = Location(np.zeros(size), np.zeros((size, size)), around.scale)
-        told = _of_fleet(second, around, P[straight], structure)
+        told = _of_fleet(second, around, P[straight], shape)
     squared = np.where(usable, place.squared_distances(off, P), 0.0)
     certainty = np.minimum(first.certainty, second.certainty)
     squared += np.where(turned & usable[:, None], np.square(certainty), 0.0).sum(axis=1)
     limit = limit_of(size, int(straight.sum()), int(usable.sum()))
-    drifted, quantities = [], quantities_of(structure)
+    drifted, quantities = [], quantities_of(shape)
     for row in np.flatnonzero(usable & (squared > limit)).tolist():
         moved = deviations(second, quantities, off[row], place.scale * P[row], turned[row], certainty[row])
         moved.sort(key=lambda each: -each.size)
@@ -260,9 +260,9 @@ def _differences(
     return drifted, told
 
 
-def _of_fleet(figures: Figures, around: Location, P: FloatArray, structure: Structure) -> tuple[str, ...]:
+def _of_fleet(figures: Figures, around: Location, P: FloatArray, shape: Shape) -> tuple[str, ...]:
     """Return by which ratio the fleet's quantities have changed, where that is more than chance."""
     uncertain = np.linalg.inv(np.linalg.inv(around.spread + P).sum(axis=0)) * around.scale
     none = np.zeros(len(figures.names))
-    found = deviations(figures, quantities_of(structure), around.centre, uncertain, none > 0.0, none)
+    found = deviations(figures, quantities_of(shape), around.centre, uncertain, none > 0.0, none)
     return tuple(each.words(BEFORE) for each in found if abs(each.log_ratio) > FEW_SIGMA * each.std > 0.0)

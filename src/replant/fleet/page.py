@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError, ReplantError
+from replant.fitting.row_fit import RowFit
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import carried_out, workers
 from replant.fleet.fit import Fleet
 from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
 from replant.fleet.oddness import Drift, Oddness, drift_between, oddness_of
+from replant.fleet.shape import branches_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
 from replant.fleet.work import one_thread, opened, result_of
@@ -24,6 +26,7 @@ from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number
 from replant.report.page import asset, filled, heading, icon, page, script, section, words
 from replant.report.result_page import write_report
+from replant.report.rows_page import Output, write_rows
 
 WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and of the part for its axis [px]
 MOST_BARS = 40  # bars at most: few rigs get fewer [count]
@@ -95,7 +98,7 @@ def write_page(fleet: Fleet, compare: Fleet | None = None) -> Path:
     """
     table = fleet.table()
     drift = None if compare is None else drift_between(compare, fleet)
-    found = oddness_of(table, fleet.structure)
+    found = oddness_of(table, fleet.shape)
     body = {
         "verdicts": _verdicts(fleet.verdicts),
         "odd": _odd(fleet, table, found),
@@ -119,12 +122,12 @@ def write_page(fleet: Fleet, compare: Fleet | None = None) -> Path:
 
 
 def _lede(fleet: Fleet, table: Any) -> str:
-    s, samples = fleet.structure, int(np.nansum(column(table, "samples")))
-    zeros = f", {s.zeros} zero{'s' if s.zeros > 1 else ''}" if s.zeros else ""
-    return (
-        f"{fleet.input_name} → {fleet.output_name}, {s.poles} pole{'s' if s.poles > 1 else ''}{zeros}; "
-        f"{table.num_rows:,} rigs by {fleet.by}, {samples:,} samples"
-    )
+    samples, each = int(np.nansum(column(table, "samples"))), []
+    for name, _, s in branches_of(fleet.shape):
+        zeros = f", {s.zeros} zero{'s' if s.zeros > 1 else ''}" if s.zeros else ""
+        poles = f"{s.poles} pole{'s' if s.poles > 1 else ''}{zeros}"
+        each.append(f"{name or fleet.input_name} → {fleet.output_name}, {poles}")
+    return f"{'; '.join(each)}; {table.num_rows:,} rigs by {fleet.by}, {samples:,} samples"
 
 
 def _verdicts(counts: dict[str, int]) -> str:
@@ -159,7 +162,7 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
     )
     listed = f'<ol class="oddities">{items}</ol>' if items else ""
     usual = "; ".join(
-        f"{words(quantity.name)} {number(middle)}{f' {quantity.unit}' if quantity.unit else ''}, "
+        f"{words(quantity.label)} {number(middle)}{f' {quantity.unit}' if quantity.unit else ''}, "
         f"spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
         for quantity, middle, ratio in found.usual
     )
@@ -200,8 +203,8 @@ def _histograms(fleet: Fleet, table: Any) -> str:
     trusted = np.asarray(table.column("verdict").to_pylist(), object) == "trusted"
     if not trusted.any():
         return ""
-    drawn = [histogram(quantity.name, values[trusted], quantity.unit) for quantity, values in _quantities(fleet, table)]
-    drawn += [histogram(name, column(table, name)[trusted]) for name in fleet.structure.names]
+    drawn = [histogram(each.label, values[trusted], each.unit) for each, values in _quantities(fleet, table)]
+    drawn += [histogram(name, column(table, name)[trusted]) for name in fleet.shape.names]
     note = f'<p class="note">Of the {int(trusted.sum()):,} trusted rigs; the line is the median.</p><br>'
     return section("Distributions", note, f'<div class="histograms">{"".join(drawn)}</div>', anchor="distributions")
 
@@ -210,7 +213,7 @@ def _quantities(fleet: Fleet, table: Any) -> list[tuple[Quantity, FloatArray]]:
     """Return the physical quantities of all rigs; NaN where one has none."""
     found = []
     with np.errstate(all="ignore"):
-        for quantity in quantities_of(fleet.structure):
+        for quantity in quantities_of(fleet.shape):
             values = np.full(table.num_rows, quantity.factor)
             for name, weight in quantity.weights:
                 of = column(table, name)
@@ -236,8 +239,8 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
     why = [
         found.words[row] or ("" if verdicts[row] == "trusted" else reasons[row]) for row in range(table.num_rows)
     ]  # fmt: skip
-    numbers = [(f"{q.name} [{q.unit}]" if q.unit else q.name, values) for q, values in _quantities(fleet, table)]
-    numbers += [(name, column(table, name)) for name in fleet.structure.names]
+    numbers = [(f"{q.label} [{q.unit}]" if q.unit else q.label, values) for q, values in _quantities(fleet, table)]
+    numbers += [(name, column(table, name)) for name in fleet.shape.names]
     numbers += [("fit [%]", column(table, "fit")), ("samples", column(table, "samples"))]
     columns: list[dict[str, Any]] = [
         {"name": "rig", "text": True}, {"name": "rank"}, {"name": "verdict", "text": True},
@@ -277,7 +280,7 @@ def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = No
         raise InvalidArgumentError("a fleet that was loaded has no options: call fit again, which does nothing twice")
     table = fleet.table()
     names = table.column("rig").to_pylist()
-    first = {names[row] for row in oddness_of(table, fleet.structure).order[: min(count, MOST_REPORTS)].tolist()}
+    first = {names[row] for row in oddness_of(table, fleet.shape).order[: min(count, MOST_REPORTS)].tolist()}
     rigs = [rig for rig in find_rigs(fleet.logs, fleet.by, leave_out=fleet.folder) if rig.name in first]
     (fleet.folder / REPORTS).mkdir(exist_ok=True)
     tasks = [ReportTask(fleet.job, rig, str(fleet.folder.absolute())) for rig in rigs]
@@ -296,7 +299,13 @@ def write_one(task: ReportTask) -> int:
             raise
         except ReplantError:
             return 0
-        shown, log = result.overview, recording.held
+        log = recording.held
+        if isinstance(result, RowFit):
+            assert log is not None
+            with replacing(Path(task.folder, report_path(rig.name))) as new:
+                write_rows(new, [Output(result, log)], title=rig.name, python=_program(task))
+            return 1
+        shown = result.overview
         if shown is not None:
             log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
         assert log is not None

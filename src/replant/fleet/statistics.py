@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
+from replant.fleet.shape import Shape, branches_of
 from replant.fleet.store import column
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -121,6 +122,12 @@ class Quantity:
     weights: tuple[tuple[str, float], ...]  # its logarithm as a sum of those of coefficients
     factor: float = 1.0  # what the power of the coefficients is multiplied by
     unit: str = ""
+    input: str = ""  # the input whose transfer function has it, where there are several
+
+    @property
+    def label(self) -> str:
+        """Its name, with that of the input where there are several."""
+        return f"{self.name} of {self.input}" if self.input else self.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,11 +152,11 @@ class Figures:
         return found
 
 
-def figures_of(table: Any, structure: Structure, usual: BoolArray | None = None) -> Figures:
+def figures_of(table: Any, shape: Shape, usual: BoolArray | None = None) -> Figures:
     """Return the coefficients of a fleet's table as they are compared."""
-    size, names = structure.coefficients, structure.names[: structure.coefficients]
+    size, names = shape.coefficients, shape.names[: shape.coefficients]
     theta = np.column_stack([column(table, name) for name in names])
-    P = _covariances(table, structure.size)[:, :size, :size]
+    P = _covariances(table, shape.size)[:, :size, :size]
     std = np.sqrt(np.maximum(np.diagonal(P, axis1=1, axis2=2), 0.0))
     known = np.isfinite(theta).all(axis=1) & np.isfinite(P).all(axis=(1, 2)) & (std > 0.0).all(axis=1)
     known &= (theta != 0.0).all(axis=1)
@@ -170,8 +177,16 @@ def figures_of(table: Any, structure: Structure, usual: BoolArray | None = None)
     return Figures(names, x, covariances, signs, turned, certainty, known)
 
 
-def quantities_of(structure: Structure, input_name: str = "u", output_name: str = "y") -> list[Quantity]:
-    """Return the physical quantities of a structure."""
+def quantities_of(shape: Shape) -> list[Quantity]:
+    """Return the physical quantities of a structure, or of that of each of several inputs."""
+    return [
+        replace(each, weights=tuple((f"{name}{end}", weight) for name, weight in each.weights), input=entered)
+        for entered, end, structure in branches_of(shape)
+        for each in _of_structure(structure)
+    ]
+
+
+def _of_structure(structure: Structure) -> list[Quantity]:
     n, m = structure.poles, structure.zeros
     found = [Quantity("gain", (("b0", 1.0), ("a0", -1.0)))]
     if n == 1:
@@ -260,8 +275,10 @@ class Deviation:
         times = _ratio(math.exp(min(max(self.log_ratio, -700.0), 700.0)))
         if self.turned % 2:
             sure = f"{self.certainty:,.0f} standard deviations"
-            return f"{self.quantity.name} of the opposite sign, {times} times {beside}, {sure}"
-        return f"{self.quantity.name} {times} times {beside}, {abs(self.log_ratio) / self.std:,.0f} standard deviations"
+            return f"{self.quantity.label} of the opposite sign, {times} times {beside}, {sure}"
+        return (
+            f"{self.quantity.label} {times} times {beside}, {abs(self.log_ratio) / self.std:,.0f} standard deviations"
+        )
 
 
 def deviations(
@@ -299,16 +316,16 @@ def unit_factor(found: Sequence[Deviation]) -> str:
     """Return which factor between units lies between the gain of a rig and the fleet's, in words; empty if none."""
     words = ""
     for each in found:
+        said = ""
         if each.quantity.name == "gain":
-            words = _nearest(each.log_ratio, each.std, each.turned > 0)
-            if not words:
-                return ""
-        elif abs(each.log_ratio) > NEAR * each.std * 1.5:  # a wrong unit changes the gain alone
+            said = _nearest(each.log_ratio, each.std, each.turned > 0, each.quantity.label)
+        if not said and abs(each.log_ratio) > NEAR * each.std * 1.5:  # a wrong unit changes gains alone
             return ""
+        words = words or said
     return words
 
 
-def _nearest(log_ratio: float, std: float, is_reversed: bool) -> str:
+def _nearest(log_ratio: float, std: float, is_reversed: bool, label: str = "gain") -> str:
     """Return the factor nearest to a ratio, in words."""
     if std > WIDEST or is_reversed:
         return ""
@@ -318,4 +335,4 @@ def _nearest(log_ratio: float, std: float, is_reversed: bool) -> str:
         return ""
     times = f"{factor:.4g}" if factor == round(factor) else f"{factor:.3g}"
     times = f"{times} times" if log_ratio > 0.0 else f"1/{times} of"
-    return f"the gain is {times} the fleet's, nearly: {what}"
+    return f"the {label} is {times} the fleet's, nearly: {what}"

@@ -20,6 +20,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError, LogError, MissingDependencyError, SystemRefusedError
 from replant.fitting.model import Model
+from replant.fitting.row_model import RowModel
 from replant.fleet.job import (
     ABOUT,
     MODELS,
@@ -35,8 +36,9 @@ from replant.fleet.job import (
     replacing,
     report_path,
 )
+from replant.fleet.shape import Shape, branches_of
 from replant.logs.arrow import CHECKED
-from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
 from replant.numerics.operating_system import refusal
 
 CHUNK_ROWS = 1 << 14  # rows of a row group of the table [rows]
@@ -107,7 +109,7 @@ class Store:
         from pyarrow import parquet
 
         models_written = 0
-        columns = schema(self.job.structure)
+        columns = schema(self.job.shape)
         seconds = pyarrow.schema([("rig", pyarrow.string()), ("seconds", pyarrow.float64())])
         with ExitStack() as files:
             table, timing, models = (
@@ -221,6 +223,12 @@ class Movement:
     input_std: float = math.nan  # input_std, output_std: standard deviations of the raw signals; NaN without a sample
     output_std: float = math.nan
     output_held: float = math.nan  # longest stretch over which the output is constant to the bit [part of the record]
+    more_input_stds: tuple[float, ...] = ()  # of further inputs
+
+    @property
+    def input_stds(self) -> tuple[float, ...]:
+        """Of all inputs."""
+        return self.input_std, *self.more_input_stds
 
 
 UNKNOWN = Movement()
@@ -235,7 +243,7 @@ class Row:
     reasons: tuple[str, ...]
     source: str  # its first file, from the folder of all logs on
     files: int
-    model: Model | None = None
+    model: Model | RowModel | None = None
     samples: int = 0
     rejected: tuple[tuple[str, int], ...] = ()  # samples left out, by reason
     # begin, end: time of the first and of the last sample in s; dates of Parquet files since 1970
@@ -246,36 +254,41 @@ class Row:
     seconds: float = 0.0  # how long it took
 
 
-def cells_of(row: Row, structure: Structure) -> str:
+def cells_of(row: Row, shape: Shape) -> str:
     """Return a row as an object of JSON: a cell by column, the model's JSON, and the seconds that it took."""
-    return json.dumps(_cells(row, structure), allow_nan=False)
+    return json.dumps(_cells(row, shape), allow_nan=False)
 
 
-def table_of(rows: Sequence[Row], structure: Structure) -> Any:
+def table_of(rows: Sequence[Row], shape: Shape) -> Any:
     """Return rows as the table of results, a `pyarrow.Table`."""
     import pyarrow
 
-    return pyarrow.Table.from_pylist([_cells(row, structure) for row in rows], schema(structure))
+    return pyarrow.Table.from_pylist([_cells(row, shape) for row in rows], schema(shape))
 
 
-def schema(structure: Structure) -> Any:
+def schema(shape: Shape) -> Any:
     """Return the columns of the table of results as a `pyarrow.Schema`."""
     import pyarrow
 
     text, number, count = pyarrow.string(), pyarrow.float64(), pyarrow.int64()
     fields = [("rig", text), ("verdict", text), ("reasons", text)]
-    fields += [(each, number) for name in structure.names for each in (name, f"{name}_std")]
-    fields += [(f"pole{k}_{part}", number) for k in range(1, structure.poles + 1) for part in ("real", "imag")]
-    fields += [(name, number) for name in ("damping", "dc_gain", "dc_gain_std", "fit", "fit_one_step", "dt")]
+    fields += [(each, number) for name in shape.names for each in (name, f"{name}_std")]
+    for _, end, structure in branches_of(shape):
+        poles = [f"pole{k}_{part}" for k in range(1, structure.poles + 1) for part in ("real", "imag")]
+        fields += [(f"{name}{end}", number) for name in (*poles, "damping", "dc_gain", "dc_gain_std")]
+    fields += [(name, number) for name in ("fit", "fit_one_step", "dt")]
     fields += [("samples", count), ("rejected", count), ("rejected_why", text)]
-    fields += [(name, number) for name in ("begin", "end", "input_std", "output_std", "output_held")]
+    moved = [f"input_std{end}" for _, end, _ in branches_of(shape)]
+    fields += [(name, number) for name in ("begin", "end", *moved, "output_std", "output_held")]
     fields += [("source", text), ("files", count), ("notes", text), ("covariance", pyarrow.list_(number))]
     return pyarrow.schema(fields)
 
 
-def _cells(row: Row, structure: Structure) -> dict[str, Any]:
+def _cells(row: Row, shape: Shape) -> dict[str, Any]:
     """Return the cells of a row by column; a figure that is not known is left out."""
-    numbers: dict[str, float] = {"begin": row.begin, "end": row.end, **vars(row.movement)}
+    moved = zip(branches_of(shape), row.movement.input_stds, strict=False)  # a rig that failed has none
+    numbers = {"begin": row.begin, "end": row.end, **{f"input_std{end}": std for (_, end, _), std in moved}}
+    numbers |= {"output_std": row.movement.output_std, "output_held": row.movement.output_held}
     cells: dict[str, Any] = {
         "rig": row.rig, "verdict": row.verdict, "reasons": printable("; ".join(row.reasons)), "source": row.source,
         "files": row.files, "notes": printable("; ".join(row.notes)), "samples": row.samples,
@@ -286,20 +299,34 @@ def _cells(row: Row, structure: Structure) -> dict[str, Any]:
         covariance = row.model.covariance
         cells["model"] = json.dumps(json.loads(row.model.to_json()), ensure_ascii=False)  # in one line
         cells["covariance"] = None if covariance is None else covariance.ravel().tolist()
-        numbers |= _figures(row.model, structure)
+        numbers |= _figures(row.model, shape)
     return cells | {name: value for name, value in numbers.items() if math.isfinite(value)}
 
 
-def _figures(model: Model, structure: Structure) -> dict[str, float]:
-    known, transfer = model.uncertainty, model.transfer_function
-    found = dict(zip(structure.names, model.parameters.tolist(), strict=True))
+def _figures(model: Model | RowModel, shape: Shape) -> dict[str, float]:
+    """Return the numbers of a model by column."""
+    found = dict(zip(shape.names, model.parameters.tolist(), strict=True))
+    plants, known = (
+        (model.transfer_functions, model.uncertainty) if isinstance(model, RowModel)
+        else ((model.transfer_function,), None if model.uncertainty is None else (model.uncertainty,))
+    )  # fmt: skip
     if known is not None:
-        found |= {f"{name}_std": std for name, std in zip(structure.names, known.std.tolist(), strict=True)}
-        found["dc_gain_std"] = known.dc_gain_std
+        stds = np.concatenate([each.std for each in known]).tolist()
+        found |= {f"{name}_std": std for name, std in zip(shape.names, stds, strict=True)}
+    for k, (transfer, (_, end, _)) in enumerate(zip(plants, branches_of(shape), strict=True)):
+        found |= {f"{name}{end}": value for name, value in _of_plant(transfer).items()}
+        if known is not None:
+            found[f"dc_gain_std{end}"] = known[k].dc_gain_std
+    return found | {"fit": model.simulated_fit, "fit_one_step": model.one_step_fit, "dt": model.dt}
+
+
+def _of_plant(transfer: TransferFunction) -> dict[str, float]:
+    """Return poles, damping and gain of a transfer function."""
+    found: dict[str, float] = {}
     poles = sorted(transfer.poles.tolist(), key=lambda pole: (abs(pole), pole.real, pole.imag))
     for k, pole in enumerate(poles, 1):
         found |= {f"pole{k}_real": complex(pole).real, f"pole{k}_imag": complex(pole).imag}
     with np.errstate(all="ignore"):
         found["dc_gain"] = float(transfer.dc_gain)
     found["damping"] = min(mode.damping for mode in transfer.modes)
-    return found | {"fit": model.simulated_fit, "fit_one_step": model.one_step_fit, "dt": model.dt}
+    return found

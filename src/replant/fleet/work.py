@@ -19,17 +19,23 @@ import numpy as np
 from replant.errors import LogError, ReplantError, SystemRefusedError
 from replant.estimation.simulation.fitted_run import FITTED
 from replant.fitting.fit import fit
+from replant.fitting.fit_result import FitResult
 from replant.fitting.model import Model
+from replant.fitting.row_fit import RowFit, fit_row
+from replant.fitting.row_model import RowModel
+from replant.fitting.samples import Samples
 from replant.fleet.catalogue import is_parquet
 from replant.fleet.job import Job, Piece, Rig, Task, printable
 from replant.fleet.store import FAILED, Movement, Row, cells_of
-from replant.logs import Recording, Table, open_recording, read_columns
+from replant.logs import Log, Recording, Table, open_recording, read_columns, with_inputs
 from replant.logs.arrow import first_stamp, read_row_groups
 from replant.logs.read import time_columns
 from replant.logs.recording import MOST_HELD, joined
+from replant.model.structure import Structure
 from replant.numerics.operating_system import refusal
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
+from replant.online.runs.run_row import run_row
 
 
 def identify(rig: Rig, job: Job) -> Row:
@@ -54,8 +60,10 @@ def _identified(rig: Rig, job: Job) -> Row:
         result = result_of(recording, job)
     verdict, begin = result.verdict, begin_of(rig, recording, job)
     stretch = (recording.samples - 1) * recording.dt
-    if result.clock is not None and result.clock.irregular:
+    if isinstance(result, Result) and result.clock is not None and result.clock.irregular:
         stretch = float(result.clock.at(recording.samples - 1))
+    elif isinstance(result, RowFit) and recording.held is not None and recording.held.stamps is not None:
+        stretch = float(recording.held.stamps[-1] - recording.held.stamps[0])
     notes = (*recording.table.notes, *((recording.irregularity,) if recording.irregular else ()))
     of = tuple(sorted(rig.pieces, key=lambda piece: piece.name))
     return Row(
@@ -69,32 +77,44 @@ def _identified(rig: Rig, job: Job) -> Row:
         tuple(result.rejected.items()),
         begin,
         begin + stretch,
-        movement_of(recording),
+        dataclasses.replace(movement_of(recording), more_input_stds=_further_stds(recording.held)),
         tuple(" ".join(note.replace(f"{Path(of[0].path).parent}/", "").split()) for note in notes),
     )
 
 
-def result_of(recording: Recording, job: Job, *, with_history: bool = False) -> Result:
+def result_of(recording: Recording, job: Job, *, with_history: bool = False) -> Result | RowFit:
     """Return the result of a record by the job's method, as ``replant run`` or ``replant fit`` gives it."""
     log = recording.held
+    if job.several:
+        assert log is not None
+        if job.method == "run":
+            return run_row(log, job.orders)
+        return fit_row(Samples.of(log, None, None, None, None), **job.orders)
     if job.method == "run":
         newest = None if log is not None else FITTED
         request = job.request(recording.dt)
         irregular = recording.irregular
         return run_source(request, recording, newest=newest, irregular=irregular, with_history=with_history)
     assert log is not None
+    assert isinstance(job.structure, Structure)
     begun = time.perf_counter()
     more: dict[str, Any] = {} if log.reference is None else {"reference": log.reference}
     fitted = fit(
         log.input, log.output, log.dt, job.structure, preprocess=job.preprocess, t=log.stamps, **more
     )  # fmt: skip
+    assert isinstance(fitted, FitResult)
     return result_of_fit(fitted, log.input, log.output, begun, log.stamps)
 
 
-def _named(model: Model, recording: Recording) -> Model:
+def _named(model: Model | RowModel, recording: Recording) -> Model | RowModel:
     """Return a model with the names of its signals, and without a date: the same files give the same bytes."""
     entered, given = (recording.table.names[column] for column in recording.columns[:2])
-    model = model.of_log(entered, given, printable(recording.path.name))
+    source = printable(recording.path.name)
+    if isinstance(model, RowModel):
+        assert recording.held is not None
+        model = model.of_log(recording.held.input_names, given, source)
+    else:
+        model = model.of_log(entered, given, source)
     return dataclasses.replace(model, provenance=dataclasses.replace(model.provenance, date=""))
 
 
@@ -112,7 +132,7 @@ def carry_out(task: Task) -> Done:
     with one_thread():
         rows = [identify(rig, task.job) for rig in task.rigs]
     return Done(
-        tuple(cells_of(row, task.job.structure) for row in rows),
+        tuple(cells_of(row, task.job.shape) for row in rows),
         sum(row.verdict == FAILED for row in rows),
         sum(row.samples for row in rows),
     )
@@ -154,14 +174,22 @@ def movement_of(recording: Recording) -> Movement:
     return Movement(of_input, of_output, longest / rows if rows else math.nan)
 
 
+def _further_stds(log: Log | None) -> tuple[float, ...]:
+    """Return the standard deviation of each input behind the first; NaN of one without a finite sample."""
+    known = [] if log is None else [log.others[name][np.isfinite(log.others[name])] for name in log.more_inputs]
+    return tuple(float(each.std()) if each.size else math.nan for each in known)
+
+
 def opened(rig: Rig, job: Job) -> Recording:
     """Open the record of a rig; one of several files is joined in the order of their first time stamps."""
     if rig.problem:
         raise LogError(rig.problem)
-    return open_recording(
-        _table(rig, job), input=job.input, output=job.output, time=job.time, dt=job.dt, reference=job.reference,
-        begin=job.begin, end=job.end, most_held=sys.maxsize if job.method == "fit" else MOST_HELD,
+    first, *more = job.input if isinstance(job.input, tuple) else (job.input,)
+    recording = open_recording(
+        _table(rig, job), input=first, output=job.output, time=job.time, dt=job.dt, reference=job.reference,
+        begin=job.begin, end=job.end, most_held=sys.maxsize if job.method == "fit" or job.several else MOST_HELD,
     )  # fmt: skip
+    return with_inputs(recording, more)
 
 
 def begin_of(rig: Rig, recording: Recording, job: Job) -> float:

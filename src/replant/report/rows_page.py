@@ -110,6 +110,7 @@ def write_rows(
     path: Path,
     outputs: Sequence[Output],
     *,
+    title: str = "",
     command: str = "",
     python: str = "",
     validations: Sequence[tuple[str, Validation]] = (),
@@ -144,7 +145,7 @@ def write_rows(
     log, (library, css) = outputs[0].log, uplot()
     signals = f"{', '.join(log.input_names)} → {', '.join(each.name for each in outputs)}"
     return write_page(
-        path, title=log.path.name or "Record", eyebrow="Identified model",
+        path, title=title or log.path.name or "Record", eyebrow="Identified model",
         lede=f"{signals}; {len(log):,} samples, {tables.lasts(log)}",
         body=filled("rows.html", fields), css=css, data=plots,
         scripts=(library, script("format.js", "chart.js", "report.js")),
