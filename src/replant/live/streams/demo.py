@@ -28,7 +28,7 @@ REPLAYED = 1 << 12  # samples handed over at once at the most [samples]
 
 
 class ReplaySource(Reader):
-    """A log as a stream, ``logs.log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
+    """A log as a stream, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
 
     def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float = math.inf) -> None:
         super().__init__(name, waits=True, capacity=4 * REPLAYED)
