@@ -141,7 +141,7 @@ def open_source(url: str) -> Source:
     ``serial:///dev/ttyUSB0?baud=115200``    lines of a microcontroller; ``serial://COM3``
     ``mqtt://host:1883/topic``               messages of a topic; ``mqtt://user:password@host/topic?qos=1``
     ``-``                                    lines from standard input
-    ``log.csv?speed=10``                          a recorded log; ``input``, ``output`` (u, y), ``reference``, ``time``,
+    ``log.csv?speed=10``                     a recorded log; ``input``, ``output`` (u, y), ``reference``, ``time``,
                                              ``dt`` name its columns as `read_log` does; as fast as possible without
                                              ``speed``
     ``demo``                                 the simulated actuator in real time; ``demo?speed=max&seed=1``;
