@@ -1,10 +1,17 @@
 """The options that name columns: never is one of them dropped."""
 
+from pathlib import Path
+
 import pytest
 
-from cli.test_commands import call, log  # noqa: F401 - a fixture
+from support.command import call, log_of_a_lag
 
 COMMANDS = ("run", "compare", "look", "fleet")
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    return log_of_a_lag(tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -17,24 +24,24 @@ COMMANDS = ("run", "compare", "look", "fleet")
         *((command, "-o", "only replant fit, run and validate take several outputs") for command in COMMANDS[1:]),
     ],
 )
-def test_a_second_column_is_an_error_of_one_line(capsys, log, command, option, words) -> None:  # noqa: F811
+def test_a_second_column_is_an_error_of_one_line(capsys, log, command, option, words) -> None:
     code, out, err = call(capsys, command, log, option, "u", option, "t")
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert f"{option} u {option} t: {words}" in err
 
 
-def test_the_same_column_twice_is_one(capsys, log) -> None:  # noqa: F811
+def test_the_same_column_twice_is_one(capsys, log) -> None:
     code, _, err = call(capsys, "fit", log, "-i", "u", "--input", "u", "-o", "y", "-p", 1)
     assert (code, err) == (0, "")
 
 
-def test_a_log_in_the_place_of_the_model_is_said_to_be_none(capsys, log) -> None:  # noqa: F811
+def test_a_log_in_the_place_of_the_model_is_said_to_be_none(capsys, log) -> None:
     code, out, err = call(capsys, "validate", log)
     assert (code, out, err.count("\n")) == (2, "", 1)
     assert f"{log}: it is no model that --save has written" in err
 
 
-def test_a_model_without_a_log_asks_for_one(capsys, log, tmp_path) -> None:  # noqa: F811
+def test_a_model_without_a_log_asks_for_one(capsys, log, tmp_path) -> None:
     saved = tmp_path / "model.json"
     call(capsys, "fit", log, "-i", "u", "-o", "y", "-p", 1, "--save", saved)
     code, out, err = call(capsys, "validate", saved)

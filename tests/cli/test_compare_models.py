@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from cli.test_commands import call, log_of_a_lag
+from support.command import call, log_of_a_lag
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from cli.test_commands import call
-from fitting.test_rows_in_feedback import looped
 from support.cases import every
+from support.command import call
+from support.rows_in_feedback import looped
 
 DT, SAMPLES = 0.1, 900
 FIRST, SECOND = rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([0.5], [1.0, 0.2], delay=0.3)

@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 import replant as rp
-from fleet.test_several_inputs import written as two_inputs
 from replant.cli import main
 from support.cases import every
-from support.fleets import as_csv, recorded, small_fleet
+from support.fleets import as_csv, recorded, small_fleet, two_inputs
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import replant as rp
-from cli.test_commands import call
 from replant.cli import COMMANDS, cli
 from replant.cli.terminal import EXAMPLES
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs
 from support.cases import every
+from support.command import call
 
 LINES = sorted({line for examples in EXAMPLES.values() for _, line in examples})
 SLOW = ("replant live", "replant demo", "replant reproduce")

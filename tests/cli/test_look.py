@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cli.test_commands import call
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs
 from support.cases import every
+from support.command import call
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import replant as rp
-from cli.test_commands import call
 from replant.cli import next_step, output
 from replant.online.runs.result import Result
 from replant.verdict.verdict import Assessment
 from support.builders import binary
 from support.cases import every
+from support.command import call
 from support.places import ROOT
 
 ROWS = [

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from cli.test_commands import call
 from support.builders import binary
 from support.cases import every
+from support.command import call
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

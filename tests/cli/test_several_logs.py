@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from cli.test_commands import call
+from support.command import call
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 

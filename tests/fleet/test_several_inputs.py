@@ -18,21 +18,10 @@ from replant.fleet.shape import RowShape
 from replant.fleet.statistics import Deviation, Quantity, quantities_of, unit_factor
 from replant.fleet.store import schema
 from support.cases import every
+from support.fleets import two_inputs
 
 DT, SAMPLES = 0.1, 600
 ASKED = {"input": ("Q1", "Q2"), "output": "T1", "poles": (1, 1), "delay": (0.0, 0.3)}
-
-
-def written(path: Path, seed: int, gains: tuple[float, float] = (2.0, 2.5), moves: float = 1.0) -> Path:
-    """Write the log of a rig whose second input is multiplied by ``moves``."""
-    rng = np.random.default_rng(seed)
-    u = rng.choice([-1.0, 1.0], (SAMPLES // 10, 2)).repeat(10, axis=0) * [1.0, moves]
-    first = rp.TransferFunction([gains[0]], [1.0, 1.0]).simulate(u[:, 0].copy(), DT)
-    second = rp.TransferFunction([0.5 * gains[1]], [1.0, 0.5], delay=0.3).simulate(u[:, 1].copy(), DT)
-    rows = np.column_stack([DT * np.arange(SAMPLES), u, first + second + 0.05 * rng.standard_normal(SAMPLES)])
-    path.parent.mkdir(exist_ok=True)
-    np.savetxt(path, rows, "%.9g", ",", header="t,Q1,Q2,T1", comments="")
-    return path
 
 
 def fitted(folder: Path, out: Path, **more: object) -> rp.fleet.Fleet:
@@ -40,8 +29,8 @@ def fitted(folder: Path, out: Path, **more: object) -> rp.fleet.Fleet:
 
 
 def test_a_row_of_the_table_is_what_fit_says(tmp_path: Path) -> None:
-    log = written(tmp_path / "logs" / "a.csv", 0)
-    written(tmp_path / "logs" / "b.csv", 1)
+    log = two_inputs(tmp_path / "logs" / "a.csv", 0)
+    two_inputs(tmp_path / "logs" / "b.csv", 1)
     found = fitted(tmp_path / "logs", tmp_path / "out")
     alone = rp.fit(rp.read_log(log, input=["Q1", "Q2"], output="T1"), poles=(1, 1), delay=(0.0, 0.3))
     row = found.table().to_pylist()[0]
@@ -60,7 +49,7 @@ def test_a_row_of_the_table_is_what_fit_says(tmp_path: Path) -> None:
 
 
 def test_a_run_is_one_pass_over_each_log(tmp_path: Path) -> None:
-    written(tmp_path / "logs" / "a.csv", 0)
+    two_inputs(tmp_path / "logs" / "a.csv", 0)
     model = fitted(tmp_path / "logs", tmp_path / "out", method="run").model("a.csv")
     assert model.provenance.method == "recursive srivc"
     assert [g.dc_gain for g in model.transfer_functions] == pytest.approx([2.0, 2.5], rel=0.05)
@@ -68,7 +57,7 @@ def test_a_run_is_one_pass_over_each_log(tmp_path: Path) -> None:
 
 def test_what_is_done_stays_done_and_bytes_do_not_tell_where(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for k in range(3):
-        written(tmp_path / "logs" / f"{k}.csv", k)
+        two_inputs(tmp_path / "logs" / f"{k}.csv", k)
     fitted(tmp_path / "logs", tmp_path / "whole", executor="threads:2")
     held = tmp_path / "2.csv"
     (tmp_path / "logs" / "2.csv").rename(held)
@@ -85,7 +74,7 @@ def test_what_is_done_stays_done_and_bytes_do_not_tell_where(tmp_path: Path, mon
 def test_odd_rigs_are_named_by_the_input_whose_gain_is_off(tmp_path: Path) -> None:
     for k in range(16):
         gains = (2.0, 25.0) if k == 3 else (2.0 + 0.02 * k, 2.5)
-        written(tmp_path / "logs" / f"rig{k:02}.csv", k, gains, moves=0.0 if k == 5 else 1.0)
+        two_inputs(tmp_path / "logs" / f"rig{k:02}.csv", k, gains, moves=0.0 if k == 5 else 1.0)
     found = fitted(tmp_path / "logs", tmp_path / "out")
     said = dict(zip(found.table().column("rig").to_pylist(), oddness_of(found.table(), found.shape).words, strict=True))
     assert "the gain of Q2 is 10 times the fleet's" in said.pop("rig03.csv")
@@ -132,7 +121,7 @@ def test_a_wrong_unit_leaves_the_other_gains_or_turns_them_likewise(second: floa
     ],
 )
 def test_a_mistake_is_named(tmp_path: Path, words: str, given: dict[str, object]) -> None:
-    written(tmp_path / "logs" / "a.csv", 0)
+    two_inputs(tmp_path / "logs" / "a.csv", 0)
     with pytest.raises(InvalidArgumentError, match=re.escape(words)):
         fitted(tmp_path / "logs", tmp_path / "out", **{"method": "run", **given})
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from fitting.test_rows_in_feedback import ASKED, DT, TRUE, distance, looped
 from replant.numerics.linear_algebra import chi2_quantile
 from support.cases import every
+from support.rows_in_feedback import ASKED, DT, TRUE, distance, looped
 
 LENGTH = 900  # it is solved at 500 and 650 samples
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 
 import replant as rp
-from fitting.test_several_inputs import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
 from replant.online.row_step import RowStep
 from support.cases import every
+from support.rows import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
 
 SAMPLES = 1500
 LENGTH = 760  # of a record with all that can be wrong: it is solved a second time, behind the gap

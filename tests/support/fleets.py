@@ -59,3 +59,15 @@ def small_fleet(folder: Path, rigs: int = 6) -> Path:
     for k in range(rigs):
         as_csv(folder / f"rig{k}.csv", recorded(k, gain=2.0 + 0.1 * k))
     return folder
+
+
+def two_inputs(path: Path, seed: int, gains: tuple[float, float] = (2.0, 2.5), moves: float = 1.0) -> Path:
+    """The log of a rig whose second input is multiplied by ``moves``: 600 samples, one in .1 s."""
+    rng = np.random.default_rng(seed)
+    u = rng.choice([-1.0, 1.0], (60, 2)).repeat(10, axis=0) * [1.0, moves]
+    first = rp.TransferFunction([gains[0]], [1.0, 1.0]).simulate(u[:, 0].copy(), 0.1)
+    second = rp.TransferFunction([0.5 * gains[1]], [1.0, 0.5], delay=0.3).simulate(u[:, 1].copy(), 0.1)
+    rows = np.column_stack([0.1 * np.arange(600), u, first + second + 0.05 * rng.standard_normal(600)])
+    path.parent.mkdir(exist_ok=True)
+    np.savetxt(path, rows, "%.9g", ",", header="t,Q1,Q2,T1", comments="")
+    return path
