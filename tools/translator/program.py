@@ -128,6 +128,8 @@ class Program:
         if name == "prefetch":
             word = "fetch_lanes" if isinstance(values[0][1], Array) and values[0][1].element == "l" else "fetch_early"
             return f"{word}(&{codes[0]}.p[({codes[1]}) * {codes[0]}.n1 + {codes[2]}])", "v"
+        if name == "copy":
+            return f"memcpy({codes[0]}.p, {codes[1]}.p, (size_t){codes[1]}.n0 * sizeof *{codes[1]}.p)", "v"
         if name == "all_within":
             return f"all_within({codes[0]}, {codes[1]})", "b"
         if name == "gathered":

@@ -71,3 +71,8 @@ def gathered(cube, places, further):
 
 def prefetch(matrix, row, column):
     """Ask the memory for one element of a matrix, a number or a vector, ahead of its use."""
+
+
+def copy(target, source):
+    """Let the numbers or vectors of an array take the place of those of another one, which is as long."""
+    target[:] = source

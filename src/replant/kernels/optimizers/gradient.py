@@ -51,6 +51,20 @@ AT_Q, AT_SLOPE = INTEGRALS.begins["Q"], INTEGRALS.begins["slope"]
 
 
 @inlined
+def telling_part(algorithm, P, memory):
+    """Return the part of the memory that is not finite as soon as any of it is and theta is finite.
+
+    A square that is infinite stays the largest.  A product with an entry of R that is not finite is not finite, and the
+    slope is a sum of such.
+    """
+    if algorithm == AMSGRAD:
+        return block(memory, AT_LARGEST, P)
+    if algorithm == INTEGRAL_COST:
+        return block(memory, AT_SLOPE, P)
+    return memory
+
+
+@inlined
 def normalized_error(P, theta, row):
     """Return epsilon_I of (13): (y - theta' phi) / m^2."""
     prediction = 0.0

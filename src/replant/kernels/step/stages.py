@@ -19,8 +19,10 @@ import numpy as np
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
+from replant.kernels.lanes import copy
 from replant.kernels.monitoring import scatter
 from replant.kernels.native import LAID_OUT, Matrix, Reals, inlined, kernel
+from replant.kernels.optimizers.gradient import telling_part
 from replant.kernels.optimizers.memory import draw_below
 from replant.kernels.schema import Doubt, StateArrays
 
@@ -110,8 +112,11 @@ def keep_and_write(s, row, estimate, target):
         error -= parameter * entry  # epsilon of (12)
     row[T] = target
     row[T + 1] = 1.0 / (1.0 + squares) if s.normalize else 1.0  # 1 / m^2 of (13)
-    for i in range(memory.size):
-        kept_memory[i] = memory[i]
+    if memory.size > FEW:
+        copy(kept_memory, memory)
+    else:
+        for i in range(memory.size):
+            kept_memory[i] = memory[i]
     return error
 
 
@@ -169,19 +174,19 @@ def all_finite(size, numbers):
 
 
 @inlined
-def left_float64(theta, unit, memory):
-    """Say whether a physical parameter, or a number of the optimizer's memory, is not finite."""
+def left_float64(theta, unit, telling):
+    """Say whether a physical parameter, or a number of the optimizer's memory, is not finite: see `telling_part`."""
     for i in range(theta.size):
         if not math.isfinite(theta[i] * unit[i]):
             return True
-    return memory.size > 0 and not all_finite(memory.size, memory)
+    return telling.size > 0 and not all_finite(telling.size, telling)
 
 
 @inlined
 def undo_unless_finite(s, estimate):
     """Undo an update that left float64, and count it."""
     theta, memory, kept_theta, kept_memory, _, unit, _, _ = estimate
-    if left_float64(theta, unit, memory):
+    if left_float64(theta, unit, telling_part(s.algorithm, theta.size, memory)):
         s.refused += 1
         for i in range(theta.size):
             theta[i] = kept_theta[i]
