@@ -178,6 +178,16 @@ SEARCHES = {
     "scikit-learn": "how-to/use-a-model",
     "drift": "tutorials/changing-plant",
     "Excel": "how-to/read-files",
+    "RAM per rig": "questions",
+    "bump test": "questions",
+    "latency": "questions",
+    "embedded": "questions",
+    "thread safe": "explanation/threads",
+    "dead time unknown": "how-to/dead-time",
+    "stuck sensor": "how-to/missing-data",
+    "plant changes while running": "tutorials/changing-plant",
+    "not trusted": "verdict",
+    "C code": "explanation/not-yet",
 }
 
 

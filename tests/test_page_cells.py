@@ -61,3 +61,23 @@ def test_the_cells_of_a_page_run(page: str, tmp_path: Path, monkeypatch: pytest.
 def test_all_cells_are_found() -> None:
     written = sum(path.read_text(encoding="utf-8").count("```{code-cell}") for path in (ROOT / "docs").rglob("*.md"))
     assert sum(map(len, CELLS.values())) == written > 100
+
+
+@pytest.mark.slow
+def test_the_tutorial_of_a_loop_shows_what_it_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names: dict[str, Any] = {"__name__": "__main__"}
+    with reader(tmp_path, monkeypatch):
+        for cell in CELLS["docs/tutorials/under-control.md"]:
+            run(cell, names)
+            if "reference=setpoint" in cell:
+                names["referenced"] = names["found"]
+    assert (np.abs(names["blind"].parameters / names["TRUTH"] - 1.0) > 0.5).all()
+    assert names["plain"].verdict.status == "inconsistent"
+    assert names["plain"].verdict.reasons[0].startswith("the loop is closed")
+    found, unstable = names["referenced"], names["found"]
+    assert (np.abs(found.parameters - names["TRUTH"]) < 2.0 * found.uncertainty.std).all()
+    assert [each.status for each in (found.verdict, names["verdict"], unstable.verdict)] == ["trusted"] * 3
+    assert (np.abs(unstable.parameters - [-1.0, 1.0]) < 3.0 * unstable.uncertainty.std).all()
+    assert re.search(r"^without r .* inconsistent$", capsys.readouterr().out, re.MULTILINE)

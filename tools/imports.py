@@ -117,7 +117,8 @@ def of_checks(package: Package, module: str) -> Iterator[str]:
 
 @cache
 def _checks(package: Package) -> frozenset[str]:
-    functions = (node for name in ("arguments", "limits") if name in package.trees for node in package.trees[name].body)
+    modules = [f"numerics.{name}" for name in ("arguments", "limits")]
+    functions = (node for name in modules if name in package.trees for node in package.trees[name].body)
     names = {node.name for node in functions if isinstance(node, ast.FunctionDef)}
     return frozenset(names - {"keep", "granted"})
 

@@ -160,6 +160,20 @@ def test_an_installation_without_the_library_says_so(clone: Path) -> None:
     assert "UnsupportedDependencyError: replant is installed without its compiled kernels" in done.stderr
 
 
+def test_the_command_line_says_it_without_a_traceback(tmp_path: Path) -> None:
+    log = tmp_path / "log.csv"
+    log.write_text("t_s,u,y\n" + "".join(f"{k / 10},{k // 7 % 2},{k // 5 % 3}\n" for k in range(200)))
+    program = (
+        "from pathlib import Path\nfrom replant.cli import main\nfrom replant.kernels import native\n"
+        "native._builder, native.LIBRARY = (lambda: None), Path('gone.so')\n"
+        f"main(['fit', {str(log)!r}, '--input', 'u', '--output', 'y', '--poles', '1'])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith("replant: replant is installed without its compiled kernels, gone.so: ")
+    assert done.stderr.count("\n") == 1
+
+
 def test_interpreted_kernels_are_those_that_are_written() -> None:
     v = np.array([1.0, -2.0, 3.0])
     compiled = play(v, 0.5)

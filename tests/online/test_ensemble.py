@@ -117,6 +117,31 @@ def test_rejected_samples_touch_their_own_member_alone(which: str, replay: rp.Re
     assert ensemble.samples.tolist() == accepted.sum(axis=0).tolist()
 
 
+LANE = [0, LANES // 2 - 1, LANES // 2, LANES - 1]
+
+
+@every("lane", LANE)
+@every("value", [1e200, np.nan, -np.inf])
+@every("which", [0, 1], ids=["u", "y"])
+def test_a_sample_that_is_rejected_is_noticed_in_any_lane(which: int, value: float, lane: int) -> None:
+    signals = streams(LANES, 60)
+    signals[which][40, lane] = value
+    ensemble = check_twins(lambda: sweep("adam", REPLAY, members=LANES), *signals)
+    assert ensemble.samples.tolist() == [60 - (number == lane) for number in range(LANES)]
+
+
+@every("lane", LANE)
+def test_a_member_that_diverges_is_noticed_in_any_lane(lane: int) -> None:
+    def make() -> Members:
+        return [
+            identifier(rp.Gradient(1e160 if number == lane else 0.5), structure=STRUCTURE, dt=DT, normalize=False)
+            for number in range(LANES)
+        ]
+
+    ensemble = check_twins(make, *streams(LANES, 60))
+    assert [number for number, status in enumerate(ensemble.status) if status == "diverged"] == [lane]
+
+
 def test_members_of_other_seeds_and_settings() -> None:
     def make() -> Members:
         return [

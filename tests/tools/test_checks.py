@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import replant
 from support.cases import every
 from support.places import ROOT
 
@@ -43,7 +44,8 @@ FAULTY = [
 ]
 RIGHT = {
     "__init__": "__version__ = '1'",
-    "arguments": "def positive(x): return x\ndef keep(x): return x",
+    "numerics.__init__": "",
+    "numerics.arguments": "def positive(x): return x\ndef keep(x): return x",
     "kernels.__init__": "",
     "kernels.a": "import math\nimport numpy as np\n",
     "online.__init__": "",
@@ -105,7 +107,15 @@ def test_levels_and_arrows_of_a_small_graph() -> None:
 
 def test_the_picture_changes_with_the_folders(tmp_path: Path) -> None:
     before = architecture.picture(package(tmp_path))
-    assert architecture.picture(package(tmp_path, **{"arguments": "import replant.sklearn"})) != before
+    assert architecture.picture(package(tmp_path, **{"numerics.arguments": "import replant.sklearn"})) != before
+
+
+def test_the_package_that_is_looked_at_is_the_one_under_test_and_has_checks_whose_results_count() -> None:
+    """Else the checks of `make lint` would find no fault because they look at nothing."""
+    whole = Package.read()
+    assert Path(replant.__file__).parent == architecture.SOURCE
+    assert {"online.identifier", "kernels", "kernels.step"} <= set(whole.files)
+    assert {"positive", "finite", "record"} <= imports._checks(whole)
 
 
 # --- pages

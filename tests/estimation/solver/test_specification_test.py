@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scipy.stats import binom
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
+from replant.estimation.solver import srivc
 from replant.estimation.solver.refined import Refined
 from replant.estimation.solver.specification_test import FALSE_ALARM, is_answered, is_right
 from replant.estimation.solver.srivc import refine
@@ -97,3 +99,21 @@ def test_what_a_plant_does_at_once_is_not_taken_for_a_controllers_answer() -> No
         assert is_answered(record, filtered.noise_model, run.error), "so it seems"
         found.append(is_right(STRUCTURE, record, plain, filtered))
     assert not any(found)
+
+
+def test_where_the_plain_model_alone_has_converged_it_is_kept_untested(monkeypatch: pytest.MonkeyPatch) -> None:
+    record, best = in_open_loop(), srivc._best
+    monkeypatch.setattr(srivc, "is_right", lambda *_: True)
+    plain, filtered = estimates(record)
+    found = refine(STRUCTURE, record)
+    assert found is not None
+    assert found.theta.tolist() == filtered.theta.tolist()
+
+    def still_moving(*roots: Any, **how: Any) -> Any:
+        found = best(*roots, **how)
+        return None if found is None else replace(found, converged=False)
+
+    monkeypatch.setattr(srivc, "_best", still_moving)
+    found = refine(STRUCTURE, record)
+    assert found is not None
+    assert found.theta.tolist() == plain.theta.tolist()
