@@ -1,8 +1,8 @@
 """The optimizers as a user chooses them, registered here; their loops lie in `kernels.optimizers`.
 
 To add one: its kernel, code and line in `learn` of `replant.kernels.optimizers.gradient` (or `step`, with a
-covariance), its class in `gradient` or `covariance`, its name in `OPTIMIZERS` below.  The tests of every optimizer come
-from that list.
+covariance), its place in `kernels.step.soundness`, its class in `gradient` or `covariance`, its name in `OPTIMIZERS`
+below.  The tests of every optimizer come from that list.
 """
 
 from replant.estimation.optimizers.gradient import (
