@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.row import Point, Row, evaluate
-from replant.estimation.solver.row_steps import refine, solved
+from replant.estimation.solver.row_steps import is_near, path, solved
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
@@ -67,8 +67,14 @@ def _best_of(row: Row, models: Iterable[FloatArray], noise: Autoregression) -> l
     for theta in models:
         model = _with_numerators(row, theta, noise)
         tried.add((evaluate(row, model, noise).cost, tuple(model)))
-    points = [refine(row, np.array(theta), noise, steps=SHORT) for _, theta in sorted(tried)[:KEPT]]
-    return sorted(points, key=lambda point: point.cost)
+    ends: list[Point] = []
+    for _, begin in sorted(tried)[:KEPT]:
+        for point in path(row, np.array(begin), noise, steps=SHORT):
+            if any(is_near(row, point, end) for end in ends):
+                break
+        else:
+            ends.append(point)
+    return sorted(ends, key=lambda point: point.cost)
 
 
 def _poles_of(row: Row, theta: FloatArray) -> list[list[complex]]:
@@ -81,6 +87,7 @@ def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[floa
     """Yield cost and denominator (n,) of the models that refined instruments pass through."""
     poles = row.structures[0].poles
     size = poles + sum(each.zeros + 1 for each in row.structures)
+    ends: list[Point] = []
     for cutoff in np.geomspace(5.0 / span, 1.0 / row.dt, CUTOFFS):
         theta, before = np.zeros(size), None
         theta[:poles] = np.poly(np.full(poles, -cutoff))[1:]
@@ -93,12 +100,16 @@ def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[floa
             point = evaluate(row, theta, noise, before, pulled=True)
             if np.isfinite(point.cost):
                 yield point.cost, theta[:poles].copy()
+            if any(is_near(row, point, end) for end in ends):
+                break
             instruments = point.phi if number == 0 else point.zeta
             matrix = np.asarray(sum(zeta.T @ phi for zeta, phi in zip(instruments, point.phi, strict=True)))
             vector = np.asarray(sum(zeta.T @ error for zeta, error in zip(instruments, point.error, strict=True)))
             if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
                 break
             theta, before = theta + solved(matrix, vector), point
+        else:
+            ends.append(point)
 
 
 def _dealt(row: Row, denominator: FloatArray) -> Iterator[FloatArray]:

@@ -10,6 +10,8 @@ consistent whatever the noise and the controller.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from replant.estimation.simulation.row import Point, Row, evaluate
@@ -26,7 +28,7 @@ Derivation: of 10,000 samples it is a ten-thousandth of a unit of chi-square.
 """
 
 STILL = 1e-6
-"""What instruments explain of the error, below which they are done [variances of the error].
+"""What slopes or instruments explain of the error, below which steps end [variances of the error].
 Derivation: the estimate is then a thousandth of a standard deviation from the fixed point.
 """
 
@@ -40,32 +42,53 @@ def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     return least_norm(matrix / left[:, None] / right, vector / left, 1e-13)[0] / right
 
 
-@quiet
 def refine(
     row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS
 ) -> Point:
     """Return the point that damped joint steps (Levenberg-Marquardt) lead to."""
-    point = evaluate(row, theta, noise, before)
-    damping, growth, tries = DAMPING
-    for _ in range(steps):
-        matrix = point.information
-        vector = _along(point.phi, point.error)
-        if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
-            break
-        for _ in range(tries):
-            new = point.theta + solved(matrix + damping * np.diag(np.diag(matrix)), vector)
-            if row.is_stable(new):
-                tried = evaluate(row, new, noise, point)
-                if tried.cost <= point.cost:
-                    break
-            damping *= growth
-        else:
-            break
-        gain = point.cost - tried.cost
-        point, done, damping = tried, gain <= DONE * point.cost, damping / 10.0
-        if done:
-            break
+    *_, point = path(row, theta, noise, before, steps)
     return point
+
+
+def path(
+    row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS
+) -> Iterator[Point]:
+    """Yield the points that damped joint steps (Levenberg-Marquardt) pass through, the first one at theta."""
+    point, damping = evaluate(row, theta, noise, before), DAMPING[0]
+    yield point
+    for _ in range(steps):
+        new, damping = _improved(row, noise, point, damping)
+        if new is None:
+            return
+        gain, point = point.cost - new.cost, new
+        yield point
+        if gain <= DONE * (point.cost + gain):
+            return
+
+
+@quiet
+def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> tuple[Point | None, float]:
+    """Return the point after a step that does not raise the cost, and the next damping; None where there is none."""
+    _, growth, tries = DAMPING
+    matrix, vector = point.information, _along(point.phi, point.error)
+    if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
+        return None, damping
+    if vector @ solved(matrix, vector) <= STILL * point.cost / max(row.count, 1):
+        return None, damping
+    for _ in range(tries):
+        theta = point.theta + solved(matrix + damping * np.diag(np.diag(matrix)), vector)
+        if row.is_stable(theta):
+            tried = evaluate(row, theta, noise, point)
+            if tried.cost <= point.cost:
+                return tried, damping / 10.0
+        damping *= growth
+    return None, damping
+
+
+def is_near(row: Row, point: Point, other: Point) -> bool:
+    """Say whether a point lies within a standard deviation of another one: steps lead to the same from both."""
+    move = point.theta - other.theta
+    return bool(move @ other.information @ move <= other.cost / max(row.count, 1))
 
 
 @quiet
