@@ -331,7 +331,7 @@ def fit(
     ...     found.verdicts, found.column("b0").round(6), found.model("b.npz")
     ({'trusted': 2}, array([2., 3.]), <Model 3 / (s + 0.5): u -> y, fit 100.0 %, trusted>)
     """
-    columns = input if isinstance(input, str | int) else tuple(input)
+    columns: Any = (*input,) if iterable(input) else input  # type: ignore[misc]
     shape = wanted(columns, structure, poles, zeros, delay)
     job = Job(columns, output, shape, method, reference, time, dt, begin, end, input_map, optimizer)
     logs = file_path("logs", logs)
