@@ -18,7 +18,7 @@ def log(tmp_path: Path) -> Path:
     ("command", "option", "words"),
     [
         *(
-            (command, "-i", "only replant fit, run, validate and fleet take several inputs")
+            (command, "-i", "only replant fit, run, validate, fleet and live take several inputs")
             for command in COMMANDS[1:-1]
         ),
         *((command, "-o", "only replant fit, run and validate take several outputs") for command in COMMANDS[1:]),

@@ -20,8 +20,9 @@ import pytest
 import replant as rp
 from replant.estimation.settings import Request
 from replant.live.streams import Batch
-from replant.live.streams.parser import BY_WIDTH, FIELDS, MAGIC, LineSplitter, Parser, Payloads
+from replant.live.streams.parser import MAGIC, LineSplitter, Parser, Payloads
 from replant.live.streams.reader import Reader
+from replant.live.streams.source import UY
 from support.builders import engine_state
 from support.cases import every
 from support.live_fakes import DT, PLANT, JudgingObserver, make, record
@@ -47,7 +48,7 @@ LONG = "REPLANT_LONG" in os.environ
 
 #: The columns that a stream may have: input and output, each of the others or not.
 COLUMNS = [
-    tuple(name for name in FIELDS if name in ("u", "y") or name in others)
+    tuple(name for name in UY.fields if name in ("u", "y") or name in others)
     for others in itertools.chain.from_iterable(itertools.combinations(("n", "t"), k) for k in range(3))
 ]
 Sample = dict[str, Any]
@@ -139,7 +140,7 @@ class Wire(Reader):
 
     def __init__(self, blocks: Sequence[bytes], form: Format, columns: tuple[str, ...]) -> None:
         super().__init__("wire://", waits=True, replays=form.replays)
-        said = columns if form.bare or columns not in BY_WIDTH.values() else None
+        said = columns if form.bare or columns not in UY.by_width.values() else None
         parser = Parser(self._counts, said)
         lines, payloads = LineSplitter(self._counts), Payloads(parser, bare=form.bare)
         self._parse = (
@@ -181,7 +182,7 @@ CASES = [
     (form, columns, field)
     for form, columns in itertools.product(FORMATS, COLUMNS)
     for field in columns
-    if LONG or form == "csv" or columns == BY_WIDTH[4]
+    if LONG or form == "csv" or columns == UY.by_width[4]
 ]
 
 
@@ -229,7 +230,7 @@ def assert_counted(session: Any, form: Format, said: str) -> None:
 
 
 def test_the_list_has_every_set_of_columns_that_lines_may_have() -> None:
-    assert set(BY_WIDTH.values()) <= set(COLUMNS)
+    assert set(UY.by_width.values()) <= set(COLUMNS)
 
 
 @every("form", FORMATS)

@@ -10,19 +10,22 @@ from typing import Any
 import click
 
 from replant.cli.conditioning_options import seconds_of
-from replant.cli.option_types import flag, path_option
-from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER
+from replant.cli.option_types import OfEach, column_option, flag, path_option
+from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, check_one_input
+from replant.cli.several_inputs import numbers_of
 from replant.cli.terminal import Choice, Parsed
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.live.dashboard.server import libraries_needed
 from replant.live.observing import DashboardAddress
-from replant.live.progress import Limits
+from replant.live.progress import Asked, Limits
 from replant.live.session import run
+from replant.live.streams import UY, Signals
 from replant.live.view import UNNAMED, SignalNames
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.operating_system import one_line
+from replant.online.row_identifier import RowIdentifier
 from replant.rigs import Rig, deap_rig, motor_rig
 
 DASHBOARD = "127.0.0.1:8710"
@@ -56,10 +59,12 @@ class SourceCommand(click.Command):
 
 @click.command(name="live", cls=SourceCommand)
 @click.argument("source")
-@click.option("-p", "--poles", type=int, metavar="N", help="Number of poles.")
-@click.option("--zeros", type=int, metavar="M", help="Number of zeros.  [default: 0]")
+@column_option("input", "Name of the input, or of each of several, in lines or columns.  [default: u]", several=True)
+@column_option("output", "Name of the output there.  [default: y]")
+@click.option("-p", "--poles", type=OfEach(click.INT), metavar="N", help="Number of poles, or of each input: 2,1.")
+@click.option("--zeros", type=OfEach(click.INT), metavar="M", help="Number of zeros.  [default: 0]")
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.")
-@click.option("--delay", type=float, default=0.0, metavar="S", help="Dead time in s.")
+@click.option("--delay", type=OfEach(click.FLOAT), default="0.0", metavar="S", help="Dead time in s.")
 @BIAS
 @FEEDTHROUGH
 @INPUT_MAP
@@ -112,6 +117,9 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
 
     A line holds u,y or t,u,y or n,t,u,y (n: sequence number, t: time in s), or the columns of ?columns=, such as
     ?columns=t,u,y,r.  Ctrl-C ends the session and prints the result.
+
+    Several inputs, each with -i, give a transfer function from each, with poles, zeros and a dead time of its own:
+    -i Q1 -i Q2 -o T1 -p 2,1 --delay 0,0.3.  A line holds Q1,Q2,T1 in the place of u,y, or a header names its columns.
     """
     if loop:
         source = looped(source)
@@ -119,17 +127,20 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
     if demo is not None:
         rig, _ = demo
         poles, zeros = rig.plant.den.size - 1, rig.plant.num.size - 1
-        defaults = {"poles": poles, "zeros": zeros, "dt": rig.dt, "dashboard": DASHBOARD}
+        defaults = {"poles": (poles,), "zeros": (zeros,), "dt": rig.dt, "dashboard": DASHBOARD}
         options |= {name: value for name, value in defaults.items() if options[name] is None}
         options["input_map"] = rig.input_map
     page, token = options["dashboard"], _token(options)
+    columns = _signals(options)
+    names = UNNAMED if columns == UY else SignalNames(columns.inputs[0], columns.output)
     trusted = run(
         source,
-        _request(options),
+        _request(options, columns.inputs),
         Limits(options["seconds"], options["samples"], options["until"] == "trusted"),
         dashboard=None if page in (None, "off") else DashboardAddress(*address_of("--dashboard", page), token),
         truth=None if demo is None else demo[0].plant,
-        signals=UNNAMED if demo is None else demo[1],
+        columns=columns,
+        signals=names if demo is None else demo[1],
         **{name: options[name] for name in ("sinks", "record", "checkpoint", "every", "ttl", "background")},
     )
     if not trusted:
@@ -172,13 +183,23 @@ def _token(options: dict[str, Any]) -> str | None:
     return token
 
 
-def _request(options: dict[str, Any]) -> Request:
-    for name, example in (("poles", "--poles 2"), ("dt", "--dt 0.001")):
+def _signals(options: dict[str, Any]) -> Signals:
+    """Return the names that lines and columns give to the signals."""
+    inputs, output = options["input_column"] or UY.inputs, options["output_column"] or UY.output
+    return Signals((inputs,) if isinstance(inputs, str) else inputs, output)
+
+
+def _request(options: dict[str, Any], inputs: tuple[str, ...]) -> Asked:
+    poles = "--poles 2" if len(inputs) == 1 else f"--poles {','.join('1' * len(inputs))}"
+    for name, example in (("poles", poles), ("dt", "--dt 0.001")):
         if options[name] is None:
             raise InvalidArgumentError(f"--{name} is missing; give it, as in {example}")
-    structure = Structure(
-        options["poles"], options["zeros"] or 0, options["delay"], options["bias"], options["feedthrough"]
-    )
+    if len(inputs) > 1:
+        orders: dict[str, Any] = numbers_of(options, inputs)
+        return RowIdentifier(**orders, dt=options["dt"], startup=options["startup"], input_names=inputs).request
+    check_one_input(options)
+    (poles,), (zeros,), (delay,) = options["poles"], options["zeros"] or (0,), options["delay"]
+    structure = Structure(poles, zeros, delay, options["bias"], options["feedthrough"])
     preprocess = Preprocess(options["input_map"], "mean", "mean")
     return Request(
         structure, options["dt"], preprocess=preprocess, optimizer=options["optimizer"], startup=options["startup"]

@@ -58,6 +58,20 @@ class Each(tuple[Any, ...]):
     __slots__ = ()
 
 
+class OfEach(click.ParamType[tuple[Any, ...]]):
+    """The type of options that are a number, or a number for each input with commas between."""
+
+    def __init__(self, number: click.ParamType[Any]) -> None:
+        self.number, self.name = number, number.name
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
+        """Return a tuple of one number, or the numbers of each input."""
+        if isinstance(value, tuple):
+            return value
+        each = [self.number.convert(part, param, ctx) for part in str(value).split(",")]
+        return Each(each) if len(each) > 1 else tuple(each)
+
+
 class Range(click.ParamType[tuple[Any, ...]]):
     """The type of options that are a number, a range first:last or first:last:step, or a number for each input."""
 
@@ -194,7 +208,7 @@ def _named(
         return given[0] if given else None
     if not several:
         typed = " ".join(f"{option.opts[0]} {each}" for each in given)
-        who = "fit, run, validate and fleet" if role == "input" else "fit, run and validate"
+        who = "fit, run, validate, fleet and live" if role == "input" else "fit, run and validate"
         raise click.UsageError(f"{typed}: only replant {who} take several {role}s: name one of them here", context)
     twice = next((each for each in given if given.count(each) > 1), None)
     if twice is not None:

@@ -10,7 +10,7 @@ from replant.errors import InvalidArgumentError
 #: Options that one input takes, and several do not, with what they are without them.
 NOT_YET = {
     "bias": False, "feedthrough": False, "input_map": "identity", "method": "auto",
-    "optimizer": "auto", "full_trace": None,
+    "optimizer": "auto", "full_trace": None, "background": False,
 }  # fmt: skip
 
 

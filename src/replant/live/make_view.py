@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,13 +12,15 @@ from replant.estimation.simulation.stretches import joined, stretches_of
 from replant.fitting.model_json import as_object
 from replant.fitting.responses import SETTLED, Bode, StepResponse, frequencies, time_of
 from replant.live import view
+from replant.live.progress import Identification
 from replant.live.view import UNNAMED, Rows, SessionInfo, SignalNames, View, Window
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
-from replant.online.kept_model import model_of, newest_samples
+from replant.online.kept_model import NewestSamples, model_of, newest_of_row, newest_samples
+from replant.online.row_identifier import RowIdentifier
 from replant.plotting.diagrams import mirrored
 from replant.plotting.numbers import mapped_label, true_parameters
 from replant.plotting.over_time import thin
@@ -156,8 +158,59 @@ POINTS = 1200  # points of the window: more than its picture has columns [count]
 NEWEST = 10.0  # time at the end of a long window that may be looked at alone, and gets a third of the points [s]
 
 
+class _Seen(NamedTuple):
+    """What a view says of an identifier of one input, or of several."""
+
+    labels: tuple[str, ...]  # of the inputs
+    structures: tuple[Structure, ...]
+    models: tuple[TransferFunction, ...]
+    uncertainties: tuple[Uncertainty, ...]
+    newest: NewestSamples
+    output: FloatArray  # (K,): simulated over the newest samples; NaN where unknown
+    fit: float
+    verdict: Verdict
+    model: dict[str, Any]  # to be kept
+
+
+def _seen(identifier: Identifier, finite: bool, at: float, signals: SignalNames) -> _Seen:
+    model, newest, verdict = identifier.transfer_function, newest_samples(identifier), identifier.assess()
+    preprocess = identifier.request.preprocess
+    output, fit = np.full(newest.output.size, np.nan), math.nan
+    if finite and newest.judged.any():
+        with np.errstate(all="ignore"):
+            run = simulate(
+                model, newest.input, newest.known_output, identifier.dt, input_hold=identifier.input_hold,
+                t=None if newest.regular else _times(newest, at),
+            )  # fmt: skip
+        output, fit = run.output, run.fit
+    return _Seen(
+        (mapped_label(signals.input, preprocess.input_map),),
+        (identifier.structure,),
+        (model,),
+        (identifier.uncertainty,),
+        newest,
+        output,
+        fit,
+        verdict,
+        # JSON cannot hold an input map that is a Python function
+        as_object(model_of(identifier, verdict=verdict)) if finite and not callable(preprocess.input_map) else {},
+    )
+
+
+def _seen_row(identifier: RowIdentifier, finite: bool, signals: SignalNames) -> _Seen:
+    found, labels = identifier.fit_of_newest() if finite else None, identifier.request.input_names
+    newest, of_each = newest_of_row(identifier, found), (identifier.transfer_functions, identifier.uncertainty)
+    if found is None:
+        unknown = np.full(newest.output.size, np.nan)
+        return _Seen(labels, identifier.structures, *of_each, newest, unknown, math.nan, identifier.assess(), {})
+    model = found.model.of_log(labels, signals.output, "")
+    return _Seen(
+        labels, identifier.structures, *of_each, newest, found.output, found.fit, found.verdict, as_object(model)
+    )
+
+
 def make_view(
-    identifier: Identifier,
+    identifier: Identification,
     info: SessionInfo,
     history: EstimateHistory,
     *,
@@ -166,18 +219,19 @@ def make_view(
 ) -> View:
     """Return the view of an identifier, and append its row to ``history``."""
     known = identifier.has_model
-    unknown = np.full(identifier.structure.size, np.nan)
-    parameters = identifier.parameters if known else unknown
-    uncertainty = identifier.uncertainty
-    std = uncertainty.std
-    model = identifier.transfer_function
+    parameters = identifier.parameters if known else np.full(len(identifier.names), np.nan)
     finite = known and bool(np.isfinite(parameters).all())
-    window, simulated = _window(identifier, model if finite else None, info.at)
-    verdict, noise = identifier.assess(), identifier.noise
+    if isinstance(identifier, RowIdentifier):
+        seen = _seen_row(identifier, finite, signals)
+    else:
+        seen = _seen(identifier, finite, info.at, signals)
+    noise, verdict = identifier.noise, seen.verdict
+    std = np.concatenate([each.std for each in seen.uncertainties])
     history.append(info.at, parameters, std)
-    shown = model if finite else None
-    bode = bode_of(shown, uncertainty, identifier.dt)
+    each = zip(seen.labels, seen.structures, seen.models, seen.uncertainties, strict=True)
+    first, *more = (_from_input(*one, truth, identifier.dt, finite=finite) for one in each)
     return View(
+        **vars(first),
         **vars(info),
         samples=identifier.samples,
         rejected=identifier.rejected,
@@ -186,33 +240,44 @@ def make_view(
         names=identifier.names,
         parameters=parameters,
         std=std,
+        verdict=verdict.status,
+        excited=verdict.excited,
+        reasons=verdict.reasons,
+        simulated=seen.fit,
+        residual_std=math.nan
+        if noise is None or noise.residual_variance == 0.0
+        else math.sqrt(noise.residual_variance),
+        output_label=signals.output,
+        window=_window(seen.newest, seen.output, info.at),
+        history=history.rows(),
+        model=seen.model,
+        more_inputs=tuple(more),
+    )
+
+
+def _from_input(
+    label: str,
+    structure: Structure,
+    model: TransferFunction,
+    uncertainty: Uncertainty,
+    truth: TransferFunction | None,
+    dt: float,
+    *,
+    finite: bool,
+) -> view.FromInput:
+    """Return what a view says of one input."""
+    shown = model if finite else None
+    bode = bode_of(shown, uncertainty, dt)
+    return view.FromInput(
+        input_label=label,
         num=model.num if finite else np.zeros(0),
         den=model.den if finite else np.zeros(0),
         delay=model.delay,
         **_roots(model, uncertainty if finite else None),
-        verdict=verdict.status,
-        excited=verdict.excited,
-        reasons=verdict.reasons,
-        simulated=simulated,
-        residual_std=math.nan
-        if noise is None or noise.residual_variance == 0.0
-        else math.sqrt(noise.residual_variance),
-        input_label=mapped_label(signals.input, identifier.request.preprocess.input_map),
-        output_label=signals.output,
-        window=window,
         bode=bode,
         step=step_of(shown, uncertainty),
-        truth=truth_of(truth, identifier.structure, shown, bode),
-        history=history.rows(),
-        model=_kept(identifier, verdict) if finite else {},
+        truth=truth_of(truth, structure, shown, bode),
     )
-
-
-def _kept(identifier: Identifier, verdict: Verdict) -> dict[str, Any]:
-    """Return the model to be kept as an object of JSON; empty where its input map is a Python function."""
-    if callable(identifier.request.preprocess.input_map):
-        return {}
-    return as_object(model_of(identifier, verdict=verdict))
 
 
 def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str, Any]:
@@ -242,23 +307,20 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
     }
 
 
-def _window(identifier: Identifier, model: TransferFunction | None, at: float) -> tuple[Window, float]:
-    """Return the newest samples with the model's output, and its fit in percent."""
-    newest = newest_samples(identifier)
-    u, y, r, judged = newest.input, newest.output, newest.reference, newest.judged
-    t = at - (newest.intervals.sum() - np.cumsum(newest.intervals))
-    output, fit = np.full(u.size, np.nan), math.nan
-    if model is not None and judged.any():
-        stamps = None if newest.regular else t
-        with np.errstate(all="ignore"):
-            run = simulate(model, u, newest.known_output, identifier.dt, input_hold=identifier.input_hold, t=stamps)
-        output, fit = run.output, run.fit
-    residual = np.where(judged, y - output, np.nan)
-    drawn_t, drawn = _thinned(t, [u, y, output, residual, *([r] if r.size else [])])
-    u, y, output, residual, *others = drawn
+def _times(newest: NewestSamples, at: float) -> FloatArray:
+    """Return the rig times (K,) of the newest samples, the last of which was taken ``at`` s."""
+    return np.asarray(at - (newest.intervals.sum() - np.cumsum(newest.intervals)))
+
+
+def _window(newest: NewestSamples, output: FloatArray, at: float) -> Window:
+    """Return the newest samples with the model's output."""
+    y, r, judged, t = newest.output, newest.reference, newest.judged, _times(newest, at)
+    residual, inputs = np.where(judged, y - output, np.nan), np.atleast_2d(newest.input.T)
+    drawn_t, drawn = _thinned(t, [*inputs, y, output, residual, *([r] if r.size else [])])
+    (u, *more), (y, output, residual) = drawn[: len(inputs)], drawn[len(inputs) : len(inputs) + 3]
     rows = joined(stretches_of(~judged), max(1, t.size // POINTS))  # each begins at the sample before it
     left_out = np.column_stack([t[np.maximum(rows[:, 0] - 1, 0)], t[np.minimum(rows[:, 1], t.size) - 1]])
-    return Window(drawn_t, u, y, output, residual, left_out, others[0] if others else r), fit
+    return Window(drawn_t, u, y, output, residual, left_out, drawn[-1] if r.size else r, tuple(more))
 
 
 def _thinned(t: FloatArray, signals: Sequence[FloatArray]) -> tuple[FloatArray, list[FloatArray]]:

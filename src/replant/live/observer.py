@@ -19,9 +19,9 @@ from multiprocessing.connection import Connection
 from replant.errors import InvalidArgumentError
 from replant.live.observing import ENDING, Handover, ObserverOptions, Told, observe
 from replant.live.outputs.message import Notices
+from replant.live.progress import Identification
 from replant.live.view import SessionInfo, View
 from replant.numerics.operating_system import Worker, one_line, refusal
-from replant.online.identifier import Identifier
 
 GOODBYE = 5.0  # time that the process gets to end by itself [s]
 
@@ -219,7 +219,7 @@ class Observer:
                     raise InvalidArgumentError(reason)
                 self._notices.say("dashboard", f"replant: {reason}; trying again")
 
-    def hand_over(self, identifier: Identifier, info: SessionInfo, *, learned: bool) -> bool:
+    def hand_over(self, identifier: Identification, info: SessionInfo, *, learned: bool) -> bool:
         """Send the state to the process, unless the process is busy or the last handover was too recent."""
         now = time.monotonic()
         if not self._alive or self._busy or now < self._due:
@@ -237,7 +237,7 @@ class Observer:
         self._due = now + max(INTERVAL, cost / SHARE)
         return True
 
-    def wait_for_view(self, identifier: Identifier, info: SessionInfo) -> None:
+    def wait_for_view(self, identifier: Identification, info: SessionInfo) -> None:
         """Send the state and wait for its view, at most `LAST_VIEW_TIMEOUT`; for the end of a session."""
         deadline, handed = time.monotonic() + LAST_VIEW_TIMEOUT, False
         while self._alive and time.monotonic() < deadline and (self._busy or not handed):

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from replant.errors import ReplantError
 from replant.live.make_view import EstimateHistory, make_view
 from replant.live.outputs.message import Notices
+from replant.live.progress import Identification
 from replant.live.view import UNNAMED, Rows, SessionInfo, SignalNames, View
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.operating_system import one_line, refusal
@@ -94,7 +95,7 @@ class _Observing:
         self._notices = Notices(lambda line: self._send(Told("notice", line)))
         self._history: EstimateHistory | None = None
         self._earlier: Rows | None = None  # history of the process that this one replaces
-        self._identifier: Identifier | None = None
+        self._identifier: Identification | None = None
         self._view: View | None = None
         self._hub: Hub | None = None
         self._dashboard: Dashboard | None = None
@@ -149,9 +150,9 @@ class _Observing:
                 self._view = dataclasses.replace(self._view, **vars(handover.info))
             return
         self._earlier = self._earlier if handover.history is None else handover.history
-        identifier = Identifier.from_bytes(handover.identifier)
+        identifier: Identification = Identifier.from_bytes(handover.identifier)
         if self._history is None:
-            self._history = EstimateHistory(identifier.structure.size)
+            self._history = EstimateHistory(len(identifier.names))
             if self._earlier is not None:
                 self._history.restore(self._earlier)
         elif self._view is not None and identifier.samples < self._view.samples:  # the identifier was reset

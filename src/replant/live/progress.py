@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +19,15 @@ from replant.kernels.schema import FARTHEST, LEAP
 from replant.live.outputs.message import DiskWriter
 from replant.live.streams import Batch
 from replant.numerics.arguments import FloatArray
-from replant.online.checkpoint.encoding import encode
 from replant.online.checkpoint.files import write
 from replant.online.identifier import Identifier
+from replant.online.row_identifier import RowIdentifier
+from replant.online.row_state import RowSettings
 from replant.online.saving import Loaded, load
+
+#: An identification of one input or of several, and what it is asked for.
+Identification = Identifier | RowIdentifier
+Asked = Request | RowSettings
 
 BACK = 1.0  # step back of the stamps below which they are late samples, which the identifier rejects one by one [s]
 
@@ -119,8 +124,8 @@ class Progress:
 
     def advance(self, batch: Batch, t: FloatArray | None, dt: float) -> FloatArray:
         """Count the samples of a batch and return their rig time (K,) in s."""
-        clock = np.asarray((self.taken + 1 + np.arange(batch.u.size)) * dt) if t is None else t
-        self.taken += batch.u.size
+        clock = np.asarray((self.taken + 1 + np.arange(len(batch))) * dt) if t is None else t
+        self.taken += len(batch)
         if t is None:
             self.at = float(clock[-1])
         if batch.sequence is not None:
@@ -224,10 +229,10 @@ class CheckpointWriter:
         """Return whether the time for the next checkpoint has come and the one before has been written."""
         return now >= self._due and self._idle.is_set()
 
-    def submit(self, identifier: Identifier, progress: ProgressEntries) -> None:
+    def submit(self, identifier: Identification, progress: ProgressEntries) -> None:
         """Have a checkpoint of the present state written in the background."""
         self._due = time.monotonic() + self._every
-        data = encode(vars(identifier), progress)
+        data = identifier.to_bytes(progress)
         self._idle.clear()
         accepted = False
         try:
@@ -236,9 +241,9 @@ class CheckpointWriter:
             if not accepted:
                 self._idle.set()
 
-    def write_now(self, identifier: Identifier, progress: ProgressEntries) -> None:
+    def write_now(self, identifier: Identification, progress: ProgressEntries) -> None:
         """Write a checkpoint and wait for it."""
-        write(self._path, encode(vars(identifier), progress))
+        write(self._path, identifier.to_bytes(progress))
 
     def _write(self, data: bytes) -> None:
         try:
@@ -247,22 +252,33 @@ class CheckpointWriter:
             self._idle.set()
 
 
-def resume(path: Path, request: Request) -> Loaded | None:
+def begun(request: Asked, *, background: bool = False) -> Identification:
+    """Return an identification that has no sample yet."""
+    if isinstance(request, RowSettings):
+        return RowIdentifier.of(request)
+    return Identifier(**vars(request), background=background)
+
+
+def resume(path: Path, request: Asked) -> Loaded | None:
     """Return what a checkpoint holds; None if there is no checkpoint yet."""
     try:
         loaded = load(path)
     except MissingCheckpointError:
         return None
-    if not isinstance(loaded.identifier, Identifier):
+    identifier: Identification = loaded.identifier
+    stored = getattr(identifier, "request", None)  # that of several structures has none
+    if type(stored) is not type(request):
+        kinds = {Request: "one input", RowSettings: "several inputs"}
+        made, asked = (kinds.get(type(each), "several structures") for each in (stored, request))
         raise InvalidArgumentError(
-            f"{path}: the checkpoint is of several inputs, and replant live takes one; move it away to start anew"
+            f"{path}: the checkpoint is of {made}, not of {asked}; give the same options, or move {path} away to "
+            "start anew"
         )
-    stored = loaded.identifier.request
-    for entry in fields(Request):
-        before, now = getattr(stored, entry.name), getattr(request, entry.name)
+    for name, now in (request._asdict() if isinstance(request, RowSettings) else vars(request)).items():
+        before = getattr(stored, name)
         if before != now:
             raise InvalidArgumentError(
-                f"{path}: the checkpoint was made with {entry.name} {before}, and {now} is requested now; "
+                f"{path}: the checkpoint was made with {name} {before}, and {now} is requested now; "
                 f"give the same options, or move {path} away to start anew"
             )
     return loaded

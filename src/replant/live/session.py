@@ -14,14 +14,23 @@ from pathlib import Path
 import numpy as np
 
 from replant.errors import CheckpointError, DamagedCheckpointError, InvalidArgumentError, SystemRefusedError
-from replant.estimation.settings import Request
 from replant.live.make_view import EstimateHistory, make_view
 from replant.live.observer import Observer
 from replant.live.observing import DashboardAddress, ObserverOptions
 from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, ParquetRecorder, time_to_live
 from replant.live.outputs.sinks import Publisher, Sink, open_sink
-from replant.live.progress import CheckpointWriter, Limits, Progress, Throughput, resume, stop_on_signals
-from replant.live.streams import Batch, Source, open_source
+from replant.live.progress import (
+    Asked,
+    CheckpointWriter,
+    Identification,
+    Limits,
+    Progress,
+    Throughput,
+    begun,
+    resume,
+    stop_on_signals,
+)
+from replant.live.streams import UY, Batch, Signals, Source, open_source
 from replant.live.terminal import print_summary
 from replant.live.view import UNNAMED, SessionInfo, SignalNames, View
 from replant.model.transfer_function import TransferFunction
@@ -37,7 +46,7 @@ class Session:
     def __init__(
         self,
         source: Source,
-        identifier: Identifier,
+        identifier: Identification,
         *,
         disk_writer: DiskWriter,
         notices: Notices,
@@ -117,7 +126,7 @@ class Session:
         """Learn the samples of a batch, as many as the limit on samples allows."""
         left = self._limits.left(self.progress.taken)
         batch = batch if left is None else batch.select(slice(0, left))
-        if not batch.u.size:
+        if not len(batch):
             return
         t = self._stamps(batch)
         before = self._accepted_outputs
@@ -130,7 +139,7 @@ class Session:
         if self._recorder is not None:
             self._recorder.add_samples(batch.sequence, rig_time, batch.u, batch.y, batch.r)
         self._learned = True
-        self._throughput.count(batch.u.size, batch.arrived)
+        self._throughput.count(len(batch), batch.arrived)
         self._publisher.mark()
 
     @property
@@ -208,7 +217,7 @@ class Session:
 
     def _estimate(self) -> EstimateMessage:
         view, identifier = self._view, self.identifier
-        unknown = np.full(identifier.structure.size, np.nan)
+        unknown = np.full(len(identifier.names), np.nan)
         return EstimateMessage(
             self.progress.at,
             self.progress.sequence,
@@ -287,7 +296,7 @@ def limit_heap_growth() -> None:
 
 def run(
     source: str,
-    request: Request,
+    request: Asked,
     limits: Limits,
     *,
     sinks: Sequence[str] = (),
@@ -296,13 +305,15 @@ def run(
     every: float = 10.0,
     dashboard: DashboardAddress | None = None,
     truth: TransferFunction | None = None,
+    columns: Signals = UY,
     signals: SignalNames = UNNAMED,
     ttl: float | None = None,
     background: bool = False,
 ) -> bool:
     """Identify until the stream, a limit or the user ends the session, and print the result.
 
-    Samples come from the URL ``source``, estimates go to the addresses ``sinks``.  Both are recorded in the folder
+    Samples come from the URL ``source``, whose columns have the names ``columns``, and are shown with the names
+    ``signals``; estimates go to the addresses ``sinks``.  Both are recorded in the folder
     ``record``, and the state is saved in the file ``checkpoint`` every so many seconds.  The ``truth`` of a simulated
     rig is shown beside the estimate.  With ``background`` a second process solves the record again.
     """
@@ -310,7 +321,7 @@ def run(
     progress, identifier, messages = _load_checkpoint(checkpoint, request, background=background)
     resumed = identifier is not None
     with ExitStack() as opened:
-        stream = open_source(source)
+        stream = open_source(source, columns)
         opened.callback(stream.close)
         receivers: list[Sink] = []
         for to in sinks:
@@ -324,12 +335,12 @@ def run(
         disk_writer = DiskWriter(notices)
         session = Session(
             stream,
-            identifier or Identifier(**vars(request), background=background),
+            identifier or begun(request, background=background),
             disk_writer=disk_writer,
             notices=notices,
             observer=observer,
             sinks=receivers,
-            recorder=None if record is None else ParquetRecorder(record, disk_writer, go_on=resumed),
+            recorder=None if record is None else ParquetRecorder(record, disk_writer, columns, go_on=resumed),
             checkpoints=None if checkpoint is None else CheckpointWriter(checkpoint, every, disk_writer),
             limits=limits,
             progress=progress,
@@ -338,17 +349,18 @@ def run(
         if record is not None:
             observer.show(f"replant: cut and fit it meanwhile: {shlex.join(['replant', 'open', str(record)])}")
         reached = session.run()
-        if session.identifier.forced_waits:
-            waited = f"{session.identifier.forced_waits:,} times a sample waited for the second process"
+        waits = session.identifier.forced_waits if isinstance(session.identifier, Identifier) else 0
+        if waits:
+            waited = f"{waits:,} times a sample waited for the second process"
             observer.show(f"replant: {waited}: the record is solved again more slowly than samples come")
-    view = observer.last or make_view(session.identifier, session.info, EstimateHistory(request.structure.size))
+    view = observer.last or make_view(session.identifier, session.info, EstimateHistory(len(session.identifier.names)))
     print_summary(view, truth, to_stderr="-" in sinks)
     return reached
 
 
 def _load_checkpoint(
-    path: Path | None, request: Request, *, background: bool
-) -> tuple[Progress, Identifier | None, list[str]]:
+    path: Path | None, request: Asked, *, background: bool
+) -> tuple[Progress, Identification | None, list[str]]:
     """Return progress and identifier of the checkpoint, if there is one, and messages about it for the user."""
     if path is None:
         return Progress(), None, []

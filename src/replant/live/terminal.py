@@ -16,12 +16,14 @@ import numpy as np
 
 from replant.errors import ReplantError
 from replant.estimation.simulation.stretches import stretches_of
+from replant.live.progress import Identification
 from replant.live.view import View
 from replant.logs import Log
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
+from replant.online.row_identifier import RowIdentifier
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting.numbers import fraction, grouped, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
@@ -107,17 +109,25 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
     frozen = "" if view.adapting else "  (frozen: samples arrive, but the estimate is not updated)"
     rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis")]
     if view.window.r.size:
-        newest = {"reference": view.window.r, "output": view.window.y, "input": view.window.u}
+        newest = {"reference": view.window.r, "output": view.window.y}
+        inputs = (view.window.u, *view.window.more_inputs)
+        names = [each.input_label for each in view.inputs] if view.more_inputs else ["input"]
+        newest |= dict(zip(names, inputs, strict=True))
         rows.append(Text("   ".join(f"{name} {grouped(float(signal[-1]))}" for name, signal in newest.items())))
     rows.append(Text(""))
     if view.den.size:
-        model = TransferFunction(view.num, view.den, view.delay)
-        rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
+        several = len(view.inputs) > 1
+        for each in view.inputs:
+            rows += [Text(f"From {each.input_label} to {view.output_label}", "bold")] if several else []
+            model = TransferFunction(each.num, each.den, each.delay)
+            rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
+            rows.append(Text(""))
         figures = view.parameters.tolist(), view.std.tolist()
-        rows += [Text(""), parameter_table(view.names, *figures, truth, "estimate", 5), Text("")]
-        fit = f"Fit  {grouped(view.simulated)} % from the input alone, newest samples"
+        rows += [parameter_table(view.names, *figures, truth, "estimate", 5), Text("")]
+        fit = f"Fit  {grouped(view.simulated)} % from the input{'s' if several else ''} alone, newest samples"
         fit = fit if math.isfinite(view.simulated) else ""
-        rows.append(Text(f"DC gain  {with_std(view.dc_gain, view.dc_gain_std)}    {fit}"))
+        gains = ", ".join(with_std(each.dc_gain, each.dc_gain_std) for each in view.inputs)
+        rows.append(Text(f"DC gain  {gains}    {fit}"))
     rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
     rows += [Padding(Text(line), (0, 0, 0, 9)) for reason in view.reasons for line in wrapped(reason, REASONS_WIDTH)]
     if running:
@@ -155,8 +165,10 @@ def _lost(view: View) -> str:
 ROUNDING = 1e-6  # difference between an interval and the sampling time that is rounding [sampling times]
 
 
-def report_of(identifier: Identifier, view: View) -> bytes:
+def report_of(identifier: Identification, view: View) -> bytes:
     """Return the HTML report of an identifier."""
+    if isinstance(identifier, RowIdentifier):
+        return _report_of_row(identifier, view)
     from replant.report.result_page import write_report
 
     if identifier.settings is None:
@@ -171,6 +183,25 @@ def report_of(identifier: Identifier, view: View) -> bytes:
         page = write_report(
             Path(folder, "report.html"), _result(identifier, view, log), log, command=f"live {view.source}"
         )
+        return page.read_bytes()
+
+
+def _report_of_row(identifier: RowIdentifier, view: View) -> bytes:
+    from replant.report.rows_page import Output, write_rows
+
+    found = identifier.fit_of_newest()
+    if found is None:
+        raise ReplantError("there is no model to report on yet")
+    (u, y), intervals, names = identifier.recent, identifier.recent_intervals, identifier.request.input_names
+    regular = bool((np.abs(intervals[1:] - identifier.dt) <= ROUNDING * identifier.dt).all())
+    log = Log(
+        u[:, 0], y, identifier.dt, np.cumsum(intervals) - intervals[0], names[0], view.output_label, Path(view.source),
+        irregular=not regular, input_hold=identifier.input_hold, others=dict(zip(names[1:], u.T[1:], strict=True)),
+        more_inputs=names[1:],
+    )  # fmt: skip
+    shown = dataclasses.replace(found, model=found.model.of_log(names, view.output_label, view.source))
+    with tempfile.TemporaryDirectory() as folder:
+        page = write_rows(Path(folder, "report.html"), [Output(shown, log)], command=f"live {view.source}")
         return page.read_bytes()
 
 

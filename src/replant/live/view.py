@@ -55,6 +55,7 @@ class Window:
     # bridged or lie before the last interruption
     left_out: FloatArray
     r: FloatArray  # (V,) or (0,): reference; empty where there is none
+    more_inputs: tuple[FloatArray, ...] = ()  # (V,) each: those after the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +106,25 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class View(SessionInfo):
+class FromInput:
+    """The model from one input to the output, and its responses."""
+
+    input_label: str  # name of the mapped input, with its unit where known
+    num: FloatArray
+    den: FloatArray
+    delay: float
+    poles: npt.NDArray[np.complex128]  # (n,)
+    pole_covariance: FloatArray  # (n, 2, 2): covariance of each pole's real and imaginary part; NaN where unknown
+    zeros: npt.NDArray[np.complex128]  # (m,)
+    dc_gain: float
+    dc_gain_std: float
+    bode: Bode
+    step: Step
+    truth: Truth | None  # None if the plant is not known
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class View(SessionInfo, FromInput):
     """A running identification at one moment: what the session says, and what the identifier does."""
 
     samples: int  # accepted samples
@@ -115,14 +134,6 @@ class View(SessionInfo):
     names: tuple[str, ...]
     parameters: FloatArray  # parameters, std: (P,): NaN where unknown
     std: FloatArray
-    num: FloatArray
-    den: FloatArray
-    delay: float
-    poles: npt.NDArray[np.complex128]  # (n,)
-    pole_covariance: FloatArray  # (n, 2, 2): covariance of each pole's real and imaginary part; NaN where unknown
-    zeros: npt.NDArray[np.complex128]  # (m,)
-    dc_gain: float
-    dc_gain_std: float
     verdict: str
     excited: bool  # see `Assessment`; False while the verdict is not known
     reasons: tuple[str, ...]
@@ -130,15 +141,16 @@ class View(SessionInfo):
     # uses
     simulated: float
     residual_std: float  # standard deviation of the residual by the noise model; NaN where there is none
-    # input_label, output_label: names of the mapped input and of the output, with their units where known
-    input_label: str
-    output_label: str
+    output_label: str  # name of the output, with its unit where known
     window: Window
-    bode: Bode
-    step: Step
-    truth: Truth | None  # None if the plant is not known
     history: Rows
     model: Mapping[str, Any]  # the model to be kept, as JSON; empty while there is none
+    more_inputs: tuple[FromInput, ...] = ()  # the models from the inputs after the first
+
+    @property
+    def inputs(self) -> tuple[FromInput, ...]:
+        """The model from each input."""
+        return self, *self.more_inputs
 
     def unjudged(self, reason: str) -> View:
         """Return the view without a verdict, for a reason."""
@@ -166,6 +178,6 @@ def _plain(value: Any) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, Mapping):
         return dict(value)
-    if isinstance(value, Window | Bode | Step | Truth | Rows | View):
+    if isinstance(value, Window | Bode | Step | Truth | Rows | FromInput):
         return {entry.name: _plain(getattr(value, entry.name)) for entry in fields(value)}
     return value

@@ -10,10 +10,12 @@ from replant.estimation.simulation.fitted_run import Simulation, fit_percent
 from replant.estimation.simulation.model_run import model_output
 from replant.fitting.fields import Provenance, has_rest
 from replant.fitting.model import Model
+from replant.fitting.row_fit import RowFit
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.linear_algebra import quiet
 from replant.online.estimate import Estimate
+from replant.online.row_identifier import RowIdentifier
 from replant.verdict.verdict import Assessment, Verdict
 
 # stamps of some 1e9 s have a resolution of 1e-7 s
@@ -89,7 +91,7 @@ def _method(estimate: Estimate) -> str:
 class NewestSamples:
     """Signals of the newest samples, (K,), in the units of the log, the input behind its map."""
 
-    input: FloatArray
+    input: FloatArray  # of several inputs (K, q)
     output: FloatArray
     intervals: FloatArray  # seconds since the sample before
     reference: FloatArray  # empty where there is none
@@ -110,3 +112,14 @@ def newest_samples(estimate: Estimate) -> NewestSamples:
     regular = bool((np.abs(intervals[1:] - estimate.dt) <= IRREGULAR * estimate.dt).all())
     last = slice(None) if regular else slice(-LONGEST_IRREGULAR, None)
     return NewestSamples(u[last], y[last], intervals[last], r[last], judged[last], regular)
+
+
+def newest_of_row(identifier: RowIdentifier, found: RowFit | None) -> NewestSamples:
+    """Return the newest samples of several inputs, of which ``found`` is the fit; of references the first."""
+    (u, y), intervals, references = identifier.recent, identifier.recent_intervals, identifier.recent_reference
+    judged, times = np.isfinite(y), np.cumsum(intervals) - intervals[:1]
+    if found is not None:
+        judged[np.concatenate([found.outliers, found.stuck])] = False
+        judged &= times >= max(each.delay for each in identifier.structures)  # what answers to inputs before
+    regular = bool((np.abs(intervals[1:] - identifier.dt) <= IRREGULAR * identifier.dt).all())
+    return NewestSamples(u, y, intervals, references[:, :1].ravel(), judged, regular)

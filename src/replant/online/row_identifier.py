@@ -12,7 +12,7 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.settings import STORED
 from replant.fitting.fields import Provenance
-from replant.fitting.row_fit import row_model, structures_of
+from replant.fitting.row_fit import RowFit, row_model, structures_of
 from replant.fitting.row_model import RowModel, one_step_percent
 from replant.fitting.row_outside import references_of
 from replant.kernels.schema import Doubt
@@ -141,6 +141,16 @@ class RowIdentifier(Shared):
     def _with(cls, state: RowState) -> RowIdentifier:
         (made := cls.__new__(cls)).__setstate__({"_now": state})
         return made
+
+    @classmethod
+    def of(cls, request: RowSettings) -> RowIdentifier:
+        """Return an identifier that begins with the settings of another one, see `request`."""
+        return cls._with(RowState.of(request))
+
+    @property
+    def request(self) -> RowSettings:
+        """The settings as they were given, and checked."""
+        return self._settings
 
     @property
     def _settings(self) -> RowSettings:
@@ -351,10 +361,26 @@ class RowIdentifier(Shared):
         return None if self._now.recursion is None else self._now.recursion.noise_model
 
     @property
+    def input_hold(self) -> str:
+        """What the inputs do between samples."""
+        return self._settings.input_hold
+
+    @property
     def recent(self) -> tuple[FloatArray, FloatArray]:
         """Inputs (K, q) and outputs (K,) of the newest accepted samples, as many as the verdict looks at."""
         values = self._now.kept.values[-RECENT:]
         return values[:, : len(self.structures)].copy(), values[:, -2].copy()
+
+    @property
+    def recent_intervals(self) -> FloatArray:
+        """Seconds (K,) since the sample before, of the same samples."""
+        state, clock = self._now, self._now.kept.values[-RECENT:, -1]
+        return np.diff(clock, prepend=clock[:1] - self.dt) if state.stamped else np.full(clock.size, self.dt)
+
+    @property
+    def recent_reference(self) -> FloatArray:
+        """References (K, p) of the same samples."""
+        return self._now.kept.values[-RECENT:, len(self.structures) : -2].copy()
 
     @property
     def samples(self) -> int:
@@ -395,10 +421,17 @@ class RowIdentifier(Shared):
         InvalidArgumentError
             While there is no estimate; see `has_model`.
         """
+        found = self.fit_of_newest()
+        if found is None:
+            raise InvalidArgumentError(f"there is no model of the newest samples: {self.assess().reasons[0]}")
+        return found.model
+
+    def fit_of_newest(self) -> RowFit | None:
+        """Return the estimate as a fit of the newest samples, at most 10000; None where they are too few."""
         state = self._now
         found = state.newest()
         if found is None:
-            raise InvalidArgumentError(f"there is no model of the newest samples: {self.assess().reasons[0]}")
+            return None
         ready, row, estimate, verdict, doubt = found
         simulated = ready.simulated(row, estimate.point, estimate.noise)
         fits = (
@@ -406,9 +439,14 @@ class RowIdentifier(Shared):
             one_step_percent(row, estimate.point),
         )
         made = Provenance("recursive srivc", samples=state.samples)
-        bad = {"outlier": int((doubt == Doubt.OUTLIER).sum()), "stuck": int((doubt == Doubt.STUCK).sum())}
+        doubts = np.full(ready.used.size, Doubt.MISSING)
+        doubts[ready.used] = doubt
+        outliers, stuck = (np.flatnonzero(doubts == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
+        missing = np.flatnonzero((doubts == Doubt.MISSING) & ready.used)
+        rejected = state.rejected | {"outlier": outliers.size, "stuck": stuck.size}
         model = row_model(row, ready, estimate, self.dt, "y", fits, verdict, made)
-        return replace(model, rejected=tuple((state.rejected | bad).items()))
+        model = replace(model, rejected=tuple(rejected.items()))
+        return RowFit(model, simulated, outliers, stuck, missing)
 
     def assess(self) -> Verdict:
         """Return the verdict: whether to trust the estimate, and why in plain words.

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.errors import InvalidArgumentError, MissingDependencyError
+from replant.live.streams import UY, Signals
 from replant.logs.arrow import CHECKED, check_rows, open_parquet
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import ENDING, Worker, one_line, replacing
@@ -164,18 +165,19 @@ Samples = tuple[npt.NDArray[np.int64] | None, dict[str, FloatArray]]  # the devi
 class ParquetRecorder:
     """Records samples in FOLDER/samples and estimates in FOLDER/estimates.
 
-    Columns of samples: n (the device's number, or null), t [s], u, y and, where there is a reference, r.  Columns of
-    estimates: t, n, samples, each parameter and its standard deviation (std_...), status, verdict and excited.
+    Columns of samples: n (the device's number, or null), t [s], the names of ``signals`` and, where there is a
+    reference, r.  Columns of estimates: t, n, samples, each parameter and its standard deviation (std_...), status,
+    verdict and excited.
     """
 
     name = "record"
     interval = 0.1  # s of real time at the least between two recorded estimates
     behind = False  # a record never waits for a receiver
 
-    def __init__(self, folder: Path, disk_writer: DiskWriter, *, go_on: bool = False) -> None:
+    def __init__(self, folder: Path, disk_writer: DiskWriter, signals: Signals = UY, *, go_on: bool = False) -> None:
         if importlib.util.find_spec("pyarrow") is None:
             raise MissingDependencyError("--record needs pyarrow: pip install 'replant[live]'")
-        self._disk_writer = disk_writer
+        self._disk_writer, self._signals = disk_writer, signals
         self._samples = _Parts(folder / "samples", go_on=go_on)
         self._estimates = _Parts(folder / "estimates", go_on=go_on)
         self._last = self._samples.last_number()
@@ -199,8 +201,9 @@ class ParquetRecorder:
         if n is not None and n[0] <= self._last:
             new = int(np.searchsorted(n, self._last, side="right"))
             n, t, u, y, r = n[new:], t[new:], u[new:], y[new:], None if r is None else r[new:]
-        self._samples_waiting.append((n, {"t": t, "u": u, "y": y} | ({} if r is None else {"r": r})))
-        self._rows += u.size
+        signals = zip(self._signals.names, [*np.atleast_2d(u.T), y], strict=True)
+        self._samples_waiting.append((n, {"t": t, **dict(signals)} | ({} if r is None else {"r": r})))
+        self._rows += y.size
         if self._rows >= ROWS or time.monotonic() - self._start >= SECONDS:
             self.flush()
 
@@ -271,7 +274,7 @@ def _samples_table(samples: list[Samples]) -> Any:
     import pyarrow
 
     numbers = [
-        pyarrow.nulls(signals["u"].size, pyarrow.int64()) if n is None else pyarrow.array(n, pyarrow.int64())
+        pyarrow.nulls(signals["t"].size, pyarrow.int64()) if n is None else pyarrow.array(n, pyarrow.int64())
         for n, signals in samples
     ]
     signals = {name: np.concatenate([entry[name] for _, entry in samples]) for name in samples[0][1]}

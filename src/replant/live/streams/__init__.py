@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from replant.live.streams.opening import open_source
-from replant.live.streams.source import Batch, Source
+from replant.live.streams.source import UY, Batch, Signals, Source
 
-__all__ = ["Batch", "Source", "open_source"]
+__all__ = ["UY", "Batch", "Signals", "Source", "open_source"]

@@ -14,7 +14,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.live.streams.opening import Address
 from replant.live.streams.reader import Reader, StopRequest
-from replant.live.streams.source import Batch
+from replant.live.streams.source import UY, Batch, Columns, Signals, together
 from replant.logs import read_columns
 from replant.logs.rasters import on_one_clock
 from replant.logs.sampling_time import time_candidates, unit_in_seconds
@@ -52,7 +52,7 @@ class ReplaySource(Reader):
                 self._pace.wait(self._stop, float(self._elapsed[at]) - start)
 
 
-def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySource:
+def open_replay(address: Address, columns: Columns, signals: Signals) -> ReplaySource:
     """Return the source of a recorded log, whose path and options are in the address."""
     address.allow("input", "output", "reference", "time", "dt", "speed")
     options = address.options
@@ -62,20 +62,26 @@ def open_replay(address: Address, columns: tuple[str, ...] | None) -> ReplaySour
         raise InvalidArgumentError(f"{address.name}: give one of time and dt")
     named = [table.find(options["time"])] if "time" in options else time_candidates(table.names)
     stamps = named[0] if len(named) == 1 and dt is None else None
-    keys: list[str | int] = [options.get("input", "u"), options.get("output", "y")]
-    referenced = "reference" in options
+    keys: list[str | int] = [*signals.inputs, signals.output]
+    if signals == UY:
+        keys = [options.get("input", "u"), options.get("output", "y")]
+    elif {"input", "output"} & options.keys():
+        raise InvalidArgumentError(f"{address.name}: name the signals in the address or with -i and -o, not both")
+    inputs, referenced = len(keys) - 1, "reference" in options
     if referenced:
         keys.append(options["reference"])
     if table.stamps is not None:
-        roles = dict(zip(("input", "output", "reference"), map(table.find, keys), strict=False))
+        names = ["input", *(f"input {number}" for number in range(2, inputs + 1)), "output", "reference"]
+        roles = dict(zip(names, map(table.find, keys), strict=False))
         table, roles = on_one_clock(table, roles, is_timed=dt is not None or "time" in options)
         stamps = roles.pop("time", stamps)
         keys = list(roles.values())
     if stamps is not None:
         keys.append(stamps)
-    columns_read = table.columns(keys)
-    rows = min(column.size for column in columns_read)
-    u, y, *others = (column[:rows] for column in columns_read)
+    read = table.columns(keys)
+    rows = min(column.size for column in read)
+    read = [column[:rows] for column in read]
+    u, (y, *others) = together(read[:inputs]), read[inputs:]
     record = Batch(u, y, None, np.arange(rows), 0.0, others[0] if referenced else None)
     if stamps is None:
         if dt is None and not math.isinf(speed):
@@ -248,8 +254,10 @@ def demo_voltage(samples: int, seed: int) -> FloatArray:
     return steps + FLUTTER * np.repeat(signs, FLUTTER_HOLD)[:samples]
 
 
-def open_demo(address: Address, columns: tuple[str, ...] | None) -> DemoSource:
+def open_demo(address: Address, columns: Columns, signals: Signals) -> DemoSource:
     """Return the source of the URL ``demo``."""
     address.allow("speed", "seed", "loop")
+    if signals != UY:
+        raise InvalidArgumentError(f"{address.name}: the rig has one input and one output: leave their names out")
     looped = address.one_of("loop", LOOPS, "none") == "pi"
     return DemoSource(address.name, speed_of(address, 1.0), address.whole("seed", 0, least=0), looped=looped)

@@ -15,6 +15,7 @@ from replant.errors import InvalidArgumentError, MissingDependencyError
 from replant.live.streams.opening import Address
 from replant.live.streams.parser import Payloads
 from replant.live.streams.reader import Wire
+from replant.live.streams.source import UY, Columns, Signals
 
 BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
@@ -22,8 +23,8 @@ BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 class PipeSource(Wire):
     """Lines from an open file, ``-`` for standard input.  While the queue is full nothing is read: the writer waits."""
 
-    def __init__(self, name: str, file: int, columns: tuple[str, ...] | None = None) -> None:
-        super().__init__(name, columns, waits=True)
+    def __init__(self, name: str, file: int, columns: Columns = None, signals: Signals = UY) -> None:
+        super().__init__(name, columns, signals, waits=True)
         self._file = file
 
     def _session(self) -> None:
@@ -40,14 +41,14 @@ class PipeSource(Wire):
             self._deliver_lines(data)
 
 
-def open_pipe(address: Address, columns: tuple[str, ...] | None) -> PipeSource:
+def open_pipe(address: Address, columns: Columns, signals: Signals) -> PipeSource:
     """Return the source that reads standard input."""
     address.allow("columns")
     try:
         file = sys.stdin.fileno()
     except (AttributeError, OSError, ValueError):
         raise InvalidArgumentError("-: there is no standard input; pipe samples into the command") from None
-    return PipeSource(address.name, file, columns)
+    return PipeSource(address.name, file, columns, signals)
 
 
 SERIAL_EXAMPLE = "serial:///dev/ttyUSB0?baud=115200"
@@ -63,8 +64,8 @@ class SerialSource(Wire):
     opened: sequence numbers tell only which samples were lost.
     """
 
-    def __init__(self, name: str, port: str, baud: int = BAUD, columns: tuple[str, ...] | None = None) -> None:
-        super().__init__(name, columns, waits=False, replays=False)
+    def __init__(self, name: str, port: str, baud: int = BAUD, columns: Columns = None, signals: Signals = UY) -> None:
+        super().__init__(name, columns, signals, waits=False, replays=False)
         self._port_and_baud = port, baud
         self._port: Any = None
         try:
@@ -133,13 +134,13 @@ def remedy(port: str) -> str:
     return f"ports found: {ports}; on Linux your user must be in the group dialout (asked for: {port})"
 
 
-def open_serial(address: Address, columns: tuple[str, ...] | None) -> SerialSource:
+def open_serial(address: Address, columns: Columns, signals: Signals) -> SerialSource:
     """Return the source of a URL ``serial://``."""
     address.allow("baud", "columns")
     port = address.path or address.host.upper()  # a host is COM3
     if not port:
         raise InvalidArgumentError(f"{address.name}: the port is missing; write {SERIAL_EXAMPLE}")
-    return SerialSource(address.name, port, address.whole("baud", BAUD, least=1), columns)
+    return SerialSource(address.name, port, address.whole("baud", BAUD, least=1), columns, signals)
 
 
 TCP_EXAMPLE = "tcp://127.0.0.1:9000"
@@ -156,8 +157,8 @@ class TcpSource(Wire):
     keeps its samples then continues with N + 1.  Samples that a peer sends again are dropped by their number.
     """
 
-    def __init__(self, name: str, host: str, port: int, columns: tuple[str, ...] | None = None) -> None:
-        super().__init__(name, columns, waits=True)
+    def __init__(self, name: str, host: str, port: int, columns: Columns = None, signals: Signals = UY) -> None:
+        super().__init__(name, columns, signals, waits=True)
         self._place = host, port
 
     def _session(self) -> str:
@@ -193,10 +194,10 @@ def enable_keepalive(peer: socket.socket) -> None:
             peer.setsockopt(socket.IPPROTO_TCP, option, value)
 
 
-def open_tcp(address: Address, columns: tuple[str, ...] | None) -> TcpSource:
+def open_tcp(address: Address, columns: Columns, signals: Signals) -> TcpSource:
     """Return the source of a URL ``tcp://``."""
     address.allow("columns")
-    return TcpSource(address.name, *address.host_and_port(TCP_EXAMPLE), columns)
+    return TcpSource(address.name, *address.host_and_port(TCP_EXAMPLE), columns, signals)
 
 
 UDP_EXAMPLE = "udp://0.0.0.0:9000"
@@ -209,9 +210,16 @@ class UdpSource(Wire):
     """Datagrams with lines or packed numbers, received at ``udp://address:port``."""
 
     def __init__(
-        self, name: str, host: str, port: int, columns: tuple[str, ...] | None = None, *, bare: bool = False
+        self,
+        name: str,
+        host: str,
+        port: int,
+        columns: Columns = None,
+        signals: Signals = UY,
+        *,
+        bare: bool = False,
     ) -> None:
-        super().__init__(name, columns, waits=False, replays=False)
+        super().__init__(name, columns, signals, waits=False, replays=False)
         self._payloads = Payloads(self._parser, bare=bare)
         self._socket = listen(name, host, port)
         self.port: int = self._socket.getsockname()[1]
@@ -262,13 +270,15 @@ def listen(name: str, host: str, port: int) -> socket.socket:
     return listener
 
 
-def open_udp(address: Address, columns: tuple[str, ...] | None) -> UdpSource:
+def open_udp(address: Address, columns: Columns, signals: Signals) -> UdpSource:
     """Return the source of a URL ``udp://``."""
     address.allow("columns", "format")
     bare = address.one_of("format", ("lines", "doubles"), "lines") == "doubles"
     if bare and columns is None:
-        raise InvalidArgumentError(f"{address.name}: format=doubles needs columns; add &columns=t,u,y")
-    return UdpSource(address.name, *address.host_and_port(UDP_EXAMPLE), columns, bare=bare)
+        raise InvalidArgumentError(
+            f"{address.name}: format=doubles needs columns; add &columns=t,{','.join(signals.names)}"
+        )
+    return UdpSource(address.name, *address.host_and_port(UDP_EXAMPLE), columns, signals, bare=bare)
 
 
 MQTT_EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
@@ -281,8 +291,8 @@ MQTT_TOGETHER = 256  # largest number of messages parsed together [count]
 class MqttSource(Wire):
     """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``."""
 
-    def __init__(self, address: Address, columns: tuple[str, ...] | None = None) -> None:
-        super().__init__(address.name, columns, waits=False)
+    def __init__(self, address: Address, columns: Columns = None, signals: Signals = UY) -> None:
+        super().__init__(address.name, columns, signals, waits=False)
         import_paho(address.name)
         self._address = address
         self._qos = int(address.one_of("qos", ("0", "1"), "0"))
@@ -363,7 +373,7 @@ def import_paho(name: str) -> Any:
     return client
 
 
-def open_mqtt(address: Address, columns: tuple[str, ...] | None) -> MqttSource:
+def open_mqtt(address: Address, columns: Columns, signals: Signals) -> MqttSource:
     """Return the source of a URL ``mqtt://``."""
     address.allow("columns", "qos")
     if not address.host:
@@ -375,4 +385,4 @@ def open_mqtt(address: Address, columns: tuple[str, ...] | None) -> MqttSource:
         mark in level and level != mark for level in (*above, last) for mark in "#+"
     ):
         raise InvalidArgumentError(f"{address.name}: + stands for a whole level, # for all that follow; write rig/+")
-    return MqttSource(address, columns)
+    return MqttSource(address, columns, signals)

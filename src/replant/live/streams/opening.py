@@ -10,8 +10,7 @@ from pathlib import Path
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
 from replant.errors import InvalidArgumentError
-from replant.live.streams.parser import FIELDS
-from replant.live.streams.source import Source
+from replant.live.streams.source import UY, Columns, Signals, Source
 
 
 @dataclass(frozen=True)
@@ -132,8 +131,8 @@ SCHEMES = {
 _OTHERS = "-, demo, log.csv?speed=10"
 
 
-def open_source(url: str) -> Source:
-    """Open a stream of live samples.
+def open_source(url: str, signals: Signals = UY) -> Source:
+    """Open a stream of live samples, whose lines or columns have the names of ``signals``.
 
     =======================================  =========================================================================
     ``tcp://host:port``                      lines of a peer that listens
@@ -150,6 +149,7 @@ def open_source(url: str) -> Source:
 
     Lines are CSV, of two fields ``u,y``, three ``t,u,y`` or four ``n,t,u,y`` (sequence number, time stamp in s, input,
     output) or as the URL's option says, ``?columns=n,u,y,r`` (r: reference); or they are JSON objects with these names.
+    Several inputs are as many fields in the place of u; signals with other names than u and y may be named by a header.
 
     >>> source = open_source("demo?speed=max")
     >>> batch = next(filter(len, source.batches()))
@@ -159,7 +159,7 @@ def open_source(url: str) -> Source:
     address, opener = _address_of(url)
     module, _, function = opener.partition(".")
     source: Source = getattr(importlib.import_module(f"replant.live.streams.{module}"), function)(
-        address, _columns_of(address)
+        address, _columns_of(address, signals), signals
     )
     return source
 
@@ -181,15 +181,15 @@ def _address_of(url: str) -> tuple[Address, str]:
     return address, {"-": "lines.open_pipe", "demo": "demo.open_demo"}.get(path, "demo.open_replay")
 
 
-def _columns_of(address: Address) -> tuple[str, ...] | None:
+def _columns_of(address: Address, signals: Signals) -> Columns:
     """Return the column names of the option ``columns``, None where it is not given."""
     text = address.options.get("columns")
     if text is None:
         return None
     columns = tuple(name.strip() for name in text.split(","))
-    if not {"u", "y"} <= set(columns) <= set(FIELDS) or len(set(columns)) < len(columns):
+    if not signals.are_in(columns):
         raise InvalidArgumentError(
-            f"{address.name}: columns={text} must name u and y, and may name n, t and r, each once; "
-            "write columns=n,t,u,y"
+            f"{address.name}: columns={text} must name {', '.join(signals.inputs)} and {signals.output}, and may name "
+            f"n, t and r, each once; write columns={','.join(signals.fields[:-1])}"
         )
     return columns

@@ -15,15 +15,11 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from replant.live.streams.source import Batch
+from replant.live.streams.source import NUMBER, REFERENCE, TIME, UY, Batch, Columns, Signals, together
+from replant.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.logs.text_cells import parse_number
 from replant.logs.text_layout import is_data
 from replant.numerics.arguments import FloatArray
-
-#: The fields of a sample: sequence number, time stamp in s, input, output, reference.
-FIELDS = ("n", "t", "u", "y", "r")
-#: The columns of lines with two, three and four cells, where the URL does not name them.
-BY_WIDTH = {2: ("u", "y"), 3: ("t", "u", "y"), 4: ("n", "t", "u", "y")}
 
 Row = tuple[float, ...]
 
@@ -86,16 +82,27 @@ def table_from_json(values: Sequence[Any], columns: Sequence[str]) -> FloatArray
     return None
 
 
-def columns_of(value: Any) -> tuple[str, ...] | None:
+def columns_of(value: Any, signals: Signals) -> Columns:
     """Return the columns of a JSON object, or of the first in an array; None if it holds no sample."""
     first = value[0] if isinstance(value, list) and value else value
-    if not isinstance(first, dict) or not {"u", "y"} <= first.keys():
+    if not isinstance(first, dict) or not set(signals.names) <= first.keys():
         return None
-    return tuple(name for name in FIELDS if name in first)
+    return tuple(name for name in signals.fields if name in first)
 
 
-def from_json(value: Any, columns: Sequence[str]) -> list[Row]:
-    """Return the samples in a JSON object, or in an array of them.
+def header_of(line: str, signals: Signals) -> Columns:
+    """Return the columns that a header of CSV names, the time's as t; None where it lacks a signal."""
+    cells = [cell.strip().strip('"') for cell in line.split(",")]
+    if not set(signals.names) <= set(cells) or len(set(cells)) < len(cells):
+        return None
+    times = time_candidates(cells)
+    if len(times) == 1 and unit_in_seconds(cells[times[0]]) == 1.0:
+        cells[times[0]] = TIME
+    return tuple(cells)
+
+
+def from_json(value: Any, columns: Sequence[str], one: str) -> list[Row]:
+    """Return the samples in a JSON object, or in an array of them; ``one`` is the field of a signal.
 
     ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample.  An object whose fields are arrays holds several samples;
     its n may be the number of the first.  null is NaN.
@@ -106,17 +113,17 @@ def from_json(value: Any, columns: Sequence[str]) -> list[Row]:
             raise Malformed("not an object")
         if not set(columns) <= item.keys():
             raise Malformed("fields missing")
-        rows += _samples(item, columns)
+        rows += _samples(item, columns, one)
     return rows
 
 
-def _samples(item: dict[str, Any], columns: Sequence[str]) -> list[Row]:
+def _samples(item: dict[str, Any], columns: Sequence[str], one: str) -> list[Row]:
     fields = {name: item[name] for name in columns}
-    if not isinstance(item["u"], list):
+    if not isinstance(item[one], list):
         return [tuple(_number(name, value) for name, value in fields.items())]
-    count = len(item["u"])
-    if type(fields.get("n")) is int:
-        fields["n"] = list(range(fields["n"], fields["n"] + count))
+    count = len(item[one])
+    if type(fields.get(NUMBER)) is int:
+        fields[NUMBER] = list(range(fields[NUMBER], fields[NUMBER] + count))
     if any(not isinstance(values, list) or len(values) != count for values in fields.values()):
         raise Malformed("arrays of different lengths")
     return list(zip(*(_numbers(name, values) for name, values in fields.items()), strict=True))
@@ -131,7 +138,7 @@ def _numbers(name: str, values: Sequence[Any]) -> list[float]:
 
 def _number(name: str, value: Any) -> float:
     kind = type(value)
-    if value is None and name in ("u", "y", "r"):
+    if value is None and name not in (NUMBER, TIME):
         return float("nan")
     if kind is float or kind is int:  # bool is neither
         with contextlib.suppress(OverflowError):
@@ -203,19 +210,20 @@ Item = TypeVar("Item")
 FEW = 10  # lines up to which a block is parsed line by line: parsing it as a whole costs as much as ten lines [lines]
 LARGEST_NUMBER = 2.0**53  # largest whole number up to which float64 represents every one exactly [number]
 #: The reason under which a row with an invalid number or time stamp is counted.
-REASONS = {"n": "not a sequence number", "t": "time not finite"}
+REASONS = {NUMBER: "not a sequence number", TIME: "time not finite"}
 
 
 class Parser:
     """Parses the lines of one stream; each line is CSV or JSON.
 
     The columns are those of ``columns``, or follow from the first two lines of CSV of equal width (the first line may
-    have been cut), or from the first JSON object.  Blank lines and comments are skipped.  Every other line gives
-    samples, or is counted by the reason why it gives none.
+    have been cut), or from the first JSON object; where the signals have names of their own, also from a header, whose
+    further columns are left out.  Blank lines and comments are skipped.  Every other line gives samples, or is counted
+    by the reason why it gives none.
     """
 
-    def __init__(self, counters: Counter[str], columns: tuple[str, ...] | None = None) -> None:
-        self.columns = columns
+    def __init__(self, counters: Counter[str], columns: Columns = None, signals: Signals = UY) -> None:
+        self.columns, self.signals = columns, signals
         self._counters = counters
         self._waiting: Row | None = None  # the first line of CSV, until a second line confirms its width
 
@@ -235,7 +243,7 @@ class Parser:
         row, self._waiting = self._waiting, None
         if row is None:
             return None
-        self.columns = BY_WIDTH[len(row)]
+        self.columns = self.signals.by_width[len(row)]
         return self.batch([np.array([row])], arrived)
 
     def batch(self, tables: Sequence[FloatArray], arrived: float) -> Batch | None:
@@ -244,15 +252,16 @@ class Parser:
             return None
         table = self._valid_rows(np.concatenate(tables) if len(tables) > 1 else tables[0])
         by_name = {name: table[:, column].copy() for column, name in enumerate(self.columns)}
-        sequence = by_name["n"].astype(np.int64) if "n" in by_name else None
-        return Batch(by_name["u"], by_name["y"], by_name.get("t"), sequence, arrived, by_name.get("r"))
+        sequence = by_name[NUMBER].astype(np.int64) if NUMBER in by_name else None
+        u = together([by_name[name] for name in self.signals.inputs])
+        return Batch(u, by_name[self.signals.output], by_name.get(TIME), sequence, arrived, by_name.get(REFERENCE))
 
     def _valid_rows(self, table: FloatArray) -> FloatArray:
         """Return the rows with a valid number and time stamp; count the others."""
         for column, name in enumerate(self.columns or ()):
             if name in REASONS:
                 values = table[:, column]
-                fine = np.isfinite(values) if name == "t" else is_number(values)
+                fine = np.isfinite(values) if name == TIME else is_number(values)
                 if not fine.all():
                     self.count(REASONS[name], int(fine.size - fine.sum()))
                     table = table[fine]
@@ -300,21 +309,26 @@ class Parser:
         line = line.strip()
         if line[0] in "{[":
             return self._value(json_value(line))
+        header = header_of(line, self.signals) if self.columns is None and self.signals != UY else None
+        if header is not None:
+            self.set_columns(header)
+            return []
         row = from_cells(line)
         if self.columns is not None:
             check_width(row, len(self.columns))
             return [row]
-        check_width(row, min(max(len(row), min(BY_WIDTH)), max(BY_WIDTH)))
+        by_width = self.signals.by_width
+        check_width(row, min(max(len(row), min(by_width)), max(by_width)))
         first, self._waiting = self._waiting, row
         if first is None:
             return []
         check_width(first, len(row))  # a first line of another width was cut
-        self.columns, self._waiting = BY_WIDTH[len(row)], None
+        self.columns, self._waiting = by_width[len(row)], None
         return [first, row]
 
     def _value(self, value: Any) -> list[Row]:
-        columns = columns_of(value) if self.columns is None else self.columns
-        rows = from_json(value, columns or ("u", "y"))
+        columns = columns_of(value, self.signals) if self.columns is None else self.columns
+        rows = from_json(value, columns or self.signals.names, self.signals.inputs[0])
         if self.columns is None and rows and columns:
             self.set_columns(columns)
         return rows
@@ -363,7 +377,7 @@ class Payloads:
             else tuple(payload[len(MAGIC) : HEADER].decode("ascii", "replace").strip())
         )
         numbers = payload if self._bare else payload[HEADER:]
-        if names is None or not {"u", "y"} <= set(names) <= set(FIELDS) or len(set(names)) < len(names):
+        if names is None or not self._parser.signals.are_in(names):
             raise Malformed("not packed right")
         if not numbers or len(numbers) % (8 * len(names)):
             raise Malformed("not packed right")

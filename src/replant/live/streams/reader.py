@@ -16,7 +16,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from replant.live.streams.parser import LineSplitter, Parser
-from replant.live.streams.source import Batch, Numbering
+from replant.live.streams.source import UY, Batch, Columns, Numbering, Signals
 from replant.numerics.operating_system import Worker
 
 
@@ -96,7 +96,10 @@ class Inbox:
             return 0
         with self._changed:
             if not self._ring:
-                self._ring = {name: np.empty(self._capacity, kind) for name, kind in fields(batch).items()}
+                self._ring = {
+                    name: np.empty((self._capacity, *np.shape(getattr(batch, name))[1:]), kind)
+                    for name, kind in fields(batch).items()
+                }
             if self._drop:
                 done = max(samples - self._capacity, 0)
                 over = max(self._size + samples - done - self._capacity, 0)
@@ -262,9 +265,11 @@ class Reader(ABC):
 class Wire(Reader):
     """A connection whose lines or payloads are parsed, opened again when it is lost."""
 
-    def __init__(self, name: str, columns: tuple[str, ...] | None, *, waits: bool, replays: bool = True) -> None:
+    def __init__(
+        self, name: str, columns: Columns, signals: Signals = UY, *, waits: bool, replays: bool = True
+    ) -> None:
         super().__init__(name, waits=waits, replays=replays)
-        self._parser = Parser(self._counts, columns)
+        self._parser = Parser(self._counts, columns, signals)
         self._lines = LineSplitter(self._counts)
 
     @abstractmethod

@@ -3,13 +3,66 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from replant.errors import InvalidArgumentError, shown
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+
+#: The columns of lines in their order; None: they follow from the lines.
+Columns = tuple[str, ...] | None
+
+#: The fields of a sample beside its signals: sequence number, time stamp in s, reference.
+NUMBER, TIME, REFERENCE = "n", "t", "r"
+
+
+@dataclass(frozen=True)
+class Signals:
+    """The names that lines and columns give to inputs and output."""
+
+    inputs: tuple[str, ...] = ("u",)
+    output: str = "y"
+
+    def __post_init__(self) -> None:
+        names = self.names
+        for name in names:
+            if name in (NUMBER, TIME, REFERENCE):
+                raise InvalidArgumentError(f"{name!r} is the number, time or reference of a sample: rename the signal")
+            if names.count(name) > 1:
+                role = "an input twice" if self.inputs.count(name) > 1 else "an input and the output"
+                raise InvalidArgumentError(f"{shown(name)} is {role}: name each signal once")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the inputs, then that of the output."""
+        return *self.inputs, self.output
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """All that a line may hold, in the usual order."""
+        return NUMBER, TIME, *self.names, REFERENCE
+
+    @property
+    def by_width(self) -> dict[int, tuple[str, ...]]:
+        """The columns of lines of so many cells, where neither the URL nor a header names them."""
+        ways = (self.names, (TIME, *self.names), (NUMBER, TIME, *self.names))
+        return {len(columns): columns for columns in ways}
+
+    def are_in(self, columns: Collection[str]) -> bool:
+        """Return whether columns hold each signal, each name once, and nothing that is unknown."""
+        return set(self.names) <= set(columns) <= set(self.fields) and len(set(columns)) == len(columns)
+
+
+UY = Signals()
+
+
+def together(columns: Sequence[FloatArray]) -> FloatArray:
+    """Return the inputs of a batch: that of one input as it is, those of several as (K, q)."""
+    return columns[0] if len(columns) == 1 else np.column_stack(columns)
+
 
 #: The values of `Source.state`.
 STATES = ("connecting", "connected", "waiting", "ended")
@@ -55,7 +108,8 @@ class Source(Protocol):
 class Batch:
     """Samples that arrived together; empty while the source is idle."""
 
-    u: FloatArray  # u, y: (K,): input and output in the device's units; NaN where the device sent none
+    # u, y: (K,): input and output in the device's units; NaN where the device sent none; several inputs: u is (K, q)
+    u: FloatArray
     y: FloatArray
     # (K,): the device's time stamps in s.  None: the device sends no stamps; the clock is regular, and each sample is
     # one sampling time after the one before
@@ -67,7 +121,7 @@ class Batch:
     r: FloatArray | None = None
 
     def __len__(self) -> int:
-        return int(self.u.size)
+        return len(self.y)
 
     def select(self, rows: slice | BoolArray | IntArray) -> Batch:
         """Return the samples that ``rows`` selects: a slice, a mask (K,) or indices."""
