@@ -135,7 +135,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
     names = UNNAMED if columns == UY else SignalNames(columns.inputs[0], columns.output)
     trusted = run(
         source,
-        _request(options, columns.inputs),
+        _request(options),
         Limits(options["seconds"], options["samples"], options["until"] == "trusted"),
         dashboard=None if page in (None, "off") else DashboardAddress(*address_of("--dashboard", page), token),
         truth=None if demo is None else demo[0].plant,
@@ -189,7 +189,8 @@ def _signals(options: dict[str, Any]) -> Signals:
     return Signals((inputs,) if isinstance(inputs, str) else inputs, output)
 
 
-def _request(options: dict[str, Any], inputs: tuple[str, ...]) -> Asked:
+def _request(options: dict[str, Any]) -> Asked:
+    inputs = _signals(options).inputs
     poles = "--poles 2" if len(inputs) == 1 else f"--poles {','.join('1' * len(inputs))}"
     for name, example in (("poles", poles), ("dt", "--dt 0.001")):
         if options[name] is None:

@@ -229,7 +229,8 @@ def make_view(
     std = np.concatenate([each.std for each in seen.uncertainties])
     history.append(info.at, parameters, std)
     each = zip(seen.labels, seen.structures, seen.models, seen.uncertainties, strict=True)
-    first, *more = (_from_input(*one, truth, identifier.dt, finite=finite) for one in each)
+    first, *others = (_from_input(*one, truth, identifier.dt, finite=finite) for one in each)
+    window, inputs = _window(seen.newest, seen.output, info.at)
     return View(
         **vars(first),
         **vars(info),
@@ -248,10 +249,10 @@ def make_view(
         if noise is None or noise.residual_variance == 0.0
         else math.sqrt(noise.residual_variance),
         output_label=signals.output,
-        window=_window(seen.newest, seen.output, info.at),
+        window=window,
         history=history.rows(),
         model=seen.model,
-        more_inputs=tuple(more),
+        more_inputs=tuple(view.FurtherInput(**vars(one), u=u) for one, u in zip(others, inputs, strict=True)),
     )
 
 
@@ -312,15 +313,15 @@ def _times(newest: NewestSamples, at: float) -> FloatArray:
     return np.asarray(at - (newest.intervals.sum() - np.cumsum(newest.intervals)))
 
 
-def _window(newest: NewestSamples, output: FloatArray, at: float) -> Window:
-    """Return the newest samples with the model's output."""
+def _window(newest: NewestSamples, output: FloatArray, at: float) -> tuple[Window, list[FloatArray]]:
+    """Return the newest samples with the model's output, and the inputs (V,) after the first."""
     y, r, judged, t = newest.output, newest.reference, newest.judged, _times(newest, at)
     residual, inputs = np.where(judged, y - output, np.nan), np.atleast_2d(newest.input.T)
     drawn_t, drawn = _thinned(t, [*inputs, y, output, residual, *([r] if r.size else [])])
     (u, *more), (y, output, residual) = drawn[: len(inputs)], drawn[len(inputs) : len(inputs) + 3]
     rows = joined(stretches_of(~judged), max(1, t.size // POINTS))  # each begins at the sample before it
     left_out = np.column_stack([t[np.maximum(rows[:, 0] - 1, 0)], t[np.minimum(rows[:, 1], t.size) - 1]])
-    return Window(drawn_t, u, y, output, residual, left_out, drawn[-1] if r.size else r, tuple(more))
+    return Window(drawn_t, u, y, output, residual, left_out, drawn[-1] if r.size else r), more
 
 
 def _thinned(t: FloatArray, signals: Sequence[FloatArray]) -> tuple[FloatArray, list[FloatArray]]:

@@ -110,7 +110,7 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
     rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis")]
     if view.window.r.size:
         newest = {"reference": view.window.r, "output": view.window.y}
-        inputs = (view.window.u, *view.window.more_inputs)
+        inputs = (view.window.u, *(each.u for each in view.more_inputs))
         names = [each.input_label for each in view.inputs] if view.more_inputs else ["input"]
         newest |= dict(zip(names, inputs, strict=True))
         rows.append(Text("   ".join(f"{name} {grouped(float(signal[-1]))}" for name, signal in newest.items())))

@@ -55,7 +55,6 @@ class Window:
     # bridged or lie before the last interruption
     left_out: FloatArray
     r: FloatArray  # (V,) or (0,): reference; empty where there is none
-    more_inputs: tuple[FloatArray, ...] = ()  # (V,) each: those after the first
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +123,13 @@ class FromInput:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
+class FurtherInput(FromInput):
+    """The same of an input after the first, with its samples."""
+
+    u: FloatArray  # (V,): at the times of the window
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
 class View(SessionInfo, FromInput):
     """A running identification at one moment: what the session says, and what the identifier does."""
 
@@ -145,7 +151,7 @@ class View(SessionInfo, FromInput):
     window: Window
     history: Rows
     model: Mapping[str, Any]  # the model to be kept, as JSON; empty while there is none
-    more_inputs: tuple[FromInput, ...] = ()  # the models from the inputs after the first
+    more_inputs: tuple[FurtherInput, ...] = ()
 
     @property
     def inputs(self) -> tuple[FromInput, ...]:
