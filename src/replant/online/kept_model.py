@@ -117,9 +117,8 @@ def newest_samples(estimate: Estimate) -> NewestSamples:
 def newest_of_row(identifier: RowIdentifier, found: RowFit | None) -> NewestSamples:
     """Return the newest samples of several inputs, of which ``found`` is the fit; of references the first."""
     (u, y), intervals, references = identifier.recent, identifier.recent_intervals, identifier.recent_reference
-    judged, times = np.isfinite(y), np.cumsum(intervals) - intervals[:1]
+    judged = np.isfinite(y)
     if found is not None:
         judged[np.concatenate([found.outliers, found.stuck])] = False
-        judged &= times >= max(each.delay for each in identifier.structures)  # what answers to inputs before
     regular = bool((np.abs(intervals[1:] - identifier.dt) <= IRREGULAR * identifier.dt).all())
     return NewestSamples(u, y, intervals, references[:, :1].ravel(), judged, regular)

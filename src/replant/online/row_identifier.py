@@ -427,7 +427,10 @@ class RowIdentifier(Shared):
         return found.model
 
     def fit_of_newest(self) -> RowFit | None:
-        """Return the estimate as a fit of the newest samples, at most 10000; None where they are too few."""
+        """Return the estimate as a fit of the newest samples, at most 10000; None where they are too few.
+
+        Its output is NaN where the plant answers to inputs from before the samples, or from before a gap in them.
+        """
         state = self._now
         found = state.newest()
         if found is None:
@@ -446,7 +449,9 @@ class RowIdentifier(Shared):
         rejected = state.rejected | {"outlier": outliers.size, "stuck": stuck.size}
         model = row_model(row, ready, estimate, self.dt, "y", fits, verdict, made)
         model = replace(model, rejected=tuple(rejected.items()))
-        return RowFit(model, simulated, outliers, stuck, missing)
+        answers = np.zeros(ready.used.size, bool)
+        answers[ready.used] = ready.record.answers(max(each.delay for each in self.structures))
+        return RowFit(model, np.where(answers, simulated, np.nan), outliers, stuck, missing)
 
     def assess(self) -> Verdict:
         """Return the verdict: whether to trust the estimate, and why in plain words.

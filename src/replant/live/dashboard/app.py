@@ -32,7 +32,7 @@ from replant.report.page import uplot
 COMMANDS = ("freeze", "adapt", "reset")
 DIGITS = 7  # digits of a number that is only drawn: a screen shows four [count]
 _SLOW = ("bode", "step", "truth")  # they change slowly: they are sent with the history
-_DRAWN = ("window", *_SLOW, "history")
+_DRAWN = ("window", "more_inputs", *_SLOW, "history")
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ HISTORY_PERIOD = 1.0  # time between two messages of what is long and changes sl
 MOST_WATCHING = 256  # browsers at a time [count]
 _OVER, _TRY_LATER, _POLICY = 1000, 1013, 1008  # codes of closing a websocket [number]
 _TYPES = {".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}
-_SCRIPTS = ("dashboard", "verdict", "sign", "model", "plane", "span", "signals", "responses", "parameters")
+_SCRIPTS = ("dashboard", "verdict", "sign", "inputs", "model", "plane", "span", "signals", "responses", "parameters")
 _OWN = (*(f"{name}.js" for name in _SCRIPTS), "frame.css", "dashboard.css", "icon.svg")
 _OF_REPORT = ("chart.js", "format.js", "palette.css")  # what the report draws with, too
 
@@ -318,15 +318,23 @@ def file_answer(content: bytes, kind: str, name: str) -> Response:
 
 
 def python_of(model: dict[str, Any]) -> str:
-    """Return a program that makes the model's transfer function."""
-    num, den = ([float(value) for value in model[key]] for key in ("num", "den"))
+    """Return a program that makes the model's transfer function, or of several inputs that of each, by its name."""
     verdict = " ".join(str(model["verdict"]["status"]).split())  # in one line, so that it cannot end the comment
     return (
         f"# identified by replant from {int(model['samples'])} samples; verdict: {verdict}\n"
         "from replant import TransferFunction\n\n"
-        f"G = TransferFunction(num={num}, den={den}, delay={float(model['delay'])})\n"
+        f"G = {_plants(model)}\n"
         "print(G)\n"
     )
+
+
+def _plants(model: dict[str, Any]) -> str:
+    if isinstance(model["delay"], list):
+        parts = zip(*(model[key] for key in ("num", "den", "delay", "input")), strict=True)
+        each = [{"num": num, "den": den, "delay": delay, "input": one} for num, den, delay, one in parts]
+        return "".join(["{\n", *(f"    {str(one['input']['name'])!r}: {_plants(one)},\n" for one in each), "}"])
+    num, den = ([float(value) for value in model[key]] for key in ("num", "den"))
+    return f"TransferFunction(num={num}, den={den}, delay={float(model['delay'])})"
 
 
 def _own(name: str) -> bytes:

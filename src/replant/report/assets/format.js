@@ -7,8 +7,8 @@ export const known = value => typeof value === "number" && Number.isFinite(value
 const signed = text => text.replace("-", "−");
 export const superscript = n => String(n).replace(/[-0-9]/g, c => SUPER["-0123456789".indexOf(c)]);
 
-/** A name with its number as subscript: a1 to a₁. */
-export const lowered = name => name.replace(/\d+$/, digits => digits.replace(/\d/g, d => SUB[d]));
+/** A name with its number as subscript: a1 to a₁, a1.Q1 to a₁.Q1. */
+export const lowered = name => name.replace(/\d+(?=$|\.)/, digits => digits.replace(/\d/g, d => SUB[d]));
 
 /** Mantissa and power of ten of a number with that many digits; power 0 for a number of moderate size. */
 export function parts(value, digits = 4) {

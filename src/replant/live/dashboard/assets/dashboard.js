@@ -1,5 +1,6 @@
 // The page: a websocket delivers views, of which the newest is drawn; buttons send commands.
 import { clock, count, percent, rate, shortly, uncertain } from "./format.js";
+import { inputChoice } from "./inputs.js";
 import { fillModes, typeset } from "./model.js";
 import { splane } from "./plane.js";
 import { dragging, readColours } from "./chart.js";
@@ -46,7 +47,7 @@ function small(place, [value, std]) {
 // --- drawing: the newest view, at most once a frame, and only while the page is visible ---
 const span = timeSpan(at("span"), ask);
 const time = signalPlots(span), bode = bodePlots(ask), step = stepPlot(ask), parameters = parameterPlots(at("multiples"), span);
-const plane = splane(at("plane"));
+const plane = splane(at("plane")), input = inputChoice(at("inputs"), ask);
 addEventListener("mouseup", ask); // what came while a stretch was being chosen
 readColours();
 
@@ -57,17 +58,18 @@ function draw() {
   if (!view || document.hidden || dragging()) return;
   drawVitals(view);
   drawVerdict(view, apartFrom());
+  const one = input.of(view);
   at("main").dataset.model = view.den?.length ? "yes" : "no";
-  typeset(at("formula"), view);
+  typeset(at("formula"), one);
   write(at("fit"), percent(view.simulated));
   nameSignals(view);
-  at("main").dataset.truth = view.truth ? "yes" : "no";
-  small(at("gain"), uncertain(view.dc_gain, view.dc_gain_std));
-  fillModes(at("modes"), view);
+  at("main").dataset.truth = one.truth ? "yes" : "no";
+  small(at("gain"), uncertain(one.dc_gain, one.dc_gain_std));
+  fillModes(at("modes"), one);
   time.draw(view);
-  bode.draw(view);
-  step.draw(view);
-  plane.draw(view);
+  bode.draw(one);
+  step.draw(one);
+  plane.draw(one);
   if (history) parameters.draw(view, history);
   at("main").dataset.drawn = String(1 + Number(at("main").dataset.drawn ?? 0));
   showLink();

@@ -15,6 +15,7 @@ function shares([low, high], [from, to]) {
 const wider = ([low, high], [from, to]) => (from === null ? [low, high] : [Math.min(low ?? from, from), Math.max(high ?? to, to)]);
 
 export function signalPlots(span) {
+  const blank = at("input").closest("figure").cloneNode(true), more = []; // plots of the inputs after the first
   const say = {
     output: legend(keyPlace("output"), [{ role: "measured", label: "measured", kind: "thick" }, { role: "model", label: "simulated" },
       { role: "muted", label: "reference", kind: "dashed" }, { role: "shade", label: "left out", kind: "shade" }]),
@@ -37,11 +38,33 @@ export function signalPlots(span) {
   const residual = plot("residual", [line("residual", { width: 1.25 }), line("muted", ruled), line("muted", ruled)],
     i => say.residual(newest(shown.residual, i), number(sigma && 3 * sigma, 2)));
   const reference = plot("reference", [line("muted", { width: 1.25 })], i => say.reference(newest(shown.r, i))); // not of the size of the output, as a dither
-  const input = plot("input", [line("input", { width: 1.25, paths: uPlot.paths.stepped({ align: 1 }) })], i => say.input(newest(shown.u, i)),
+  const inputPlot = (name, u) => plot(name, [line("input", { width: 1.25, paths: uPlot.paths.stepped({ align: 1 }) })], i => say[name](newest(u(), i)),
     { x: { incrs: TIMES, values: (_, ticks) => ticks.map(t => (t ? timeLabel(t, 0) : "now")) } });
+  const input = inputPlot("input", () => shown.u);
+  const further = number => {
+    const name = `input-${number}`, figure = blank.cloneNode(true), place = figure.querySelector("#input"), label = figure.querySelector("#input-name");
+    [place.id, label.id, figure.querySelector(".legend").dataset.for] = [name, `${name}-name`, name];
+    at("input").closest("section").append(figure);
+    say[name] = legend(keyPlace(name), [{ role: "input", label: "" }]);
+    [fit[name], limits[name]] = [steady(), [0, 1]];
+    const one = { figure, label, name, u: [] };
+    one.chart = inputPlot(name, () => one.u);
+    return one;
+  };
+  const drawMore = (t, inputs, inside) => {
+    while (more.length < inputs.length) more.push(further(more.length + 2));
+    more.forEach((one, i) => {
+      one.figure.hidden = i >= inputs.length;
+      if (one.figure.hidden) return;
+      one.u = inputs[i].u;
+      one.label.textContent = inputs[i].input_label;
+      limits[one.name] = fit[one.name](...inside(one.u));
+      one.chart.draw([t, one.u]);
+    });
+  };
   return {
-    charts: [output, residual, reference, input],
-    draw({ window, residual_std: std }) {
+    get charts() { return [output, residual, reference, input, ...more.map(one => one.chart)]; },
+    draw({ window, residual_std: std, more_inputs: inputs = [] }) {
       end = window.t.at(-1) ?? 0;
       span.tell(end - (window.t[0] ?? end));
       x = span.of(window.t[0] ?? end - 1, end).map(value => value - end);
@@ -66,6 +89,7 @@ export function signalPlots(span) {
       residual.draw([t, window.residual ?? none, ...[3, -3].map(sign => (sigma === null ? none : t.map(() => sign * sigma)))]);
       reference.draw([t, r.length ? r : none]);
       input.draw([t, window.u]);
+      drawMore(t, inputs, inside);
     },
   };
 }
