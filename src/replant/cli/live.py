@@ -125,6 +125,8 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
         source = looped(source)
     demo = demo_of(source)
     if demo is not None:
+        if _signals(options) != UY:
+            raise InvalidArgumentError(f"{source}: the rig has one input and one output: leave -i and -o out")
         rig, _ = demo
         poles, zeros = rig.plant.den.size - 1, rig.plant.num.size - 1
         defaults = {"poles": (poles,), "zeros": (zeros,), "dt": rig.dt, "dashboard": DASHBOARD}

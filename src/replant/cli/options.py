@@ -287,8 +287,9 @@ def check_one_input(options: dict[str, Any]) -> None:
     """Raise InvalidArgumentError where poles, zeros or dead time are those of several inputs."""
     for name in STRUCTURE:
         if isinstance(options[name], Each):
+            one = f", {options['input_column']}" if options["input_column"] else ""
             raise InvalidArgumentError(
-                f"--{name} has {len(options[name])} numbers, and there is one input: name the others, each with -i"
+                f"--{name} has {len(options[name])} numbers, and there is one input{one}: name the others, each with -i"
             )
 
 

@@ -18,7 +18,7 @@ from replant.estimation.settings import Request
 from replant.kernels.schema import FARTHEST, LEAP
 from replant.live.outputs.message import DiskWriter
 from replant.live.streams import Batch
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import BoolArray, FloatArray
 from replant.online.checkpoint.files import write
 from replant.online.identifier import Identifier
 from replant.online.row_identifier import RowIdentifier
@@ -39,8 +39,11 @@ class RigClock:
     show that the clock was set back or the device was reset: the offset is then changed so that rig time continues
     after a gap, at which the filters restart.  A clock that jumps ahead makes such a gap by itself.  A stamp that leaps
     by more than `LEAP` sampling times, and the very first stamp, advance rig time only once the next stamp confirms
-    them.  Every stamp is returned: the identifier applies the same rule, rejects samples and counts them.
+    them.  Every stamp is returned: the identifier of one input applies the same rule, rejects samples and counts them;
+    for that of several `leaps` tells which stamps (K,) of the last call are not confirmed.
     """
+
+    leaps: BoolArray
 
     def __init__(
         self,
@@ -62,8 +65,11 @@ class RigClock:
             steps = np.diff(shifted) if is_first else np.diff(shifted, prepend=self.last)
             if (steps > 0.0).all() and (steps <= self._leap).all():
                 self._advance(float(shifted[-1]))
+                self.leaps = np.zeros(t.size, bool)
                 return shifted
-        one_by_one = np.array([self._one(stamp) for stamp in t.tolist()])
+        followed = [(self._one(stamp), self.last) for stamp in t.tolist()]
+        one_by_one = np.array([shifted for shifted, _ in followed])
+        self.leaps = np.array([not shifted <= last for shifted, last in followed])
         return one_by_one if self.offset else t
 
     def _one(self, stamp: float) -> float:

@@ -131,7 +131,7 @@ class Session:
         t = self._stamps(batch)
         before = self._accepted_outputs
         self._inconsistent = True
-        self.identifier.update_many(batch.u, batch.y, t, batch.r)
+        self.identifier.update_many(batch.u, batch.y, self._confirmed(t), batch.r)
         if self._accepted_outputs > before:
             self._publisher.accepted()
         rig_time = self.progress.advance(batch, t, self.identifier.dt)
@@ -161,6 +161,12 @@ class Session:
             )  # fmt: skip
         self.progress.follow(self._clock)
         return t
+
+    def _confirmed(self, t: FloatArray | None) -> FloatArray | None:
+        """Return the stamps, NaN where one leaps and the identifier would follow it."""
+        if t is None or isinstance(self.identifier, Identifier):
+            return t
+        return np.where(self._clock.leaps, np.nan, t)
 
     # --- everything besides learning
 

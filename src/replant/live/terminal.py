@@ -127,7 +127,7 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
         fit = f"Fit  {grouped(view.simulated)} % from the input{'s' if several else ''} alone, newest samples"
         fit = fit if math.isfinite(view.simulated) else ""
         gains = ", ".join(with_std(each.dc_gain, each.dc_gain_std) for each in view.inputs)
-        rows.append(Text(f"DC gain  {gains}    {fit}"))
+        rows += [Text(f"DC gain  {gains}"), Text(fit)] if several else [Text(f"DC gain  {gains}    {fit}")]
     rows.append(Text.assemble("Verdict  ", (f"{shape} {view.verdict}", f"bold {colour}"), frozen))
     rows += [Padding(Text(line), (0, 0, 0, 9)) for reason in view.reasons for line in wrapped(reason, REASONS_WIDTH)]
     if running:

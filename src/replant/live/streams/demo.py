@@ -257,7 +257,5 @@ def demo_voltage(samples: int, seed: int) -> FloatArray:
 def open_demo(address: Address, columns: Columns, signals: Signals) -> DemoSource:
     """Return the source of the URL ``demo``."""
     address.allow("speed", "seed", "loop")
-    if signals != UY:
-        raise InvalidArgumentError(f"{address.name}: the rig has one input and one output: leave their names out")
     looped = address.one_of("loop", LOOPS, "none") == "pi"
     return DemoSource(address.name, speed_of(address, 1.0), address.whole("seed", 0, least=0), looped=looped)
