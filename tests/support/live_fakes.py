@@ -51,8 +51,8 @@ class FakeSource:
         self._closed = True
 
     def batches(self) -> Iterator[Batch]:
-        while self._at < self._u.size and not self._closed:
-            end = min(self._at + int(self._generator.integers(0, 50)), self._u.size)
+        while self._at < len(self._u) and not self._closed:
+            end = min(self._at + int(self._generator.integers(0, 50)), len(self._u))
             part = slice(self._at, end)
             self._at = end
             yield Batch(

@@ -1,0 +1,150 @@
+"""Several inputs on every live source: in lines with or without a header, objects and packets, and from logs."""
+
+from __future__ import annotations
+
+import json
+import socket
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from replant.errors import InvalidArgumentError
+from replant.live.streams import Batch, Signals, open_source
+from replant.live.streams.parser import MAGIC, Parser, Payloads
+from replant.live.streams.reader import Inbox
+from replant.live.streams.source import Numbering
+from support.cases import every
+from support.wires import Peer, Reading
+
+HEATERS = Signals(("Q1", "Q2"), "T1")
+U, Y = np.array([[1.0, 4.0], [2.0, 5.0], [3.0, 6.0]]), np.array([0.5, 0.6, 0.7])
+N = np.arange(3)
+BY_NAME = {"n": N, "t": 0.1 * N, "Q1": U[:, 0], "Q2": U[:, 1], "T1": Y, "r": 7.0 + Y}
+
+
+def read(text: str, columns: tuple[str, ...] | None = None, signals: Signals = HEATERS) -> tuple[Batch, Counter[str]]:
+    counters: Counter[str] = Counter()
+    batch = Parser(counters, columns, signals).parse(text.encode(), arrived=0.0)
+    assert batch is not None
+    return batch, counters
+
+
+def csv(columns: tuple[str, ...], copies: int = 1) -> str:
+    rows = zip(*(BY_NAME[name] for name in columns), strict=True)
+    return copies * "".join(",".join(map(repr, map(float, row))) + "\n" for row in rows)
+
+
+@every("columns", [("Q1", "Q2", "T1"), ("t", "Q1", "Q2", "T1"), ("n", "t", "Q1", "Q2", "T1")])
+@every("copies", [1, 20])
+def test_the_width_tells_the_columns_of_lines_without_a_header(columns: tuple[str, ...], copies: int) -> None:
+    batch, counters = read(csv(columns, copies))
+    np.testing.assert_array_equal(batch.u, np.tile(U, (copies, 1)))
+    np.testing.assert_array_equal(batch.y, np.tile(Y, copies))
+    assert (batch.t is None, batch.sequence is None) == ("t" not in columns, "n" not in columns)
+    assert counters == {}
+
+
+@every("copies", [1, 20])
+def test_a_header_names_the_columns_in_any_order_and_others_are_left_out(copies: int) -> None:
+    columns = ("T1", "r", "Q2", "t", "Q1")
+    batch, counters = read(f'time, "Q2",T1 ,room,Q1\n{csv(("t", "Q2", "T1", "n", "Q1"), copies)}')
+    np.testing.assert_array_equal(batch.u, np.tile(U, (copies, 1)))
+    np.testing.assert_array_equal(batch.t, np.tile(0.1 * N, copies))
+    assert (batch.sequence, batch.r, counters) == (None, None, {})
+    batch, _ = read(f"{','.join(columns)}\n{csv(columns, copies)}")
+    np.testing.assert_array_equal(batch.r, np.tile(7.0 + Y, copies))
+
+
+def test_a_header_counts_as_refused_where_the_signals_have_no_names_of_their_own() -> None:
+    batch, counters = read("t,u,y\n0.0,1,2\n0.1,3,4\n", signals=Signals())
+    assert (batch.u.tolist(), counters) == ([1.0, 3.0], {"not a number": 1})
+
+
+def test_one_input_may_have_a_name_too() -> None:
+    batch, _ = read("speed,volt\n3,1\n4,2\n", signals=Signals(("volt",), "speed"))
+    assert (batch.u.tolist(), batch.y.tolist()) == ([1.0, 2.0], [3.0, 4.0])
+
+
+@every("copies", [1, 20])
+def test_objects_and_arrays(copies: int) -> None:
+    lines = copies * "".join(json.dumps({"Q2": b, "T1": y, "Q1": a}) + "\n" for (a, b), y in zip(U, Y, strict=True))
+    batch, counters = read(lines)
+    np.testing.assert_array_equal(batch.u, np.tile(U, (copies, 1)))
+    arrays = json.dumps({"n": 4, "Q1": [1, None, 3], "Q2": [4, 5, 6], "T1": Y.tolist()}) + "\n"
+    batch, counters = read(copies * arrays)
+    np.testing.assert_array_equal(batch.u[:3], [[1.0, 4.0], [np.nan, 5.0], [3.0, 6.0]])
+    assert batch.sequence.tolist()[:3] == [4, 5, 6]
+    assert counters == {}
+
+
+def test_faulty_lines_are_counted_and_the_others_used() -> None:
+    batch, counters = read("1,4,0.5\n2,5,0.6\n2,0.6\n2,x,0.6\n3,6,0.7\n1,2,3,4,5,6\n")
+    np.testing.assert_array_equal(batch.u, U)
+    assert counters == {"fields missing": 1, "not a number": 1, "too many fields": 1}
+    assert read('{"Q1": 1, "T1": 2}\n{"Q1": 1, "Q2": 2, "T1": 3}\n')[1] == {"fields missing": 1}
+
+
+def test_packed_payloads_with_letters_as_names_and_without_a_header() -> None:
+    table = np.column_stack([U, Y]).astype("<f8").tobytes()
+    of_letters = Payloads(Parser(Counter(), None, Signals(("v", "w"), "y")))
+    np.testing.assert_array_equal(of_letters.parse([MAGIC + b"vwy " + table], 0.0).u, U)
+    bare = Payloads(Parser(Counter(), HEATERS.names, HEATERS), bare=True)
+    np.testing.assert_array_equal(bare.parse([table], 0.0).u, U)
+
+
+def test_the_inbox_and_the_numbering_keep_rows_together() -> None:
+    """Round the end of the ring, and with a sample held back until the next one confirms its number."""
+    inbox = Inbox(capacity=4, drop=False)
+    for _ in range(5):
+        inbox.put(Batch(U, Y, None, None, 0.0))
+        taken = [inbox.get(0.0)]
+        while sum(map(len, taken)) < 3:
+            taken.append(inbox.get(0.0))
+        np.testing.assert_array_equal(np.concatenate([batch.u for batch in taken]), U)
+    numbering, kept = Numbering(Counter(), replays=False), []
+    for k, number in enumerate([1, 500, 501]):
+        kept.append(numbering.screen(Batch(U[[k]], Y[[k]], None, np.array([number]), 0.0)).u)
+    np.testing.assert_array_equal(np.concatenate(kept), U)
+
+
+def test_a_peer_whose_columns_the_url_names() -> None:
+    peer = Peer()
+    reading = Reading(open_source(f"{peer.url}?columns=n,T1,Q2,Q1", HEATERS))
+    peer.accept().sendall(csv(("n", "T1", "Q2", "Q1")).encode())
+    reading.wait_for(3)
+    reading.finish()
+    peer.close()
+    np.testing.assert_array_equal(reading.column("u"), U)
+
+
+def test_datagrams_without_a_header() -> None:
+    source = open_source("udp://127.0.0.1:0?format=doubles&columns=Q1,Q2,T1", HEATERS)
+    reading = Reading(source)
+    reading.wait_state("connected")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(np.column_stack([U, Y]).astype("<f8").tobytes(), ("127.0.0.1", source.port))
+        reading.wait_for(3)
+    reading.finish()
+    np.testing.assert_array_equal(reading.column("u"), U)
+
+
+@every("named", [True, False])
+def test_a_log_is_replayed_by_the_names_of_its_columns(named: bool, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    columns = ("t", "T1", "r", "Q1", "Q2")
+    path.write_text(f"{','.join(columns)}\n{csv(columns)}")
+    clock = "&time=t" if named else ""
+    (batch,) = filter(len, open_source(f"{path}?reference=r{clock}", HEATERS).batches())
+    np.testing.assert_array_equal(batch.u, U)
+    np.testing.assert_array_equal(batch.y, Y)
+    np.testing.assert_array_equal(batch.r, 7.0 + Y)
+    np.testing.assert_array_equal(batch.t, 0.1 * N)
+    with pytest.raises(InvalidArgumentError, match="name the signals in the address or with -i and -o, not both"):
+        open_source(f"{path}?input=Q1", HEATERS)
+
+
+def test_columns_that_lack_a_signal_are_refused() -> None:
+    with pytest.raises(InvalidArgumentError, match=r"columns=t,Q1,T1 must name Q1, Q2 and T1.* columns=n,t,Q1,Q2,T1"):
+        open_source("tcp://127.0.0.1:9?columns=t,Q1,T1", HEATERS)
