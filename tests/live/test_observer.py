@@ -82,11 +82,11 @@ def test_views_come_back_and_go_to_the_page(observer: Observer, monkeypatch: pyt
     assert observer.view is observer.last
     np.testing.assert_array_equal(view.parameters, ident.parameters)
     assert view.verdict == ident.assess().status
+    assert seen(observer, ident, learned=False).samples == 3000  # the info alone; the page has the view before by now
     request = urllib.request.Request(observer.url + "model.json")
     with urllib.request.urlopen(request, timeout=PATIENCE) as answer:
         model = json.load(answer)
     assert model["den"] == [1.0, ident.parameters[0]]
-    assert seen(observer, ident, learned=False).samples == 3000  # the info alone
 
 
 def test_commands_come_back_from_the_page(observer: Observer) -> None:

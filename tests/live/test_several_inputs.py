@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import functools
 import io
 import json
 import re
@@ -22,48 +21,19 @@ from replant.live.dashboard.app import python_of
 from replant.live.make_view import EstimateHistory, make_view
 from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
 from replant.live.progress import Progress, resume
-from replant.live.streams import Signals
 from replant.live.terminal import render, report_of
-from replant.live.view import SessionInfo, SignalNames, View
+from replant.live.view import SessionInfo
 from replant.online import saving
 from support.cases import every
 from support.command import call
 from support.live_command import estimates, finished, live
 from support.live_fakes import FakeSink, FakeSource, make
-from support.rows import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
+from support.live_rows import HEATERS, NAMES, T, U, Y, fresh, learned, seen
+from support.rows import DT, FAST, SLOW, TRUE
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
-HEATERS = Signals(("Q1", "Q2"), "T1")
-U = toggling(3, samples=3000)
-Y = noisy(3, row_of(U, FAST, SLOW))
-T = DT * np.arange(len(U))
-NAMES = ("a1.Q1", "a0.Q1", "b0.Q1", "a0.Q2", "b0.Q2")
 OPTIONS = ("-i", "Q1", "-i", "Q2", "-o", "T1", "-p", "2,1", "--delay", "0,0.3", "--dt", str(DT))
-
-
-def fresh(**other: Any) -> Any:
-    return rp.Identifier(**{**ASKED, "dt": DT, "input_names": HEATERS.inputs, **other})
-
-
-@functools.cache
-def _learned() -> Any:
-    identifier = fresh()
-    identifier.update_many(U, Y, T)
-    return identifier
-
-
-def learned() -> Any:
-    return _learned().clone()
-
-
-@functools.cache
-def seen() -> View:
-    identifier = learned()
-    info, names = SessionInfo(at=float(T[-1]), source="fake://"), SignalNames("Q1", "T1")
-    found = make_view(identifier, info, EstimateHistory(5), signals=names)
-    assert identifier.to_bytes() == learned().to_bytes(), "looking changed the identifier"
-    return found
 
 
 # --- the session
