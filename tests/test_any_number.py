@@ -138,8 +138,8 @@ FUNCTIONS: dict[Callable[..., Any], dict[str, Any]] = {
 RESULTS = {
     "Assessment", "Verdict", "Simulation", "FitResult", "RowFit", "Trace", "Loaded", "Recording", "Table", "Batch",
     "Actuator", "Cell", "Experiment", "Improvement", "Plant", "Row", "RowResult", "TableResult", "Replication",
-    "Stretch", "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "Signals", "ReferenceUse", "Validation",
-    "Inspection", "ModelComparison", "MatrixFit",
+    "Stretch", "Optimizer", "Filter", "DiscreteFilter", "Dashboard", "Hub", "Source", "ReferenceUse", "Validation",
+    "Inspection", "ModelComparison", "MatrixFit", "Signals",
     "Fleet", "Trial",
 }  # fmt: skip
 

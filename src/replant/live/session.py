@@ -37,6 +37,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import refusal
 from replant.online.identifier import Identifier
+from replant.online.row_identifier import RowIdentifier
 from replant.verdict.estimate_tests import MOVED_SIGMAS
 
 
@@ -354,6 +355,8 @@ def run(
         )
         if record is not None:
             observer.show(f"replant: cut and fit it meanwhile: {shlex.join(['replant', 'open', str(record)])}")
+        if isinstance(session.identifier, RowIdentifier):
+            observer.show("replant: of several inputs, changes of the plant are not looked for: reset after one")
         reached = session.run()
         waits = session.identifier.forced_waits if isinstance(session.identifier, Identifier) else 0
         if waits:
