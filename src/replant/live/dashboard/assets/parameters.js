@@ -25,6 +25,7 @@ function parameterPlot(room, name, i, span) {
   const figure = document.createElement("figure"), head = document.createElement("figcaption"), place = document.createElement("div");
   const title = document.createElement("h3"), value = document.createElement("b"), std = document.createElement("small");
   title.textContent = lowered(name);
+  title.title = name;
   head.append(title, value, std);
   place.className = "plot small";
   place.setAttribute("role", "img");
