@@ -1,6 +1,8 @@
-"""The start of a row: one denominator with the poles of all branches, dealt to the branches in every way.
+"""The start of a row: one denominator with the poles of all branches, from which each branch gets its own.
 
-Splitting a common denominator by a basis or by backfitting finds 26 to 29 of 30 plants; dealing all of 100.
+A common denominator with many poles fits without having the poles of the branches.  Each branch is therefore reduced to
+its own number of poles and refined on what it alone does; and the poles are dealt to the branches in every way.  Of 200
+random rows of three inputs, starts that lead to the minimum near the truth: reduced 192, dealt 192, both 196.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import numpy.typing as npt
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.row import Point, Row, evaluate
-from replant.estimation.solver.row_steps import is_near, path, solved
+from replant.estimation.solver.row_steps import is_near, path, refine, solved
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
@@ -26,9 +28,11 @@ CUTOFFS = 6  # from 5 per record to one per sampling time [count]
 ROUNDS = 6  # of refined instruments from each cutoff [count]
 KEPT = 4  # dealt models that are refined [count]
 SHORT = 8  # steps of each [count]
-ANOTHER = 1.02  # cost above which a second common denominator is dealt too [ratio of the best one's]
+SPLIT = 4  # common denominators whose branches are reduced, at the most [count]
+ANOTHER = 1.02  # cost above which a common denominator is another one [ratio]
 
 
+@quiet
 def start(
     structures: tuple[Structure, ...], record: Record, inputs: FloatArray, noise: Autoregression | None = None
 ) -> list[Point]:
@@ -40,11 +44,16 @@ def start(
     found = sorted(_common(shared, noise, record.span), key=lambda pair: pair[0])
     if not found:
         return []
-    others = [pair for pair in found if pair[0] > ANOTHER * found[0][0]]
-    dealt = (theta for _, denominator in [found[0], *others[:1]] for theta in _dealt(row, denominator))
-    return _best_of(row, dealt, noise)
+    apart = found[:1]
+    for pair in found:
+        if pair[0] > ANOTHER * apart[-1][0]:
+            apart.append(pair)
+    split = (_split(row, shared, denominator, noise) for _, denominator in apart[:SPLIT])
+    models = [theta for theta in split if theta is not None]
+    return _best_of(row, [*models, *_dealt(row, found[0][1])], noise)
 
 
+@quiet
 def start_without(row: Row, theta: FloatArray, left_out: Sequence[int], noise: Autoregression) -> list[Point]:
     """Return the best models without some inputs of a model: branches keep their poles, or one takes of theirs."""
     less = [i for i in range(len(row.structures)) if i not in left_out]
@@ -82,7 +91,6 @@ def _poles_of(row: Row, theta: FloatArray) -> list[list[complex]]:
     return [roots(np.concatenate([[1.0], branch[each.denominator]])).tolist() for each, branch in pairs]
 
 
-@quiet
 def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[float, FloatArray]]:
     """Yield cost and denominator (n,) of the models that refined instruments pass through."""
     poles = row.structures[0].poles
@@ -110,6 +118,69 @@ def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[floa
             theta, before = theta + solved(matrix, vector), point
         else:
             ends.append(point)
+
+
+def _split(row: Row, shared: Row, denominator: FloatArray, noise: Autoregression) -> FloatArray | None:
+    """Return the model without numerators whose branches follow those of a common denominator; None where none does.
+
+    Each branch is reduced to its own poles by balanced truncation, and refined on the output of the branch.
+    """
+    none = np.zeros(sum(each.zeros + 1 for each in shared.structures))
+    theta = np.concatenate([denominator, none])
+    point = evaluate(shared, theta, noise)
+    theta[denominator.size :] = least_norm(
+        np.concatenate([phi[:, denominator.size :] for phi in point.phi]), np.concatenate(point.error), WEAKEST
+    )[0]
+    outputs = np.zeros(row.inputs.shape)
+    for stretch in shared.stretches:
+        outputs[stretch.rows] = shared.signals(theta, stretch, np.zeros(shared.nuisances - 1))[0]
+    denominators = []
+    for i, (structure, branch) in enumerate(zip(row.structures, shared.branches(theta), strict=True)):
+        poles = truncated(branch[denominator.size :], denominator, structure.poles)
+        if poles is None:
+            return None
+        alone = Row((structure,), replace(row.record, y=outputs[:, i]), row.inputs[:, [i]])
+        white = Autoregression.white(1.0, alone.count)
+        begin = _with_numerators(alone, _without_numerators(alone, [np.poly(poles)]), white)
+        denominators.append(np.append(1.0, refine(alone, begin, white, steps=SHORT).theta[: structure.poles]))
+    return _without_numerators(row, denominators)
+
+
+@quiet
+def truncated(numerator: FloatArray, denominator: FloatArray, poles: int) -> npt.NDArray[np.complex128] | None:
+    """Return the poles of a transfer function that balanced truncation leaves; None where it leaves no stable ones.
+
+    Of s^n + a' (s^(n-1) .. 1) in modal form, sum r_k / (s - p_k), the Gramians are -1 / (p_k + conj p_l) and
+    -conj(r_k) r_l / (conj p_k + p_l).
+
+    Source: Moore (1981), "Principal component analysis in linear systems".
+
+    >>> truncated(np.array([1.0, 3.0]), np.array([4.0, 3.0]), 1)
+    array([-1.+0.j])
+    """
+    places = roots(np.concatenate([[1.0], denominator]))
+    residues = np.polyval(numerator, places) / (places[:, None] - places + np.eye(places.size)).prod(axis=1)
+    sums = -1.0 / (places[:, None] + places.conj())
+    products_of = residues.conj()[:, None] * residues * sums.conj()
+    if not (np.isfinite(sums).all() and np.isfinite(products_of).all()):
+        return None
+    try:
+        reached, seen = _root(sums), _root(products_of)
+        left, sizes, right = np.linalg.svd(seen.conj().T @ reached)
+        weights = np.sqrt(sizes[:poles])
+        if not weights[-1] > 0.0:
+            return None
+        into, out_of = seen @ left[:, :poles] / weights, reached @ right[:poles].conj().T / weights
+        kept = np.linalg.eigvals(into.conj().T @ (places[:, None] * out_of))
+    except np.linalg.LinAlgError:
+        return None
+    return kept if _are_real([np.poly(kept)]) and kept.real.max() < 0.0 else None
+
+
+def _root(matrix: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
+    """Return L with L L* = M, Hermitian and not negative."""
+    values, vectors = np.linalg.eigh((matrix + matrix.conj().T) / 2.0)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _dealt(row: Row, denominator: FloatArray) -> Iterator[FloatArray]:

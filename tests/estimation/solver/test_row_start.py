@@ -1,0 +1,49 @@
+"""Where the solution of several inputs begins."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from replant.estimation.simulation.row import Row, RowRecord, evaluate
+from replant.estimation.solver.row_start import start, truncated
+from replant.estimation.solver.row_steps import refine
+from replant.model.structure import Structure
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.autoregression import Autoregression
+from support.cases import every
+
+
+def test_poles_that_zeros_cancel_are_truncated() -> None:
+    for seed in range(50):
+        rng = np.random.default_rng(seed)
+        real = -np.exp(rng.uniform(-2.0, 4.0, 2))
+        pair = np.exp(rng.uniform(-2.0, 4.0)) * np.exp(1j * rng.uniform(1.7, 3.0) * np.array([1.0, -1.0]))
+        kept, cancelled = (real, pair) if seed % 2 else (pair, real)
+        denominator = np.poly(np.concatenate([kept, cancelled])).real
+        found = truncated(np.polymul([3.0, 1.0], np.poly(cancelled).real), denominator[1:], 2)
+        assert np.poly(found).real == pytest.approx(np.poly(kept).real, rel=1e-5), seed
+
+
+def test_no_pole_is_left_of_what_does_nothing_or_has_a_pole_twice() -> None:
+    assert truncated(np.zeros(2), np.array([3.0, 2.0]), 1) is None
+    assert truncated(np.array([1.0, 2.0]), np.array([2.0, 1.0]), 1) is None
+
+
+@every("seed", range(3))
+def test_a_begin_leads_to_the_minimum_near_the_truth(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    plant = [TransferFunction([k * w * w], [1.0, 1.2 * w, w * w]) for k, w in ((1.0, 8.0), (-0.5, 2.0), (2.0, 0.7))]
+    u = rng.choice([-1.0, 1.0], (200, 3)).repeat(10, axis=0)
+    y = np.sum([g.simulate(column.copy(), 0.05) for g, column in zip(plant, u.T, strict=True)], axis=0)
+    y += 0.3 * y.std() * rng.standard_normal(y.size)
+    ready, structures = RowRecord.of(u, y, 0.05), (Structure(2),) * 3
+    row, white = Row(structures, ready.record, ready.inputs), Autoregression.white(1.0, y.size)
+    truth = np.concatenate([[*g.den[1:], *g.num] for g in plant])
+    near = refine(row, truth, white, evaluate(row, truth, white))
+    begins = start(structures, row.record, row.inputs)
+    assert min(refine(row, each.theta, white).cost for each in begins) == pytest.approx(near.cost, rel=1e-6)
+    broken = replace(ready.record, y=np.where(np.arange(y.size) == 700, 1e300, ready.record.y))
+    start(structures, broken, row.inputs)  # whatever comes of it, it comes without an error
