@@ -60,7 +60,7 @@ def test_of_a_residual_that_is_rounding_no_answer_is_sought(size: float, is_answ
 def test_under_a_load_the_estimate_without_one_is_off_and_not_trusted() -> None:
     u, y, _ = looped(0, load=True, pole=0.95)
     found = rp.fit(u, y, DT, **ASKED)
-    assert distance(found) > 10.0 * chi2_quantile(0.9999, TRUE.size)
+    assert distance(found) > chi2_quantile(0.9999, TRUE.size)
     assert found.verdict.status == "inconsistent"
 
 
