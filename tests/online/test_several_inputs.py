@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import pickle
+import re
 from pathlib import Path
 from typing import Any
 
@@ -301,3 +302,25 @@ def test_an_input_that_a_controller_makes_is_named_before_the_record_is_solved_a
     ident.update_many(u, y)
     ident._now = dataclasses.replace(ident._now, findings=())
     assert any("input u1 answers to disturbances" in reason for reason in ident.assess().reasons)
+
+
+@every("number", [0, 1], quick=1)
+def test_a_change_of_the_plant_is_named(number: int) -> None:
+    """The gain from one input is doubled.  The mean of the estimate's errors before and after is nought at last."""
+    u = toggling(5, samples=5000)
+    gains = [2.0 if i == number else 1.0 for i in range(2)]
+    before, after = row_of(u, FAST, SLOW), row_of(u * gains, FAST, SLOW)
+    ident = begun()
+    ident.update_many(u, noisy(5, np.where(np.arange(5000) < 2500, before, after)))
+    verdict = ident.assess()
+    assert verdict.status == "inconsistent"
+    assert re.match(rf"input u{number + 1}: over the newest [\d,]+ samples its response differs", verdict.reasons[0])
+
+
+@every("seed", range(4), quick=1)
+def test_a_plant_that_does_not_change_has_not_changed(seed: int) -> None:
+    u, y = record(seed, 4000, pole=[0.0, 0.9][seed % 2])
+    ident = begun()
+    for rows in np.array_split(np.arange(4000), 8)[2:]:
+        ident.update_many(u[: rows[-1] + 1][ident.samples :], y[: rows[-1] + 1][ident.samples :])
+        assert ident.assess().status == "trusted"

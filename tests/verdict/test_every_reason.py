@@ -396,6 +396,10 @@ ELSEWHERE = {
     "the inputs could explain a further x % of the output's power": (
         "fitting/test_several_inputs.py: test_a_pole_too_few",
     ),
+    "its response differs by x % from the estimate's": (
+        "online/test_several_inputs.py: test_a_change_of_the_plant_is_named",
+        "online/test_several_inputs.py: test_a_plant_that_does_not_change_has_not_changed",
+    ),
     "answers to disturbances of the output: a controller makes it": (
         "fitting/test_several_inputs.py: test_a_controller_that_makes_an_input",
     ),

@@ -10,24 +10,37 @@ from dataclasses import replace
 import numpy as np
 
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.row import Point, Row
+from replant.estimation.simulation.row import Point, Row, evaluate
 from replant.estimation.solver.refined import relative_uncertainty
 from replant.estimation.solver.row_start import start_without
 from replant.estimation.solver.row_steps import refine
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.verdict.estimate_tests import MOST_UNCERTAIN
-from replant.verdict.row_tests import lacking
+from replant.verdict.evidence import FEWEST
+from replant.verdict.row_tests import lacking, moved
 from replant.verdict.verdict import Finding, Verdict, conclude, percent
 
 
 def judged(
-    row: Row, record: Record, point: Point, noise: Autoregression, covariance: FloatArray, others: list[Finding]
+    row: Row,
+    record: Record,
+    point: Point,
+    noise: Autoregression,
+    covariance: FloatArray,
+    others: list[Finding],
+    *,
+    is_of_record: bool = True,
 ) -> Verdict:
-    """Return the verdict of a point, with other findings about it."""
+    """Return the verdict of a point, with other findings about it.
+
+    A point that follows a record sample by sample is also asked whether the plant has changed since.
+    """
     findings = [*_at_rest(row), *_uncertain(row, record, point, covariance)]
     if not findings:
         findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
+    if not findings and not is_of_record:
+        findings += _outdated(row, point, noise, covariance)
     return Verdict(
         *conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
     )
@@ -75,6 +88,23 @@ def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -
                 f"input {row.names[i]}: a coefficient is known to {percent(part)} only; move the input more, or record "
                 "more",
             )
+
+
+def _outdated(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
+    """Inputs whose response over the newest samples, half as many, a quarter .. is another one than the estimate's.
+
+    Over all of them what an estimate is off before a change and after it cancels: it is their mean.
+    """
+    samples = row.record.u.size
+    while samples >= FEWEST:
+        newest = row.last(samples)
+        if newest.count <= newest.nuisances + point.theta.size:
+            return
+        found = list(moved(newest, evaluate(newest, point.theta, noise), noise, covariance))
+        if found:
+            yield from found
+            return
+        samples //= 2
 
 
 def _useless(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:

@@ -356,7 +356,9 @@ def run(
         if record is not None:
             observer.show(f"replant: cut and fit it meanwhile: {shlex.join(['replant', 'open', str(record)])}")
         if isinstance(session.identifier, RowIdentifier):
-            observer.show("replant: of several inputs, changes of the plant are not looked for: reset after one")
+            observer.show(
+                "replant: of several inputs, a change of the plant is named, and not learned anew: then reset"
+            )
         reached = session.run()
         waits = session.identifier.forced_waits if isinstance(session.identifier, Identifier) else 0
         if waits:

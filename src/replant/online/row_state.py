@@ -285,7 +285,8 @@ class RowState:
             findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
         findings += [*self.of_references, *left_out_finding(int((doubt == Doubt.STUCK).sum()))]
         found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
-        return Newest(ready, row, found, judged(row, row.record, point, known.noise, known.covariance, findings), doubt)
+        verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
+        return Newest(ready, row, found, verdict, doubt)
 
 
 def _over(row: Row, known: RowRecursion) -> Point:

@@ -15,7 +15,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of
 from replant.numerics.projections import orthogonal, products, widening, without
 from replant.verdict.evidence import rounding_of
 from replant.verdict.verdict import Finding, figure, percent
@@ -33,6 +33,39 @@ def lacking(row: Row, point: Point, noise: Autoregression, covariance: FloatArra
             "inconsistent",
             f"the inputs could explain a further {percent(part)} of the output's power ({figure(significance)} times "
             "the limit of chance): try more poles or zeros, or another dead time",
+        )
+
+
+def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
+    """The input whose response has changed most since an estimate was made, if one has, beyond chance.
+
+    A step from the estimate, d = (sum zeta phi')^-1 sum zeta e, is compared with its covariance and the estimate's.  By
+    how much is the amplitude of phi_i' d_i beside that of the branch's output x_i.
+    """
+    phi, zeta, error = (np.concatenate(each) for each in (point.phi, point.zeta, point.error))
+    if _is_rounding(row, point):
+        return
+    inverse = inverse_of(products(zeta, phi))
+    step = inverse @ (zeta.T @ error)
+    variance = point.cost / max(row.count - step.size - row.nuisances * len(row.stretches), 1)
+    spread = variance * inverse @ products(zeta, zeta) @ inverse.T + covariance
+    basis = zeta @ orthogonal(products(zeta, zeta))
+    limit = chi2_quantile(1.0 - ALPHA, step.size) * widening(basis, error)
+    if not np.isfinite(step).all() or float(step @ inverse_of(spread) @ step) <= limit:
+        return
+    states, parts, end = np.zeros(row.nuisances - 1), [], 0
+    outputs = np.concatenate([row.whitened(noise, row.signals(point.theta, s, states)[0], s) for s in row.stretches])
+    for structure, output in zip(row.structures, outputs.T, strict=True):
+        rows = slice(end, end + structure.size)
+        parts.append(float(np.sum((phi[:, rows] @ step[rows]) ** 2)) / max(float(output @ output), 1e-300))
+        end += structure.size
+    part, name = max(zip(parts, row.names, strict=True))
+    if part > MATTERS:
+        yield Finding(
+            "inconsistent",
+            f"input {name}: over the newest {row.record.u.size:,} samples its response differs by "
+            f"{percent(float(np.sqrt(part)))} from the estimate's, beyond chance: the plant has changed; learn it anew "
+            "with reset",
         )
 
 

@@ -95,6 +95,10 @@ class Outside:
         """Return what is explained of some of the inputs."""
         return replace(self, inputs=self.inputs[:, chosen], is_moved=self.is_moved[chosen])
 
+    def last(self, samples: int) -> Outside:
+        """Return the same of the newest samples."""
+        return replace(self, inputs=self.inputs[-samples:], signals=self.signals[-samples:])
+
 
 def with_moved(inputs: FloatArray, is_moved: BoolArray, explained: FloatArray) -> FloatArray:
     """Return inputs (K, q) with what is explained (K, M) in place of those that references move."""

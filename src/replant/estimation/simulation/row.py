@@ -86,6 +86,11 @@ class Row:
         outside = None if self.outside is None else self.outside.of_inputs(chosen)
         return Row(structures, self.record, self.inputs[:, chosen], names, outside)
 
+    def last(self, samples: int) -> Row:
+        """Return the row over the newest samples."""
+        outside = None if self.outside is None else self.outside.last(samples)
+        return Row(self.structures, self.record.last(samples), self.inputs[-samples:], self.names, outside)
+
     @property
     def from_outside(self) -> Row:
         """The row driven by what comes from outside of its inputs alone: this one where no reference moves one."""
