@@ -20,7 +20,7 @@ PACKAGE = Path(replant.__file__).parent
 HEADINGS = ("entry", "type", "meaning")
 WIDTHS = (3, 2, 4)
 #: Names of entries that a schema gives by a pattern.
-PATTERNS = {"^(std_)?([ab][0-9]+|bias)$": "a0, b0, std_a0, .."}
+PATTERNS = {r"^(std_)?([ab][0-9]+(\..+)?|bias)$": "a0, b0, std_a0, .."}
 
 
 @dataclass(frozen=True)
