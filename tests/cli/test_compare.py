@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.cli import main
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import Request
 from replant.online.runs.run_log import METHODS, USUAL, Contender, best, compare
@@ -23,22 +22,12 @@ from replant.report.panels import limits
 from replant.report.terminal import cells_of
 from replant.signals import prbs
 from support.builders import with_model
+from support.command import call
 
 PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
 COLUMNS = ("--input", "u [V]", "--output", "y [rpm]", "--poles", "1")
 FIGURES = ("outputs.png", "bode.png", "parameters.png")
 SOME = ("default", "gradient", "srivc", "least_squares")
-
-
-def call(capsys: Any, *arguments: object) -> tuple[int, str, str]:
-    """Run the command line in this process; return exit code, stdout and stderr."""
-    try:
-        main([str(argument) for argument in arguments])
-        code = 0
-    except SystemExit as stop:
-        code = int(stop.code or 0)
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 def chosen(*methods: str) -> list[str]:

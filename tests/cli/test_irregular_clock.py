@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.cli import main
 from support.builders import DT, irregular_record, two_modes
 from support.cases import every
+from support.command import call
 
 pytestmark = pytest.mark.usefixtures("unrendered")
 
@@ -31,16 +31,6 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows = np.column_stack([1000.0 * t + 5000.0, u, y])[kept]
     np.savetxt(path, rows, fmt="%.17g", delimiter=",", header="t [ms],u,y", comments="")
     return path
-
-
-def call(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, str]:
-    try:
-        main([str(argument) for argument in arguments])
-        code = 0
-    except SystemExit as stop:
-        code = int(stop.code or 0)
-    captured = capsys.readouterr()
-    return code, captured.out, captured.err
 
 
 @every("command", ["run", "fit"], quick=1)
