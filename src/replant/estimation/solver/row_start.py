@@ -161,11 +161,11 @@ def truncated(numerator: FloatArray, denominator: FloatArray, poles: int) -> npt
     places = roots(np.concatenate([[1.0], denominator]))
     residues = np.polyval(numerator, places) / (places[:, None] - places + np.eye(places.size)).prod(axis=1)
     sums = -1.0 / (places[:, None] + places.conj())
-    products_of = residues.conj()[:, None] * residues * sums.conj()
-    if not (np.isfinite(sums).all() and np.isfinite(products_of).all()):
+    seen_by = residues.conj()[:, None] * residues * sums.conj()
+    if not (np.isfinite(sums).all() and np.isfinite(seen_by).all()):
         return None
     try:
-        reached, seen = _root(sums), _root(products_of)
+        reached, seen = _root(sums), _root(seen_by)
         left, sizes, right = np.linalg.svd(seen.conj().T @ reached)
         weights = np.sqrt(sizes[:poles])
         if not weights[-1] > 0.0:
