@@ -15,7 +15,7 @@ from support.places import ROOT
 sys.path.insert(0, str(ROOT / "tools"))
 from translator.library import X86, generate
 
-FILES = ["kernels.c", "lanes.c"]
+FILES = ["border.c", "kernels.c", "lanes.c"]
 WARNINGS = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror", "-fopenmp-simd"]
 #: What is used of a file in one of its variants alone, and how vectors are passed between functions that melt away.
 NOT_MEANT = ["-Wno-unused-function", "-Wno-psabi"]

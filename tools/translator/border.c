@@ -48,7 +48,11 @@ typedef struct { /* PyMethodDef */
 enum { FAST_CALL = 0x80, WITH_FORMAT = 0x4, WITH_STRIDES = 0x10 | 0x8 };
 enum { INTS = 0, REALS = 2, BANKS = 4, BUFFER = 7, RECENT = 10, GATE = 13, KIND = 14, SHUT = 1 };
 
+enum { FEW = 4 }; /* entries of a regressor: with wider vectors than plain ones little of a loop is left to them */
+
 static python py;
+
+static bool is_small(const StateInts *ints) { return ints->entries <= FEW; }
 
 static bool has_format(const buffer_view *view, char element)
 {
@@ -135,15 +139,27 @@ static object *results_of(const kernel *called, const argument *results)
     return tuple;
 }
 
+/* The function of a kernel that is the fastest one for these arguments; all give the same bits. */
+static runner chosen(long long number, const argument *arguments)
+{
+    if (number >= OWN_KERNELS)
+        return lanes[number - OWN_KERNELS];
+    if (!descriptions[number].of_state || arguments[0].n[0] * (int64_t)sizeof(int64_t) < (int64_t)sizeof(StateInts))
+        return kernels[number]; /* an array that is too short: it says so */
+    return is_small(arguments[0].p) ? kernels_plain[number] : kernels[number];
+}
+
 static object *call(object *self, object *const *given, intptr_t count)
 {
-    const kernel *called = &kernels[py.as_whole(self)];
+    const long long number = py.as_whole(self);
+    const kernel *called = &descriptions[number];
     argument arguments[MOST_ARGUMENTS];
     buffer_view views[MOST_ARGUMENTS];
     object *result = NULL;
     const int wanted = called->count;
     bool fits = true;
     int taken = 0;
+    arguments[0].n[0] = 0; /* a kernel without arguments has no state */
     if (count != wanted)
         return py.set_error(py.type_error, "%s takes %d arguments, not %d", called->name, wanted, (int)count);
     while (fits && taken < wanted) { /* the last one may be an array that does not fit */
@@ -152,7 +168,7 @@ static object *call(object *self, object *const *given, intptr_t count)
     }
     if (fits) {
         void *thread = py.let_others_run();
-        const char *broken = called->run(arguments);
+        const char *broken = chosen(number, arguments)(arguments);
         py.take_back(thread);
         if (broken)
             py.set_error(py.value_error, "%s: it must hold that %s", called->name, broken);
@@ -194,7 +210,8 @@ static object *step(object *self, object *const *given, intptr_t count)
         py.set_error_text(py.get_item(self, 1), "");
         return NULL;
     }
-    double error = steps[table[KIND]].take(&own, sample[0], sample[1], sample[2], sample[3]);
+    taker take = is_small(ints) ? takers_plain[table[KIND]] : takers[table[KIND]];
+    double error = take(&own, sample[0], sample[1], sample[2], sample[3]);
     if (ints->held_at == at_BELIEVED) { /* one that was held back comes first */
         py.set_error_text(py.get_item(self, 1), "");
         return NULL;
@@ -206,8 +223,8 @@ static const definition call_definition = { "kernel", call, FAST_CALL, "A compil
 static const definition step_definition = { "step", step, FAST_CALL, "Take one sample." };
 
 EXPORTED const char *replant_source(void) { return &"replant-source:" REPLANT_SOURCE[15]; }
-EXPORTED int replant_count(void) { return (int)(sizeof kernels / sizeof *kernels); }
-EXPORTED const char *replant_name(int number) { return kernels[number].name; }
+EXPORTED int replant_count(void) { return ALL_KERNELS; }
+EXPORTED const char *replant_name(int number) { return descriptions[number].name; }
 EXPORTED const void *replant_call_definition(void) { return &call_definition; }
 EXPORTED const void *replant_step_definition(void) { return &step_definition; }
 
@@ -222,5 +239,5 @@ EXPORTED int replant_step_number(const char *name)
 EXPORTED void replant_connect(const python *functions)
 {
     py = *functions;
-    choose_lanes();
+    choose();
 }

@@ -8,3 +8,8 @@ typedef struct {
 
 /* Runs a kernel; returns what does not hold of its arguments, or nothing.  The result takes the place of the first. */
 typedef const char *(*runner)(argument *);
+
+/* What is compiled for several instruction sets has the name of one behind its own. */
+#define JOINED(name, variant) name##_##variant
+#define NAMED(name, variant) JOINED(name, variant)
+#define OF_VARIANT(name) NAMED(name, VARIANT)

@@ -15,7 +15,10 @@ from translator.program import Program, entry_kinds
 from translator.records import BESIDE
 
 HERE = Path(__file__).parent
-VARIANTS = ("plain", "avx2", "avx512")
+#: The instruction sets for which each file is compiled beside "plain", and what the compiler asks the processor for.
+VARIANTS = {"kernels": {"avx2": "avx2"}, "lanes": {"avx2": "avx2", "avx512": "avx512f"}}
+STEP = r"step\.\w+\.step"  # the kernels that take one sample
+TAKER = "typedef double (*taker)(State *, double, double, double, double);"
 #: What Python gives for a state, and what is made of it.
 ARRAYS = {"ints": Array("i", 1), "reals": Array("d", 1), **BESIDE}
 STATE = (
@@ -76,74 +79,79 @@ def given(function: Function) -> Iterator[tuple[str, Kind, bool]]:
             yield part, own, name in function.written
 
 
-def table(every: list[tuple[Any, Function, str]]) -> str:
-    """Return the table of all kernels: name, arguments, results and runner."""
+def table(every: list[tuple[Any, Function]], own: int) -> str:
+    """Return the table of all kernels: name, arguments and results; those of the file "kernels" come first."""
     parts = ["typedef struct { const char *name; char kind; int dimensions; bool written; } parameter;"]
-    most = max(len(list(given(function))) for _, function, _ in every)
-    parts.append(f"enum {{ MOST_ARGUMENTS = {most} }};")
+    most = max(len(list(given(function))) for _, function in every)
+    parts.append(f"enum {{ MOST_ARGUMENTS = {most}, OWN_KERNELS = {own}, ALL_KERNELS = {len(every)} }};")
     parts.append(
         "typedef struct {\n    const char *name;\n    int count;\n    const parameter *parameters;\n"
-        "    int result_count;\n    const char *results;\n    runner run;\n} kernel;"
+        "    int result_count;\n    const char *results;\n    bool of_state;\n} kernel;"
     )
     rows = []
-    for kernel, function, run in every:
-        own = [
+    for kernel, function in every:
+        lines = [
             f'    {{ "{name}", {_letter(kind)}, {kind.dimensions if isinstance(kind, Array) else 0}, '
             f"{'true' if written else 'false'} }},"
             for name, kind, written in given(function)
         ]
-        parts.append("\n".join([f"static const parameter parameters_of_{function.name}[] = {{", *own, "};"]))
+        parts.append("\n".join([f"static const parameter parameters_of_{function.name}[] = {{", *lines, "};"]))
         returned = function.returns
         kinds = returned.parts if isinstance(returned, Tuple) else () if returned == "v" else (returned,)
         letters = "".join(str(kind) for kind in kinds)
+        of_state = "true" if isinstance(function.own_kinds[0], Record) else "false"
         rows.append(
-            f'    {{ "{kernel.name}", {len(own)}, parameters_of_{function.name}, {len(letters)}, "{letters}", {run} }},'
+            f'    {{ "{kernel.name}", {len(lines)}, parameters_of_{function.name}, {len(letters)}, "{letters}", '
+            f"{of_state} }},"
         )
-    parts.append("\n".join(["static kernel kernels[] = {", *rows, "};"]))
+    parts.append("\n".join(["static const kernel descriptions[ALL_KERNELS] = {", *rows, "};"]))
     return "\n\n".join(parts)
 
 
-def steps(every: list[tuple[Any, Function, str]]) -> str:
-    """Return the table of the kernels that take one sample."""
-    found = [(kernel, function) for kernel, function, _ in every if re.fullmatch(r"step\.\w+\.step", kernel.name)]
-    takes = "double (*take)(State *, double, double, double, double)"
-    rows = [
-        f'    {{ "{kernel.name}", {function.name}, {"true" if "collecting" in kernel.name else "false"} }},'
-        for kernel, function in found
-    ]
-    return "\n".join([f"static const struct {{ const char *name; {takes}; bool collects; }} steps[] = {{", *rows, "};"])
+def choice() -> str:
+    """Return the functions of each instruction set, and what chooses among them for this processor."""
+    lists = {**VARIANTS, "takers": VARIANTS["kernels"]}
+    lines, body = [TAKER], []
+    for name, wider in lists.items():
+        kind = "taker" if name == "takers" else "runner"
+        lines.append(f"extern const {kind} {', '.join(f'{name}_{variant}[]' for variant in ('plain', *wider))};")
+        lines.append(f"static const {kind} *{name} = {name}_plain;")
+        for variant, feature in wider.items():
+            body.append(f'    if (__builtin_cpu_supports("{feature}"))\n        {name} = {name}_{variant};')
+    guarded = ["#if defined(WITH_VARIANTS)", "    __builtin_cpu_init();", *body, "#endif"]
+    return "\n".join([*lines, "", "static void choose(void)", "{", *guarded, "}"])
 
 
 def sources(package: str, root: Path, kernels: list[Any]) -> dict[str, str]:
-    """Return the C files by name: ``kernels.c``, and ``lanes.c``, which is compiled once for each instruction set."""
-    program, lanes = Program(package, root), Program(package, root)
-    border = (HERE / "border.h").read_text("utf-8")
+    """Return the C files by name: ``border.c``, and two that are compiled once for each instruction set."""
+    programs = {"kernels": Program(package, root), "lanes": Program(package, root)}
     vectorised = [kernel for kernel in kernels if ".step.ensemble" in kernel.python.__module__]
-    plain = entries(program, [kernel for kernel in kernels if kernel not in vectorised])
-    every, runners = [], []
-    for kernel, function, conditions in plain:
-        run = f"run_{function.name}"
-        runners.append(runner(kernel, function, conditions, f"static const char *{run}(argument *a)"))
-        every.append((kernel, function, run))
-    inside, chosen, declared = [], [], []
-    for kernel, function, conditions in entries(lanes, vectorised):
-        run = f"run_{function.name}"
-        inside.append(runner(kernel, function, conditions, f"const char *OF_VARIANT({run})(argument *a)"))
-        inside.insert(0, f"const char *OF_VARIANT({run})(argument *a);")
-        declared.append("\n".join(f"const char *{run}_{variant}(argument *a);" for variant in VARIANTS))
-        chosen.append((len(every), run))
-        every.append((kernel, function, f"{run}_plain"))
-    program.constants["at_BELIEVED"] = str(program.schema.BELIEVED)
-    choice = ["static void choose_lanes(void)", "{", "#if defined(WITH_VARIANTS)", "    __builtin_cpu_init();"]
-    for variant, feature in (("avx2", "avx2"), ("avx512", "avx512f")):
-        choice.append(f'    if (__builtin_cpu_supports("{feature}")) {{')
-        choice += [f"        kernels[{number}].run = {run}_{variant};" for number, run in chosen] + ["    }"]
-    choice += ["#endif", "}"]
-    parts = [program.text(lanes=False), border, *runners, *declared, table(every), steps(every), "\n".join(choice)]
-    return {
-        "kernels.c": "\n\n".join([*parts, (HERE / "border.c").read_text("utf-8")]),
-        "lanes.c": "\n\n".join([lanes.text(lanes=True), border, *inside]) + "\n",
-    }
+    parts_of = {"kernels": [kernel for kernel in kernels if kernel not in vectorised], "lanes": vectorised}
+    border, every, files = (HERE / "border.h").read_text("utf-8"), [], {}
+    for file, program in programs.items():
+        found, parts = entries(program, parts_of[file]), []
+        for kernel, function, conditions in found:
+            head = f"static const char *run_{function.name}(argument *a)"
+            parts.append(runner(kernel, function, conditions, head))
+            every.append((kernel, function))
+        parts.append(_list("runner", file, [f"run_{function.name}" for _, function, _ in found]))
+        if file == "kernels":
+            steps = [(kernel, function) for kernel, function, _ in found if re.fullmatch(STEP, kernel.name)]
+            parts.append(TAKER)
+            parts.append(_list("taker", "takers", [function.name for _, function in steps]))
+        files[f"{file}.c"] = "\n\n".join([program.text(lanes=file == "lanes"), border, *parts]) + "\n"
+    own = programs["kernels"]
+    rows = [f'    {{ "{kernel.name}", {"true" if "collecting" in kernel.name else "false"} }},' for kernel, _ in steps]
+    kinds = "\n".join(["static const struct { const char *name; bool collects; } steps[] = {", *rows, "};"])
+    believed = f"#define at_BELIEVED {own.schema.BELIEVED}"
+    parts = [own.types(), border, believed, table(every, len(parts_of["kernels"])), kinds, choice()]
+    return {"border.c": "\n\n".join([*parts, (HERE / "border.c").read_text("utf-8")]), **files}
+
+
+def _list(kind: str, name: str, functions: list[str]) -> str:
+    """Return the functions of a file that the border calls, by its number of each."""
+    head = f"const {kind} OF_VARIANT({name})[]"
+    return "\n".join([f"extern {head};", f"{head} = {{", *(f"    {function}," for function in functions), "};"])
 
 
 def _scalar(kind: Kind | None) -> str:

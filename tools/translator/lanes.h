@@ -1,7 +1,3 @@
-#define JOINED(name, variant) name##_##variant
-#define NAMED(name, variant) JOINED(name, variant)
-#define OF_VARIANT(name) NAMED(name, VARIANT)
-
 #define lanes_LANES LANES
 #undef SIDE_BY_SIDE /* members are already */
 #undef SIDE_BY_SIDE_APART

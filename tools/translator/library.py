@@ -31,8 +31,8 @@ LANES_FLAGS = (
     *FLAGS,
     "-O2",
 )  # loops over lanes are vectors as they stand; -O3 takes half as long again
-#: The instruction sets for which lanes are compiled, where the processor is one of these.
-VARIANTS = {"plain": (), "avx2": ("-mavx2",), "avx512": ("-mavx512f", "-mprefer-vector-width=512")}
+#: What the compiler is told for an instruction set: see `border.VARIANTS`.
+INSTRUCTIONS = {"plain": (), "avx2": ("-mavx2",), "avx512": ("-mavx512f", "-mprefer-vector-width=512")}
 X86 = ("x86_64", "amd64", "AMD64")
 
 
@@ -104,6 +104,8 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None, in
     """
     command = compiler(target)
     files, defined = generate(instead)
+    from translator.border import VARIANTS
+
     x86 = (target or platform.machine()).partition("-")[0] in X86
     with tempfile.TemporaryDirectory() as made:
         folder = keep or Path(made)
@@ -111,12 +113,13 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None, in
         for name, text in files.items():
             (folder / name).write_text(text, "utf-8")
         given = [*defined, *(["-DWITH_VARIANTS"] if x86 else [])]
-        objects = [folder / "kernels.o"]
-        jobs = [[*command, *FLAGS, *given, "-c", str(folder / "kernels.c"), "-o", str(objects[0])]]
-        for variant, flags in VARIANTS.items():
-            if x86 or variant == "plain":
-                objects.append(folder / f"lanes_{variant}.o")
-                own = [*LANES_FLAGS, *given, *flags, f"-DVARIANT={variant}", "-c", str(folder / "lanes.c")]
+        objects = [folder / "border.o"]
+        jobs = [[*command, *FLAGS, *given, "-c", str(folder / "border.c"), "-o", str(objects[0])]]
+        for name, wider in VARIANTS.items():
+            for variant in ("plain", *(wider if x86 else ())):
+                flags = [*(LANES_FLAGS if name == "lanes" else FLAGS), *given, *INSTRUCTIONS[variant]]
+                objects.append(folder / f"{name}_{variant}.o")
+                own = [*flags, f"-DVARIANT={variant}", "-c", str(folder / f"{name}.c")]
                 jobs.append([*command, *own, "-o", str(objects[-1])])
         whole = Path(made, path.name)
         link = [*command, "-shared", "-s", *map(str, objects), "-o", str(whole)]

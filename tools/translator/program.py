@@ -161,9 +161,8 @@ class Program:
 
     # --- text
 
-    def text(self, *, lanes: bool) -> str:
-        """Return all functions as C, behind the types and constants that they use."""
-        heads, bodies = [function.head for function in self.finished], [function.text for function in self.finished]
+    def types(self, *, lanes: bool = False) -> str:
+        """Return the types of all functions as C."""
         used = sorted(self.arrays, key=lambda kind: (kind.dimensions, kind.name))
         parts = [PRELUDE.read_text("utf-8"), LANES.read_text("utf-8") if lanes else ""]
         parts += [kind.struct for kind in used]
@@ -177,9 +176,13 @@ class Program:
                 if not isinstance(part, Known)
             ]
             parts.append(f"typedef struct {{ {' '.join(fields)} }} {name};")
-        parts.append("\n".join(f"#define {name} {value}" for name, value in sorted(self.constants.items())))
-        parts.append("\n".join(f"{head};" for head in heads))
-        parts += bodies
+        return "\n\n".join(part for part in parts if part)
+
+    def text(self, *, lanes: bool) -> str:
+        """Return all functions as C, behind the types and constants that they use."""
+        heads, bodies = [function.head for function in self.finished], [function.text for function in self.finished]
+        constants = "\n".join(f"#define {name} {value}" for name, value in sorted(self.constants.items()))
+        parts = [self.types(lanes=lanes), constants, "\n".join(f"{head};" for head in heads), *bodies]
         return "\n\n".join(part for part in parts if part) + "\n"
 
 
