@@ -58,13 +58,15 @@ def build(folder: Path) -> None:
 
 
 def check(wheel: Path) -> None:
-    """Refuse a wheel without a library that offers what Python calls."""
+    """Refuse a wheel whose library does not offer what Python calls, or names a folder of this machine."""
     with zipfile.ZipFile(wheel) as archive:
         names = [name for name in archive.namelist() if name.startswith("replant/kernels/compiled/libreplant.")]
         content = archive.read(names[0]) if len(names) == 1 else b""
     missing = [name.decode() for name in OFFERED if name not in content]
     if missing:
         raise SystemExit(f"{wheel.name} has {names or 'no library'}: {', '.join(missing)} missing")
+    if tempfile.gettempdir().encode() in content:
+        raise SystemExit(f"{wheel.name}: {names[0]} names the folder that it was made in")
 
 
 def try_out(folder: Path) -> None:

@@ -123,8 +123,11 @@ def build(path: Path, *, target: str | None = None, keep: Path | None = None, in
                 jobs.append([*command, *own, "-o", str(objects[-1])])
         whole = Path(made, path.name)
         link = [*command, "-shared", "-s", *map(str, objects), "-o", str(whole)]
-        if "windows" not in (target or sys.platform).replace("win32", "windows"):
+        system = (target or sys.platform).replace("win32", "windows").replace("darwin", "macos")
+        if "windows" not in system:
             link.append("-lm")
+        if "macos" in system:
+            link.append(f"-Wl,-install_name,@rpath/{path.name}")  # else the library names the folder it was made in
         _run_together(jobs)
         _run_together([link])
         path.parent.mkdir(parents=True, exist_ok=True)
