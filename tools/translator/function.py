@@ -229,6 +229,8 @@ class Function(Expressions):
             own = f"private({', '.join(sorted(written))})" if written else ""
             inside = self.program.how(self.tree) == "INLINE"
             self.emit(f"SIDE_BY_SIDE{'' if inside else '_APART'}({own})")
+        elif self.program.how(self.tree).startswith("SHORT_LOOPS"):
+            self.emit("SHORT_LOOP")
         self.emit(f"for (int64_t {name} = {first}{keep}; {name} {sign} {stop}; {change}) {{")
         self.block(node.body)
         self.emit("}")

@@ -7,24 +7,28 @@
 
 #if defined(__GNUC__)
 #define INLINE static inline __attribute__((always_inline, unused))
-#define APART static __attribute__((noinline))
 /* No function: gcc takes one that only fetches for one that does nothing, and leaves it out. */
 #define fetch_early(...) __builtin_prefetch(__VA_ARGS__)
 #define PRAGMA(text) _Pragma(#text)
 #define SIDE_BY_SIDE(own) PRAGMA(omp simd own)
 #else
 #define INLINE static inline
-#define APART static
 #define fetch_early(...) (void)(__VA_ARGS__)
 #define SIDE_BY_SIDE(own)
 #endif
-/* gcc judges loops better by itself, but for those that melt into a kernel of short ones; clang does those better. */
+/* gcc judges loops better by itself, but for those that melt into a kernel of short ones; clang does those better, and
+   is told of each loop of such a kernel that its passes are few. */
 #if defined(__GNUC__) && !defined(__clang__) && __GNUC__ > 10
 #define SIDE_BY_SIDE_APART(own)
 #define SHORT_LOOPS __attribute__((optimize("vect-cost-model=very-cheap")))
 #else
 #define SIDE_BY_SIDE_APART(own) SIDE_BY_SIDE(own)
 #define SHORT_LOOPS
+#endif
+#if defined(__clang__)
+#define SHORT_LOOP _Pragma("clang loop vectorize(disable)")
+#else
+#define SHORT_LOOP
 #endif
 
 #if defined(_WIN32)

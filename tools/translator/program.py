@@ -98,7 +98,7 @@ class Program:
         decorators = [ast.unparse(decorator) for decorator in tree.decorator_list]
         if "short_loops" in decorators:
             return "SHORT_LOOPS static"
-        return "INLINE" if "inlined" in decorators else "APART" if "apart" in decorators else "static"
+        return "INLINE" if "inlined" in decorators else "static"
 
     @functools.cache  # noqa: B019 - a program lives as long as the build
     def homes(self, module: str) -> dict[str, str]:

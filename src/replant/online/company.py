@@ -18,7 +18,9 @@ from replant.estimation.engine.vector_blocks import kind as kind_of_block
 from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 
-LEAST = 5  # members that a block or lanes pay for: they take about the time of five [count]
+LEAST = 5  # members that lanes pay for: they take about the time of five [count]
+# members that a block pays for: it takes about the time of three, and of six where each draws rows of its own [count]
+LEAST_ALIKE, LEAST_APART = 4, 7
 # to go into lanes and to leave them takes as long as some ten samples
 FEWEST = 32  # rows of a chunk that lanes pay for [samples]
 PIECE = 2048  # rows after which it is looked at again who may go together: whose start-up has ended, say [samples]
@@ -58,7 +60,8 @@ def form_blocks(members: Sequence[Identifier], reached: dict[int, int]) -> list[
         numbers = list(group)
         for first in range(0, len(numbers), LANES):
             some = numbers[first : first + LANES]
-            if len(some) >= LEAST:
+            apart = len({states[n].seed for n in some}) > 1
+            if len(some) >= (LEAST_APART if apart else LEAST_ALIKE):
                 formed.append((Block.of_states(some, [states[n] for n in some]), start))
     return formed
 

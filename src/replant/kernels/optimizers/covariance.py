@@ -10,6 +10,7 @@ update is Thornton's); Young, "Recursive Estimation and Time-Series Analysis", 2
 
 import numpy as np
 
+from replant.kernels.native import short_loops
 from replant.kernels.optimizers.memory import MATRIX, ONE, VECTOR, Memory, Size, block, place
 
 RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
@@ -43,6 +44,7 @@ def alpha_of(s):
     return s.memory[s.memory_size - 1]
 
 
+@short_loops
 def measurement_update(P, U, D, zeta, noise, projected, gain):
     """Bierman's update of U (P, P) and D (P,) for a scalar observation zeta' theta of variance ``noise``.
 
@@ -67,6 +69,22 @@ def measurement_update(P, U, D, zeta, noise, projected, gain):
             U[i, j] = u + gain[i] * factor
             gain[i] += u * v
     return alpha
+
+
+@short_loops
+def learn_row(estimate, U, D, row, direction, noise, projected, gain):
+    """Let the estimate and U D U' learn the target behind a row's regressor; return its error and alpha.
+
+    The regressor that the update goes along, zeta, lies at ``direction`` of the row.
+    """
+    P = estimate.size
+    error = row[P]
+    for i in range(P):
+        error -= estimate[i] * row[i]
+    alpha = measurement_update(P, U, D, row[direction:], noise, projected, gain)
+    for i in range(P):
+        estimate[i] += gain[i] * error / alpha
+    return error, alpha
 
 
 def time_update(P, U, D, increase, work):
@@ -146,26 +164,21 @@ def expand(U, D, covariance):
             covariance[j, i] = total
 
 
+@short_loops
 def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction):
     """Settings [forgetting factor], memory `LEAST_SQUARES`: ``caps`` are those of D.
 
     Forgetting divides P by the factor.  Where nothing comes in to make up for it D would grow without bound: it
     stops at its cap.
     """
-    P, forgetting, estimate = theta.size, settings[0], theta
+    P, forgetting = theta.size, settings[0]
     U, D, caps = memory[: P * P].reshape(P, P), block(memory, AT_D, P), block(memory, AT_CAPS, P)
     projected, gain, newest = block(memory, AT_PROJECTED, P), block(memory, AT_GAIN, P), block(memory, AT_ALPHA, P)
     for k in range(batch):
-        row = buffer[rows[k]]
-        error = row[P]
-        for i in range(P):
-            error -= estimate[i] * row[i]
-        alpha = measurement_update(P, U, D, row[direction:], forgetting, projected, gain)
-        for i in range(P):
-            estimate[i] += gain[i] * error / alpha
-            if forgetting < 1.0:
+        _, newest[0] = learn_row(theta, U, D, buffer[rows[k]], direction, forgetting, projected, gain)
+        if forgetting < 1.0:
+            for i in range(P):
                 D[i] = min(D[i] / forgetting, caps[i])
-        newest[0] = alpha
 
 
 def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
@@ -174,22 +187,17 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
     The noise variance is tracked as R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not
     bias.
     """
-    P, estimate = theta.size, theta
+    P = theta.size
     U, D, tracked = memory[: P * P].reshape(P, P), block(memory, AT_D, P), block(memory, AT_NOISE, P)
     increase, projected = block(memory, AT_INCREASE, P), block(memory, AT_TRACKING_PROJECTED, P)
     gain, work = block(memory, AT_TRACKING_GAIN, P), block(memory, AT_TRACKING_WORK, P)
     newest = block(memory, AT_TRACKING_ALPHA, P)
     for k in range(batch):
-        row, noise = buffer[rows[k]], tracked[0]
+        noise = tracked[0]
         for i in range(P):
             increase[i] = settings[1 + i] * interval
         time_update(P, U, D, increase, work)
-        error = row[P]
-        for i in range(P):
-            error -= estimate[i] * row[i]
-        alpha = measurement_update(P, U, D, row[direction:], noise, projected, gain)
-        for i in range(P):
-            estimate[i] += gain[i] * error / alpha
+        error, alpha = learn_row(theta, U, D, buffer[rows[k]], direction, noise, projected, gain)
         newest[0] = alpha
         share = min(settings[0] * interval, 1.0)
         tracked[0] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)
