@@ -19,8 +19,8 @@ from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 
 LEAST = 5  # members that lanes pay for: they take about the time of five [count]
-# members that a block pays for: it takes about the time of three, and of six where each draws rows of its own [count]
-LEAST_ALIKE, LEAST_APART = 4, 7
+LEAST_ALIKE = 4  # members that draw alike that a block pays for: it takes about the time of three [count]
+LEAST_APART = 7  # the same where each draws rows of its own: of six [count]
 # to go into lanes and to leave them takes as long as some ten samples
 FEWEST = 32  # rows of a chunk that lanes pay for [samples]
 PIECE = 2048  # rows after which it is looked at again who may go together: whose start-up has ended, say [samples]
