@@ -95,7 +95,7 @@ class Record:
 
         return self._before(IRREGULAR)
 
-    @property
+    @cached_property
     def rough_predecessors(self) -> IntArray:
         """The same where jitter counts as none: of a residual's colour, which changes little in half an interval."""
         return self._before(JITTER)
@@ -115,7 +115,9 @@ class Record:
 
     def _breaks(self, irregular: float) -> BoolArray:
         """Return which samples (K,) begin a record, or come at another interval than usual, by a part of that."""
-        broken = np.isin(np.arange(self.u.size), [0, *self.begins])
+        broken = np.zeros(self.u.size, bool)
+        broken[:1] = True
+        broken[list(self.begins)] = True
         if self.intervals.size > 1:
             nominal = float(np.median(self.intervals[1:]))
             broken |= np.abs(self.intervals - nominal) > irregular * nominal

@@ -31,7 +31,8 @@ from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, quiet
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, least_norm, quiet
+from replant.numerics.projections import WEAKEST
 
 # a change in between loses a thirty-second of the samples that tell it
 BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
@@ -81,27 +82,31 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     size, fewest = structure.coefficients, least_since(structure)
     if record.u.size < 3 * fewest:
         return 0
-    problem = Problem(structure, record)
-    done = problem.run_whole(with_nuisances(problem, model))
-    noise = Stretch.of(record, slice(None)).colour(done.ahead)
+    done = Problem(structure, record).run_whole(np.append(model[:size], np.zeros(model.size - size)))
+    # the residual of the model with the offset and the initial state that explain most of it
+    error = done.error - done.phi[:, size:] @ least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
+    noise = Stretch.of(record, slice(None)).colour(error)
     score = noise.whiten_known(done.zeta, record.rough_predecessors)
-    white = noise.whiten_known(done.ahead, record.rough_predecessors)
-    lengths = np.linalg.norm(score, axis=0)
+    white = noise.whiten_known(error, record.rough_predecessors)
+    lengths = np.sqrt(np.einsum("kt,kt->t", score, score))
     variance = float(white @ white) / max(record.count - model.size, 1)
     if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
         return 0
-    if float(np.std(done.ahead)) < HARMLESS * float(np.std(record.y)):
+    ahead = error if done.ahead is done.error else error * math.sqrt(done.power / float(done.error @ done.error))
+    if float(np.std(ahead)) < HARMLESS * float(np.std(record.y)):
         return 0
-    score = score / np.where(lengths > 0.0, lengths, 1.0)
+    units = np.where(lengths > 0.0, lengths, 1.0)
     begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))
-    largest, begin = _worst(score, white, size, begins)
+    largest, begin = _worst(score, white, units, size, begins)
     limit = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance
-    if not largest > limit * _scatter(score[:, :size] * white[:, None] / math.sqrt(variance), begin):
+    if not largest > limit:  # no variance of blocks makes it smaller
+        return 0
+    if not largest > limit * _scatter(score[:, :size] / units[:size] * white[:, None] / math.sqrt(variance), begin):
         return 0
     step = int(begins[1] - begins[0])
     ends = max(begin - step, fewest), min(begin + step, white.size - fewest)
     nearer = np.unique(np.linspace(*ends, BEGINS).astype(int))
-    return _worst(score, white, size, nearer)[1]
+    return _worst(score, white, units, size, nearer)[1]
 
 
 def _scatter(products: FloatArray, begin: int) -> float:
@@ -114,12 +119,17 @@ def _scatter(products: FloatArray, begin: int) -> float:
     return max(float(np.mean(np.sum(np.concatenate(away) ** 2, axis=0))), 1.0)
 
 
-def _worst(score: FloatArray, white: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
-    """Return the largest statistic since some ascending samples, and its sample; each sample is summed once."""
+def _worst(
+    score: FloatArray, white: FloatArray, units: FloatArray, size: int, begins: IntArray
+) -> tuple[float, int]:
+    """Return the largest statistic since some ascending samples, and its sample; each sample is summed once.
+
+    The sums of the scores are in ``units`` (T,).
+    """
     edges = [0, *begins.tolist(), len(score)]
     both = np.column_stack([score, white])
     sums = [score[a:b].T @ both[a:b] for a, b in pairwise(edges)]
-    since = np.cumsum(sums[::-1], axis=0)[::-1]
+    since = np.cumsum(sums[::-1], axis=0)[::-1] / units[:, None] / np.append(units, 1.0)
     statistics = _statistics(since[0], since[1:], size)
     worst = len(statistics) - 1 - int(np.argmax(statistics[::-1]))  # of equal ones the last
     return float(statistics[worst]), int(begins[worst])
