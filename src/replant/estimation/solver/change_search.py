@@ -119,9 +119,7 @@ def _scatter(products: FloatArray, begin: int) -> float:
     return max(float(np.mean(np.sum(np.concatenate(away) ** 2, axis=0))), 1.0)
 
 
-def _worst(
-    score: FloatArray, white: FloatArray, units: FloatArray, size: int, begins: IntArray
-) -> tuple[float, int]:
+def _worst(score: FloatArray, white: FloatArray, units: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
     """Return the largest statistic since some ascending samples, and its sample; each sample is summed once.
 
     The sums of the scores are in ``units`` (T,).
