@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import pickle
 from typing import Any
 
@@ -127,6 +128,24 @@ def test_numbers_of_the_state_that_point_beyond_its_arrays_are_refused(calls: li
                 except ValueError:
                     refused += 1
     assert refused > tried / 4  # sizes and places; some numbers may be any
+
+
+def test_the_weights_of_a_bank_take_models_of_their_own_order_alone(calls: list[Call]) -> None:
+    weigh, given = next((kernel, own) for kernel, own in calls if kernel.name == "step.bank.weigh")
+    names = list(inspect.signature(weigh.python).parameters)
+    arguments = {
+        name: each.copy() if isinstance(each, np.ndarray) else each for name, each in zip(names, given, strict=True)
+    }
+    longer = {**arguments, "variances": np.tile(arguments["variances"], 2)}
+    with pytest.raises(ValueError, match="variances"):  # every model would be as long, and written beyond its room
+        weigh(*longer.values())
+    found = []
+    for order in (0, -(2**62)):  # one before the first model counts as that one
+        own = {name: each.copy() if isinstance(each, np.ndarray) else each for name, each in arguments.items()}
+        own["orders"][:] = order
+        weigh(*own.values())
+        found.append(own["logs"])
+    np.testing.assert_array_equal(*found)
 
 
 def running(**settings: Any) -> rp.Identifier:

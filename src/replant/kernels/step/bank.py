@@ -34,7 +34,7 @@ RENEWED = 64  # a coefficient of so many samples has a standard deviation of at 
     "past.shape[0] >= weights.size and past.shape[1] >= LAGS + 1 and work.size >= 36 + 2 * weights.size",
     "sums.shape[0] >= weights.size and sums.shape[1] > LAGS and sums.shape[2] > LAGS",
     "models.shape[0] >= weights.size and models.shape[1] > LAGS and models.shape[2] > LAGS",
-    "variances.shape[0] >= weights.size and variances.shape[1] > LAGS",
+    "variances.shape[0] >= weights.size and variances.shape[1] == LAGS + 1",
     "numbers.size >= 1 and counts.size >= 3 and 0 <= counts[KNOWN] <= LAGS",
 )
 def weigh(
@@ -76,7 +76,7 @@ def weigh(
         if is_usable:
             for i in range(M):
                 if joined[i]:
-                    lags = min(orders[i], counts[KNOWN])
+                    lags = min(max(orders[i], 0), counts[KNOWN])
                     white = errors[k, i]
                     for lag in range(1, lags + 1):
                         white += models[i, lags, lag] * past[i, lag]
