@@ -24,15 +24,15 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.contest import HARMLESS, Claim, Contest, decided, is_sure
-from replant.estimation.solver.known_before import Known, with_nuisances
+from replant.estimation.solver.known_before import Known, nuisances_of, with_nuisances
+from replant.estimation.solver.refined import without_nuisances
 from replant.estimation.solver.residual_likelihood import Stretch
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, least_norm, quiet
-from replant.numerics.projections import WEAKEST
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, quiet
 
 # a change in between loses a thirty-second of the samples that tell it
 BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
@@ -82,9 +82,9 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     size, fewest = structure.coefficients, least_since(structure)
     if record.u.size < 3 * fewest:
         return 0
-    done = Problem(structure, record).run_whole(np.append(model[:size], np.zeros(model.size - size)))
-    # the residual of the model with the offset and the initial state that explain most of it
-    error = done.error - done.phi[:, size:] @ least_norm(done.phi[:, size:], done.error, WEAKEST)[0]
+    done = Problem(structure, record).run_whole(without_nuisances(structure, model[:size]))
+    # of the model with its nuisances, in which the residual is linear
+    error = done.error - done.phi[:, size:] @ nuisances_of(done, size)
     noise = Stretch.of(record, slice(None)).colour(error)
     score = noise.whiten_known(done.zeta, record.rough_predecessors)
     white = noise.whiten_known(error, record.rough_predecessors)
@@ -92,14 +92,14 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     variance = float(white @ white) / max(record.count - model.size, 1)
     if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
         return 0
-    ahead = error if done.ahead is done.error else error * math.sqrt(done.power / float(done.error @ done.error))
-    if float(np.std(ahead)) < HARMLESS * float(np.std(record.y)):
+    beside = math.sqrt(done.power / float(done.error @ done.error))  # measured less predicted output, over the error
+    if float(np.std(error)) * beside < HARMLESS * float(np.std(record.y)):
         return 0
     units = np.where(lengths > 0.0, lengths, 1.0)
     begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))
     largest, begin = _worst(score, white, units, size, begins)
     limit = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance
-    if not largest > limit:  # no variance of blocks makes it smaller
+    if not largest > limit:  # the scatter of blocks only raises the limit
         return 0
     if not largest > limit * _scatter(score[:, :size] / units[:size] * white[:, None] / math.sqrt(variance), begin):
         return 0

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.estimation.engine.record import Record
-from replant.estimation.solver.refined import Prior, Refined
+from replant.estimation.simulation.auxiliary_model import Pass
+from replant.estimation.solver.refined import Prior, Refined, without_nuisances
 from replant.estimation.solver.residual_likelihood import WEAKEST
 from replant.estimation.solver.srivc_steps import Problem
 from replant.model.structure import Structure
@@ -148,11 +149,14 @@ class Known:
 
 def with_nuisances(problem: Problem, model: FloatArray, rows: slice = slice(None)) -> FloatArray:
     """Return a model (T,) with the offset and the initial state that rows of a problem's record tell."""
-    model, size = model.copy(), problem.structure.coefficients
-    model[size:] = 0.0
-    done = problem.run_whole(model)
-    model[size:] = least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0]
-    return model
+    size = problem.structure.coefficients
+    done = problem.run_whole(without_nuisances(problem.structure, model[:size]))
+    return np.concatenate([model[:size], nuisances_of(done, size, rows)])
+
+
+def nuisances_of(done: Pass, size: int, rows: slice = slice(None)) -> FloatArray:
+    """Return the nuisances (T - size,) that explain most of the residual of a pass without any, of some rows."""
+    return np.asarray(least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0])
 
 
 @quiet
