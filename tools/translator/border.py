@@ -43,9 +43,9 @@ def entries(program: Program, kernels: list[Any]) -> list[tuple[Any, Function, l
     return found
 
 
-def runner(kernel: Any, function: Function, conditions: list[str], head: str) -> str:
+def runner(kernel: Any, function: Function, conditions: list[str]) -> str:
     """Return the function that runs a kernel with the arguments that Python gave, where all holds."""
-    lines, number = [head, "{"], 0
+    lines, number = [f"static const char *run_{function.name}(argument *a)", "{"], 0
     for name, kind in zip(function.parameters, function.own_kinds, strict=True):
         given = f"a[{number}]"
         if isinstance(kind, Record):
@@ -79,11 +79,11 @@ def given(function: Function) -> Iterator[tuple[str, Kind, bool]]:
             yield part, own, name in function.written
 
 
-def table(every: list[tuple[Any, Function]], own: int) -> str:
-    """Return the table of all kernels: name, arguments and results; those of the file "kernels" come first."""
+def table(every: list[tuple[Any, Function]], plain: int) -> str:
+    """Return the table of all kernels: name, arguments, results; first so many of "kernels", then those of "lanes"."""
     parts = ["typedef struct { const char *name; char kind; int dimensions; bool written; } parameter;"]
     most = max(len(list(given(function))) for _, function in every)
-    parts.append(f"enum {{ MOST_ARGUMENTS = {most}, OWN_KERNELS = {own}, ALL_KERNELS = {len(every)} }};")
+    parts.append(f"enum {{ MOST_ARGUMENTS = {most}, FIRST_OF_LANES = {plain}, ALL_KERNELS = {len(every)} }};")
     parts.append(
         "typedef struct {\n    const char *name;\n    int count;\n    const parameter *parameters;\n"
         "    int result_count;\n    const char *results;\n    bool of_state;\n} kernel;"
@@ -124,32 +124,28 @@ def choice() -> str:
 
 def sources(package: str, root: Path, kernels: list[Any]) -> dict[str, str]:
     """Return the C files by name: ``border.c``, and two that are compiled once for each instruction set."""
-    programs = {"kernels": Program(package, root), "lanes": Program(package, root)}
     vectorised = [kernel for kernel in kernels if ".step.ensemble" in kernel.python.__module__]
-    parts_of = {"kernels": [kernel for kernel in kernels if kernel not in vectorised], "lanes": vectorised}
-    border, every, files = (HERE / "border.h").read_text("utf-8"), [], {}
-    for file, program in programs.items():
-        found, parts = entries(program, parts_of[file]), []
-        for kernel, function, conditions in found:
-            head = f"static const char *run_{function.name}(argument *a)"
-            parts.append(runner(kernel, function, conditions, head))
-            every.append((kernel, function))
-        parts.append(_list("runner", file, [f"run_{function.name}" for _, function, _ in found]))
-        if file == "kernels":
-            steps = [(kernel, function) for kernel, function, _ in found if re.fullmatch(STEP, kernel.name)]
-            parts.append(TAKER)
-            parts.append(_list("taker", "takers", [function.name for _, function in steps]))
-        files[f"{file}.c"] = "\n\n".join([program.text(lanes=file == "lanes"), border, *parts]) + "\n"
-    own = programs["kernels"]
+    plain = [kernel for kernel in kernels if kernel not in vectorised]
+    programs = {"kernels": Program(package, root), "lanes": Program(package, root)}
+    found = {"kernels": entries(programs["kernels"], plain), "lanes": entries(programs["lanes"], vectorised)}
+    every = [(kernel, function) for own in found.values() for kernel, function, _ in own]
+    steps = [(kernel, function) for kernel, function in every if re.fullmatch(STEP, kernel.name)]
+    header, files = (HERE / "border.h").read_text("utf-8"), {}
+    for name, program in programs.items():
+        parts = [program.text(lanes=name == "lanes"), header, *(runner(*entry) for entry in found[name])]
+        parts.append(_list("runner", name, [f"run_{function.name}" for _, function, _ in found[name]]))
+        if name == "kernels":
+            parts += [TAKER, _list("taker", "takers", [function.name for _, function in steps])]
+        files[f"{name}.c"] = "\n\n".join(parts) + "\n"
     rows = [f'    {{ "{kernel.name}", {"true" if "collecting" in kernel.name else "false"} }},' for kernel, _ in steps]
-    kinds = "\n".join(["static const struct { const char *name; bool collects; } steps[] = {", *rows, "};"])
-    believed = f"#define at_BELIEVED {own.schema.BELIEVED}"
-    parts = [own.types(), border, believed, table(every, len(parts_of["kernels"])), kinds, choice()]
-    return {"border.c": "\n\n".join([*parts, (HERE / "border.c").read_text("utf-8")]), **files}
+    collects = "\n".join(["static const struct { const char *name; bool collects; } steps[] = {", *rows, "};"])
+    own = programs["kernels"]
+    parts = [own.types(), header, f"#define at_BELIEVED {own.schema.BELIEVED}", table(every, len(plain)), collects]
+    return {"border.c": "\n\n".join([*parts, choice(), (HERE / "border.c").read_text("utf-8")]), **files}
 
 
 def _list(kind: str, name: str, functions: list[str]) -> str:
-    """Return the functions of a file that the border calls, by its number of each."""
+    """Return the C list of some functions of a file, as the border has them."""
     head = f"const {kind} OF_VARIANT({name})[]"
     return "\n".join([f"extern {head};", f"{head} = {{", *(f"    {function}," for function in functions), "};"])
 

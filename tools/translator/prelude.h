@@ -16,8 +16,8 @@
 #define fetch_early(...) (void)(__VA_ARGS__)
 #define SIDE_BY_SIDE(own)
 #endif
-/* gcc judges loops better by itself, but for those that melt into a kernel of short ones; clang does those better, and
-   is told of each loop of such a kernel that its passes are few. */
+/* Which loops are made of vectors.  gcc chooses better by itself, except in kernels of short loops: there only those
+   that say SIDE_BY_SIDE.  clang follows SIDE_BY_SIDE, and leaves the other loops of such a kernel scalar. */
 #if defined(__GNUC__) && !defined(__clang__) && __GNUC__ > 10
 #define SIDE_BY_SIDE_APART(own)
 #define SHORT_LOOPS __attribute__((optimize("vect-cost-model=very-cheap")))
