@@ -13,14 +13,14 @@ from concurrent.futures import ThreadPoolExecutor
 from itertools import groupby
 
 from replant.estimation.engine.state_lanes import fits, kind
-from replant.estimation.engine.vector_blocks import Block, Room, is_under_way, order
+from replant.estimation.engine.vector_blocks import Block, Room, are_apart, is_under_way, order
 from replant.estimation.engine.vector_blocks import kind as kind_of_block
 from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 
 LEAST = 5  # members that lanes pay for: they take about the time of five [count]
-LEAST_ALIKE = 4  # members that draw alike that a block pays for: it takes about the time of three [count]
-LEAST_APART = 7  # the same where each draws rows of its own: of six [count]
+LEAST_ALIKE = 4  # members with one random stream that a block pays for: it takes the time of three [count]
+LEAST_APART = 7  # members with streams of their own that a block pays for: it takes the time of six [count]
 # to go into lanes and to leave them takes as long as some ten samples
 FEWEST = 32  # rows of a chunk that lanes pay for [samples]
 PIECE = 2048  # rows after which it is looked at again who may go together: whose start-up has ended, say [samples]
@@ -60,9 +60,9 @@ def form_blocks(members: Sequence[Identifier], reached: dict[int, int]) -> list[
         numbers = list(group)
         for first in range(0, len(numbers), LANES):
             some = numbers[first : first + LANES]
-            apart = len({states[n].seed for n in some}) > 1
-            if len(some) >= (LEAST_APART if apart else LEAST_ALIKE):
-                formed.append((Block.of_states(some, [states[n] for n in some]), start))
+            own = [states[n] for n in some]
+            if len(some) >= (LEAST_APART if are_apart(own) else LEAST_ALIKE):
+                formed.append((Block.of_states(some, own), start))
     return formed
 
 

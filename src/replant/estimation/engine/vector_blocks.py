@@ -39,6 +39,11 @@ def order(state: State) -> tuple[int, ...]:
     return tuple(state.ints[IN_STEP].tolist())
 
 
+def are_apart(states: Sequence[State]) -> bool:
+    """Return whether the random streams of some states differ."""
+    return len({state.seed for state in states}) > 1
+
+
 @dataclass(frozen=True, eq=False)
 class Block:
     """The stacked arrays of up to `kernels.vector.LANES` members; see `replant.kernels.step.ensemble`."""
@@ -62,7 +67,7 @@ class Block:
         lanes = [*states, *[states[0]] * (LANES - len(states))]
         rows = [*numbers, *[numbers[0]] * (LANES - len(numbers))]
         first, buffers = states[0], [state.buffer for state in lanes]
-        apart = len({state.seed for state in states}) > 1
+        apart = are_apart(states)
         batch, memory = first.batch_size, first.memory_size
         work = (
             np.ones(LANES, np.int64),
