@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import pickle
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -30,6 +31,11 @@ PLACES = (
 )  # fmt: skip
 
 
+def copied(arguments: Iterable[Any]) -> list[Any]:
+    """Return arguments of which each array is another one."""
+    return [each.copy() if isinstance(each, np.ndarray) else each for each in arguments]
+
+
 @pytest.fixture(scope="module")
 def calls() -> list[Call]:
     """Return one good call of many kernels, as they are called at work."""
@@ -37,7 +43,7 @@ def calls() -> list[Call]:
     call = Kernel.__call__
 
     def noted(kernel: Kernel, *arguments: Any) -> Any:
-        found[kernel.name] = kernel, tuple(each.copy() if isinstance(each, np.ndarray) else each for each in arguments)
+        found[kernel.name] = kernel, tuple(copied(arguments))
         return call(kernel, *arguments)
 
     with pytest.MonkeyPatch.context() as patch:
@@ -67,7 +73,7 @@ def calls() -> list[Call]:
 
 def wrong(arguments: tuple[Any, ...], chance: np.random.Generator) -> list[Any]:
     """Return arguments of which one array is not as it was: shorter, longer, of another type, read-only, in steps."""
-    own: list[Any] = [each.copy() if isinstance(each, np.ndarray) else each for each in arguments]
+    own = copied(arguments)
     place = chance.choice([number for number, each in enumerate(own) if isinstance(each, np.ndarray)])
     array = own[place]
     axis = int(chance.integers(array.ndim))
@@ -119,7 +125,7 @@ def test_numbers_of_the_state_that_point_beyond_its_arrays_are_refused(calls: li
     for kernel, arguments in calls:
         if isinstance(arguments[0], np.ndarray) and arguments[0].dtype == np.int64:
             for _ in range(100):
-                own = [each.copy() if isinstance(each, np.ndarray) else each for each in arguments]
+                own = copied(arguments)
                 slot = chance.integers(own[0].shape[-1])
                 own[0][..., slot] = chance.choice([-1, 10**6, 2**40, -(2**62)])
                 tried += 1
@@ -133,18 +139,16 @@ def test_numbers_of_the_state_that_point_beyond_its_arrays_are_refused(calls: li
 def test_the_weights_of_a_bank_take_models_of_their_own_order_alone(calls: list[Call]) -> None:
     weigh, given = next((kernel, own) for kernel, own in calls if kernel.name == "step.bank.weigh")
     names = list(inspect.signature(weigh.python).parameters)
-    arguments = {
-        name: each.copy() if isinstance(each, np.ndarray) else each for name, each in zip(names, given, strict=True)
-    }
-    longer = {**arguments, "variances": np.tile(arguments["variances"], 2)}
+    longer = copied(given)
+    longer[names.index("variances")] = np.tile(longer[names.index("variances")], 2)
     with pytest.raises(ValueError, match="variances"):  # every model would be as long, and written beyond its room
-        weigh(*longer.values())
+        weigh(*longer)
     found = []
-    for order in (0, -(2**62)):  # one before the first model counts as that one
-        own = {name: each.copy() if isinstance(each, np.ndarray) else each for name, each in arguments.items()}
-        own["orders"][:] = order
-        weigh(*own.values())
-        found.append(own["logs"])
+    for order in (0, -(2**62)):  # a negative order counts as the lowest
+        own = copied(given)
+        own[names.index("orders")][:] = order
+        weigh(*own)
+        found.append(own[names.index("logs")])
     np.testing.assert_array_equal(*found)
 
 

@@ -330,7 +330,7 @@ def test_samples_and_the_model_over_a_broker(broker: int, tmp_path: Path) -> Non
     retained: list[dict] = []
     client.on_message = lambda *arguments: retained.append(json.loads(arguments[2].payload))
     client.subscribe("rig/1/model", qos=1)
-    # the broker may read the session's last message, which it asked no receipt for, after this subscription
+    # estimates have QoS 0: the broker may read this subscription before the session's last estimate
     model = wait_for(lambda: [each for each in retained if each["status"] == "ended" and "a0" in each])[0]
     client.disconnect()
     client.loop_stop()
