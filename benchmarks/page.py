@@ -41,12 +41,6 @@ quartiles in brackets.
 EVERY_ROW = "Every row: {{download}}`{0}.csv <performance/{0}.csv>`."
 #: Members whose rows the page shows; the table has all.
 SHOWN_MEMBERS = (64,)
-LIMITS = """
-## Measured once
-
-A log of 10^8 rows (`python benchmarks/streaming.py --rows 1e8 --repeats 1`, 2026-11-20) takes as little memory as one
-of 10^7: 387 MB from Parquet, 405 MB from CSV.
-"""
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -292,4 +286,4 @@ def section(name: str, figures: Figures) -> str:
 def page(figures: Figures) -> str:
     """Return the whole page."""
     machine = "\n".join(f"* {key}: {value}" for key, value in figures["machine"].items())
-    return HEAD + machine + "\n\n" + "\n".join(section(name, figures[name]) for name in SECTIONS) + LIMITS
+    return HEAD + machine + "\n\n" + "\n".join(section(name, figures[name]) for name in SECTIONS) + "\n"
