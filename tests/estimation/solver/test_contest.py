@@ -239,6 +239,9 @@ def test_another_plant_has_to_be_sure_and_so_has_that_there_is_none() -> None:
     assert found is not None
     assert (found.supposition, found.fair) == (gain.supposition, gain.fair)
     assert decided([load, claim(Supposition.CUT, 15.0)]) is None
+    for same in (Supposition.NOTHING, Supposition.NOISE):  # believed, a load forgets most of the samples before
+        assert decided([load, claim(same, 20.0 - 0.9 * sure)]) is None
+        assert decided([load, claim(same, 20.0 - 1.1 * sure)]) is load
     assert decided([load, claim(Supposition.CUT, 20.0 - 1.1 * sure)]) is load
 
 

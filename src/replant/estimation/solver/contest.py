@@ -101,7 +101,8 @@ def odds_of(supposition: Supposition) -> float:
 def decided(claims: Sequence[Claim]) -> Claim | None:
     """Return the claim of most evidence; None while it is open, or where there are no claims.
 
-    What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  Beside
+    What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  A load
+    has to be sure beside no change at all: believed, it leaves little of what the samples before told of G(s).  Beside
     an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
     raise an alarm again explains nothing: it stays open, unless an output that answers to nothing is likelier.
     """
@@ -112,10 +113,16 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
     if found.left > UNEXPLAINED:
         likeliest = max(claims, key=lambda claim: told[claim].fair)
         return likeliest if likeliest.supposition is Supposition.CUT else None
-    rivals = [claim for claim in claims if not found.supposition.is_of_plant or claim.supposition is Supposition.CUT]
-    sure = [-math.log(ALPHA) if claim.supposition is Supposition.CUT else 0.0 for claim in rivals]
-    least = [told[claim].fair + more for claim, more in zip(rivals, sure, strict=True)]
-    return None if any(each > told[found].fair for each in least) else found
+    wins = all(told[found].fair - told[claim].fair >= _least_advantage(found, claim) for claim in claims)
+    return found if wins else None
+
+
+def _least_advantage(found: Claim, rival: Claim) -> float:
+    """Return by how much the claim of most evidence must be likelier than another one, the price of G(s) aside."""
+    same = Supposition.NOTHING, Supposition.NOISE
+    if rival.supposition is Supposition.CUT or (found.supposition is Supposition.LOAD and rival.supposition in same):
+        return -math.log(ALPHA)
+    return -math.inf if found.supposition.is_of_plant else 0.0
 
 
 def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
