@@ -34,7 +34,7 @@ def test_three_inputs_with_zeros_are_told_apart() -> None:
 
 @every(
     "pole, correlation, runs",
-    [(0.0, 0.0, 3), (0.0, 0.0, 12), (0.0, 0.9, 12), (0.9, 0.0, 12), (0.9, 0.9, 12), (0.9, 0.9, 3)],
+    [(0.0, 0.0, 3), (0.0, 0.9, 6), (0.9, 0.0, 6), (0.9, 0.9, 6)],
     quick=1,
 )
 def test_the_joint_covariance_is_that_of_the_errors(pole: float, correlation: float, runs: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -28,9 +29,16 @@ def afloat(kind: str, scale: float, samples: int) -> np.ndarray:
     return scale * (noise if kind == "noise" else 0.05 * np.cumsum(noise))
 
 
-@every("optimizer", OPTIMIZERS, quick=1)
-@every("plant", [PLANT, LIGHT], ids=["usual", "light"], quick=1)
-@every(("kind", "size"), [("noise", 1.0), ("noise", 0.3), ("walk", 1.0)], quick=1)
+# each optimizer with each kind, and each plant with both
+CABLES = [
+    (optimizer, plant, *floating)
+    for (optimizer, floating), plant in zip(
+        itertools.product(OPTIMIZERS, [("noise", 1.0), ("noise", 0.3), ("walk", 1.0)]), itertools.cycle([PLANT, LIGHT])
+    )
+]
+
+
+@every("optimizer, plant, kind, size", CABLES, quick=1)
 def test_a_cable_that_floats_teaches_nothing(
     optimizer: str, plant: rp.TransferFunction, kind: str, size: float
 ) -> None:
