@@ -1,7 +1,7 @@
 """Speed of an ensemble of the default method beside one identifier in the same run: between its reviews, and with them.
 
-An identifier asks each 5000 samples whether its plant has changed, which takes as long as tens of thousands of samples;
-chunks are shorter than that, so that their median tells what is between, and their sum all of it.
+An identifier looks into its record each 5,000 samples, and searches that for a change each 15,000, which takes as long
+as tens of thousands of samples; chunks are shorter: their median tells what is between, and their sum all of it.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import replant as rp
 MEMBERS, DT, PERIOD, BEGUN = 64, 0.02, 1000, 20
 PROMISED, PROMISED_THREADS = 2.5, 1.8
 PLANT = rp.TransferFunction([2.0, 6.0], [1.0, 2.0, 5.0])
-LEAST = 20  # chunks: of four reviews
+LEAST = 20  # chunks: of four looks, a search among them
 
 
 def measure(repetitions: int = LEAST) -> dict[str, Any]:
