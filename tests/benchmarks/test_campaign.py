@@ -119,6 +119,7 @@ def test_a_chirp_that_shows_the_fast_modes_last_ends_where_the_record_does(numbe
     assert outcome.status == "trusted"
 
 
+@pytest.mark.slow
 def test_an_uncertain_model_takes_the_place_of_a_wrong_one() -> None:
     """Five poles at 7 dB: every right model is uncertain, and the first one, which explains nothing, is no less so."""
     experiment = plants.drawn(501, 137)

@@ -55,6 +55,7 @@ def contenders() -> list[Contender]:
     return compare(Request(rp.Structure(1), 0.05), u, y, SOME)
 
 
+@pytest.mark.slow
 def test_each_answer_is_that_of_its_own_command(capsys: Any, log: Path) -> None:
     code, out, err = call(capsys, "compare", log, *COLUMNS, *chosen(*SOME), "--json")
     assert (code, err) == (0, "")

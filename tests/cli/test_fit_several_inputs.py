@@ -159,6 +159,7 @@ def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path)
     assert "it has several outputs, and compare takes models of one" in err
 
 
+@pytest.mark.slow
 def test_a_range_is_searched_for_each_input_and_output(capsys: Any, log: Path, tmp_path: Path) -> None:
     asked = ("-o", "T1", "-p", "1:2,1", "--zeros", "0,0", "--delay", "0,0:0.6:0.3", "--to", 40)
     code, out, _ = call(capsys, "fit", log, *NAMED[:4], *asked, "--out", tmp_path / "out")
@@ -184,6 +185,7 @@ def test_compare_names_the_command_for_a_model_of_several_inputs(capsys: Any, lo
     assert "it has several inputs, and compare takes models of one" in err
 
 
+@pytest.mark.slow
 def test_a_reference_is_a_column(capsys: Any, tmp_path: Path) -> None:
     u, y, r = looped(0, load=True, pole=0.95, samples=1500)
     path = tmp_path / "loop.csv"

@@ -85,6 +85,7 @@ def test_the_program_in_the_report_repeats_the_run(capsys, log: Path, tmp_path: 
     assert [found[name]["value"] for name in ident.names] == ident.parameters.tolist()
 
 
+@pytest.mark.slow
 def test_compare_takes_the_stamps_and_says_which_method_does_not(capsys, log: Path, tmp_path: Path) -> None:
     methods = ["--optimizer", "default", "--optimizer", "srivc", "--optimizer", "least_squares"]
     code, out, _ = call(capsys, "compare", log, *OPTIONS, *methods, "--json", "--out", tmp_path)

@@ -122,6 +122,7 @@ def test_an_optimizer_that_cannot_use_it_says_so(log: Path, capsys: pytest.Captu
     assert "only the refined filter with recursive least squares uses a reference" in said
 
 
+@pytest.mark.slow
 def test_compare_gives_it_to_the_methods_that_use_one(
     log: Path, signals: tuple[np.ndarray, ...], given: list[np.ndarray | None], monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],

@@ -47,6 +47,7 @@ def test_python_and_the_command_line_make_the_same_model(capsys, steps: list[Pat
     np.testing.assert_allclose([*found["den"][1:], *found["num"]], fitted.parameters, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_search_finds_poles_and_dead_time_from_all_of_them(capsys, steps: list[Path]) -> None:
     _, said, _ = call(capsys, "fit", *steps, "-i", "u", "-o", "y", "-p", "1:2", "--delay", "2:4:1", "--json")
     (chosen,) = [each for each in json.loads(said)["candidates"] if each["chosen"]]

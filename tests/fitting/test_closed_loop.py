@@ -178,7 +178,8 @@ def test_under_a_load_a_reference_takes_the_bias_away(plant: rp.TransferFunction
     assert found.reference.misfit_limit > degrees
 
 
-@every("run", range(3), quick=1)
+@pytest.mark.slow
+@every("run", range(3))
 def test_a_strong_load_leads_no_search_astray(run: int) -> None:
     """The reference explains no more of what is left than at the root that the steps reach from the truth.
 

@@ -64,6 +64,7 @@ def test_the_fit_is_as_good_as_its_standard_deviations_say_and_as_on_a_regular_c
     assert fitted.one_step == pytest.approx(least, abs=1.5)
 
 
+@pytest.mark.slow
 @CLOCKS
 def test_taken_for_regular_the_record_would_give_less(make) -> None:
     u, y, t = make(1)

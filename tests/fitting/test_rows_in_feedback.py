@@ -30,6 +30,7 @@ def test_with_a_reference_the_estimate_is_right_under_any_noise(load: bool, pole
     assert "input u1 is moved by the reference" in " ".join(found.verdict.reasons)
 
 
+@pytest.mark.slow
 @every("seed", range(3))
 def test_the_estimate_is_the_root_of_the_noise_model_of_what_it_leaves(seed: int) -> None:
     u, y, r = looped(seed, load=True, pole=0.95)
@@ -64,6 +65,7 @@ def test_under_a_load_the_estimate_without_one_is_off_and_not_trusted() -> None:
     assert found.verdict.status == "inconsistent"
 
 
+@pytest.mark.slow
 def test_each_of_two_loops_has_a_reference() -> None:
     """The second input follows a set-point of its own; the unit of a reference does not matter."""
     u, y, r = looped(1, load=True, pole=0.95)
@@ -79,6 +81,7 @@ def test_a_reference_that_is_not_known_leaves_its_output_out() -> None:
     assert distance(found) < chi2_quantile(0.9999, TRUE.size)
 
 
+@pytest.mark.slow
 def test_an_input_that_moves_with_the_reference_by_chance_is_from_outside() -> None:
     """It follows half of the set-point, and no disturbance: what else it does counts, too."""
     u, y, r = looped(8)
@@ -98,6 +101,7 @@ def test_an_input_that_moves_with_the_reference_by_chance_is_from_outside() -> N
     assert distance(found) < chi2_quantile(0.9999, TRUE.size)
 
 
+@pytest.mark.slow
 @every(
     "reference, words",
     [

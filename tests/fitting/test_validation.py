@@ -108,6 +108,7 @@ def test_rounding_is_not_tested(model: rp.Model) -> None:
     assert (found.verdict.status, found.correlations) == ("trusted", None)
 
 
+@pytest.mark.slow
 def test_errors_by_frequency_that_are_chance_are_seldom_said(model: rp.Model) -> None:
     """Of a right model one record of twenty: of 40 records more than 7 have a chance of 1 in 1000."""
     exact = dataclasses.replace(model, parameters=[1.2, 4.0, 2.0, 3.0])

@@ -57,7 +57,7 @@ def dask_cluster(count: int) -> Iterator:
         yield cluster
 
 
-@pytest.mark.parametrize("on", ["threads:1", "threads:3", "processes:2"])
+@every("on", ["processes:2", "threads:3", "threads:1"], quick=1)
 def test_threads_and_processes_write_the_same_bytes(logs: Path, expected: list[bytes], tmp_path: Path, on: str) -> None:
     assert fitted(logs, tmp_path / "out", on) == expected
 
@@ -89,6 +89,7 @@ def test_a_worker_of_dask_that_dies_costs_nothing_but_time(logs: Path, expected:
     assert got == expected
 
 
+@pytest.mark.slow
 def test_loky_writes_the_same_bytes(logs: Path, expected: list[bytes], tmp_path: Path) -> None:
     executor = loky.ProcessPoolExecutor(2)
     try:

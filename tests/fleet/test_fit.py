@@ -69,6 +69,7 @@ def test_a_row_says_what_run_says(tmp_path: Path) -> None:
     assert row["verdict"] == alone.verdict.status
 
 
+@pytest.mark.slow
 def test_a_run_without_its_history_is_the_same_run(tmp_path: Path) -> None:
     """With gaps, outliers and a change of the plant, in several chunks."""
     record = recorded(5, 2500)

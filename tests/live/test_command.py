@@ -92,6 +92,7 @@ def test_the_address_of_standard_input_is_no_option_wherever_it_stands(
     assert runs == [(source, ["-"])]
 
 
+@pytest.mark.slow
 def test_standard_input_may_have_options() -> None:
     with live("--to", "-", "-?columns=n,t,y,u", *MODEL, model=()) as process:
         code, out, err = finished(process, b"".join(lines(Y, U, T, first=0)))

@@ -177,7 +177,8 @@ def test_a_plant_that_jumps_twice_is_not_trusted_with_what_the_first_look_made_o
 # --- the wire
 
 
-@pytest.mark.parametrize("gap", [pytest.param(0.0, marks=pytest.mark.slow), 5.0])
+@pytest.mark.slow
+@pytest.mark.parametrize("gap", [0.0, 5.0])
 def test_lost_samples_jitter_and_a_gap(gap: float) -> None:
     """A tenth lost, stamps a fifth of an interval early or late, and the plant on its own for a while."""
     generator = np.random.default_rng(2)

@@ -243,6 +243,7 @@ def test_every_format_learns_what_is_not_misread(form: str, columns: tuple[str, 
     assert session.source.counters == {}
 
 
+@pytest.mark.slow
 def test_after_a_number_that_is_misread_a_plant_that_changes_is_noticed() -> None:
     """Its gain triples; nothing says ``trusted`` of the old one for good."""
     u, y = record(2 * SAMPLES, seed=3)

@@ -39,6 +39,7 @@ def fit_in(page: str) -> float:
     return float(re.search(r"<dd>([\d.]+).%</dd><dt>fit, simulated", page.replace("\u00a0", " "))[1])
 
 
+@pytest.mark.slow
 def test_samples_of_an_irregular_clock_are_simulated_and_drawn_at_their_times() -> None:
     every = np.arange(1, 3000)
     kept = every[np.random.default_rng(2).uniform(size=every.size) > 0.3]  # a third was lost

@@ -39,6 +39,7 @@ OPTIONS = ("-i", "Q1", "-i", "Q2", "-o", "T1", "-p", "2,1", "--delay", "0,0.3", 
 # --- the session
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stamped", [False, True])
 def test_batches_of_any_size_give_the_bits_of_the_whole_record(stamped: bool) -> None:
     session, _ = make(FakeSource(U, Y, numbered=False, t=T if stamped else None), identifier=fresh())
@@ -230,6 +231,7 @@ def test_objects_are_read_and_a_checkpoint_is_gone_on_with(tmp_path: Path) -> No
     assert [outs[-1][name] for name in NAMES] == pytest.approx(learned().parameters, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_one_input_may_have_a_name_too(tmp_path: Path) -> None:
     model = ("-i", "Q1", "-o", "T1", "-p", "1", "--dt", str(DT))
     with live("-", "--to", "-", "--record", tmp_path, model=model) as process:

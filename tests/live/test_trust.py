@@ -252,7 +252,7 @@ def sends_garbage(source: Paced) -> Iterator[Batch]:
         yield Batch(np.ones(3), np.full(3, np.nan), None, None, time.monotonic())
 
 
-@pytest.mark.parametrize("after", [blocks, is_silent, sends_garbage])
+@every("after", [blocks, is_silent, sends_garbage], quick=1)
 def test_without_accepted_samples_trust_is_taken_back(after: Callable[[Paced], Iterator[Batch]]) -> None:
     source, sink, ttl = Paced(after), FakeSink(), 0.3
     session, observer = make(source, observer=JudgingObserver(), sinks=[sink], ttl=ttl)

@@ -81,6 +81,7 @@ def test_one_by_one_is_equal_to_the_bit(record: tuple[np.ndarray, np.ndarray], w
     assert single.to_bytes() == whole.to_bytes()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("new_worker")
 def test_a_slow_second_python_changes_no_bit(
     record: tuple[np.ndarray, np.ndarray], whole: rp.Identifier, monkeypatch: pytest.MonkeyPatch
@@ -131,6 +132,7 @@ def test_saved_and_continued_equals_not_interrupted(
     assert ident.to_bytes() == whole.to_bytes()
 
 
+@pytest.mark.slow
 def test_what_only_reads_changes_no_bit(record: tuple[np.ndarray, np.ndarray], whole: rp.Identifier) -> None:
     (u, y), ident = record, identifier()
     for k in range(0, SAMPLES, 60):
@@ -153,6 +155,7 @@ def test_freeze_and_reset_drop_what_is_pending(record: tuple[np.ndarray, np.ndar
     assert ident.to_bytes() == whole.to_bytes()
 
 
+@pytest.mark.slow
 def test_finish_drops_what_is_pending(record: tuple[np.ndarray, np.ndarray]) -> None:
     (u, y), ident, direct = record, identifier(), rp.Identifier(poles=1, dt=DT)
     taken = until_pending(ident, u, y)

@@ -130,8 +130,9 @@ CHANGES: dict[str, tuple[list[float], list[float], float, int]] = {
 }
 
 
-@every("change", CHANGES, quick=1)
-@every("seed", range(3), quick=1)
+@pytest.mark.slow
+@every("change", CHANGES)
+@every("seed", range(3))
 def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: str, seed: int) -> None:
     """Three records each, noise of 7 %, looks from 640 samples on at which the estimate is nearly another one.
 
@@ -188,6 +189,7 @@ def test_a_gain_that_toggles_is_followed_each_time(seed: int) -> None:
         np.testing.assert_allclose(ident.transfer_function.dc_gain, true, rtol=0.1, err_msg=f"sample {begin + 700}")
 
 
+@pytest.mark.slow
 def test_the_verdict_can_be_asked_for_at_any_sample_of_an_alarm_and_after() -> None:
     """Where the record begins anew there is but one sample to judge by: nothing to trust, and nothing to fail on."""
     u = binary(1, 1800, 8)

@@ -150,7 +150,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
 }
 
 
-@every("which", SETTINGS, quick=1)
+@pytest.mark.slow
+@every("which", SETTINGS)
 def test_every_setting_gets_the_same_bits(which: str) -> None:
     u, y = records(3, 120)
     y[40:50, 2], y[70:, 3] = np.nan, 0.0

@@ -120,6 +120,7 @@ def test_rejected_samples_touch_their_own_member_alone(which: str, replay: rp.Re
 LANE = [0, LANES // 2 - 1, LANES // 2, LANES - 1]
 
 
+@pytest.mark.slow
 @every("lane", LANE)
 @every("value", [1e200, np.nan, -np.inf])
 @every("which", [0, 1], ids=["u", "y"])

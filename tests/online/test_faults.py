@@ -135,7 +135,8 @@ def test_what_is_large_but_right_is_learned() -> None:
     assert away(ident) < 0.01
 
 
-@every("kind", KINDS, quick=1)
+@pytest.mark.slow
+@every("kind", KINDS)
 def test_chunks_do_not_matter_to_any_of_it(kind: str) -> None:
     """Spikes, a stuck sensor, a plant that jumps: one call, chunks and single updates come to the same bits."""
     u, y = measured(1200)

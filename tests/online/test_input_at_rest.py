@@ -132,6 +132,7 @@ def test_when_the_input_moves_again_learning_goes_on() -> None:
     np.testing.assert_allclose(ident.parameters, TRUE, rtol=0.05)
 
 
+@pytest.mark.slow
 def test_an_input_that_moves_a_little_does_not_rest() -> None:
     """A thousandth of the amplitude is a millionth of the variance: where rest begins, once the past has faded."""
     for amplitude, rests in ((0.01, False), (1e-4, True)):

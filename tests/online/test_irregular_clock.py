@@ -102,6 +102,7 @@ def test_chunks_equal_the_whole_with_stamps_too() -> None:
 # --- missing samples
 
 
+@pytest.mark.slow
 def test_missing_samples_of_an_input_that_stood_cost_nothing() -> None:
     """Every value is held for eight samples, and none beside a change is missing."""
     u, y, t = irregular_record(PLANT, 5, 6000, DT, jitter=0.2, hold=8)

@@ -90,6 +90,7 @@ def test_none_is_solved_for_that_nobody_reads(monkeypatch: pytest.MonkeyPatch) -
     assert len(sizes) > 5
 
 
+@pytest.mark.slow
 @every("seed, noise, startup", [(8, 0.05, 300), (9, 0.5, 60)])
 def test_a_trace_that_is_read_late_is_what_one_read_at_once_is(seed: int, noise: float, startup: int) -> None:
     """With outputs that are missing, and an input that was misread, so that samples go again when the start-up ends."""

@@ -62,7 +62,8 @@ def one_by_one(ident: rp.Identifier, *signals: np.ndarray) -> None:
         ident.update(u[k], y[k], t, r)
 
 
-@every("stamped", [False, True], quick=1)
+@pytest.mark.slow
+@every("stamped", [False, True])
 def test_single_samples_and_chunks_of_any_size_give_the_same_bits(stamped: bool) -> None:
     u, y, t, r = garbled()
     whole, loop, parts = made(), made(), made()
@@ -113,6 +114,7 @@ def test_every_sample_keeps_its_own() -> None:
     assert ident.settings.reference
 
 
+@pytest.mark.slow
 def test_more_samples_than_are_kept() -> None:
     u, y, _, r = measured(RECENT + 700)
     ident = made()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.signal import lfilter
 
 import replant as rp
@@ -63,6 +64,7 @@ def test_a_frozen_estimate_is_not_reviewed() -> None:
     assert (ident.parameters == before).all()
 
 
+@pytest.mark.slow
 def test_single_samples_and_a_checkpoint_come_to_the_same_review() -> None:
     u, y = record("white", 1.3, 1)
     whole = rp.Identifier(rp.Structure(2), DT)

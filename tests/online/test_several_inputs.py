@@ -48,6 +48,7 @@ def test_a_row_without_noise_is_found_exactly() -> None:
     assert not trace.parameters[:499].any()
 
 
+@pytest.mark.slow
 @every("pole", [0.0, 0.9])
 def test_between_two_solutions_the_recursion_is_what_a_solution_would_be(pole: float) -> None:
     """They differ by the colour that the newest samples add, and by the curvature: by little beside the deviation."""

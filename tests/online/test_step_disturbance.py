@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+import pytest
 
 import replant as rp
 from support.builders import DT, binary, state, true_parameters
@@ -72,6 +73,7 @@ def at_once() -> tuple[tuple[np.ndarray, np.ndarray], rp.Identifier, np.ndarray]
     return record, ident, ident.update_many(*record).parameters
 
 
+@pytest.mark.slow
 def test_with_time_stamps_it_is_the_same() -> None:
     (u, y), _, expected = at_once()
     stamped = made("two poles")

@@ -134,6 +134,7 @@ def test_a_frozen_estimate_stays_trusted_while_the_plant_stays() -> None:
     assert verdict.held_out == 3000  # all that came since
 
 
+@pytest.mark.slow
 def test_an_estimate_that_follows_is_trusted_and_one_that_remembers_all_only_where_it_is_near() -> None:
     """a0 from 3 to 4.2 in a line over 8,000 samples: 0.045 in 300 samples.
 
@@ -203,6 +204,7 @@ def test_after_an_interruption_it_waits_for_samples_and_trusts_again() -> None:
     assert_trusted(ident.assess())
 
 
+@pytest.mark.slow
 def test_after_a_cable_has_floated_a_slow_plant_is_trusted_when_its_gain_shows() -> None:
     """Its time constant is 1,000 samples; 100 would be enough for a faster plant."""
     plant, known, lasted = rp.TransferFunction([2.0], [1.0, 1.0 / (1000 * DT)]), 8000, 1500

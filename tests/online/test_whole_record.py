@@ -89,7 +89,8 @@ def test_outputs_of_a_stuck_sensor_stay_bridged() -> None:
     assert (np.abs(ident.parameters - TRUE) < 5.0 * ident.uncertainty.std).all()
 
 
-@every("seed", range(4), quick=1)
+@pytest.mark.slow
+@every("seed", range(4))
 def test_nonlinear_plants_do_not_end_behind_fit(seed: int) -> None:
     """Of a plant that saturates, alarms leave an estimate of the newest samples; the whole record tells more."""
     random = np.random.default_rng(seed)

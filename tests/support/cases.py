@@ -14,7 +14,7 @@ from hypothesis import settings
 
 LONGEST = 60
 ParameterSet = type(pytest.param())
-PART, SOME = "part_of_cases", "some"
+PART, SOME, OTHERS = "part_of_cases", "some", "others"
 Labels = Iterable[Any] | Callable[[Any], Any] | None
 Cases = Iterable[Any] | Callable[[], Iterable[Any]]
 
@@ -28,7 +28,7 @@ def every(
     ``monkeypatch`` of its own and nothing in ``capsys``; other fixtures are shared.  A case that is skipped is said
     with its reason, and by how many others it was accompanied.  Cases that take time to find are given as a function,
     which is called when the test runs.  Of cases that take long `make test` runs as many as ``quick`` says, spread over
-    them, and `make slow` runs all.
+    them, and `make slow` the others.
     """
     keys = [name.strip() for name in names.split(",")] if isinstance(names, str) else list(names)
     given = cases if callable(cases) else list(cases)  # an iterator is empty at the second time
@@ -50,8 +50,9 @@ def every(
             )
             assert len(labels) == len(rows)
             numbers = range(len(rows))
-            if quick is not None and fixtures[PART] == SOME:
-                numbers = sorted({round(k * (len(rows) - 1) / max(quick - 1, 1)) for k in range(quick)})
+            if quick is not None:
+                some = {round(k * (len(rows) - 1) / max(quick - 1, 1)) for k in range(quick)}
+                numbers = [k for k in numbers if (k in some) is (fixtures[PART] == SOME)]
             if PART not in asked.parameters:
                 fixtures.pop(PART, None)
             for number, name, row in [(k, labels[k], rows[k]) for k in numbers]:
@@ -74,7 +75,7 @@ def every(
         own = quick is not None and PART not in asked.parameters
         left += [inspect.Parameter(PART, inspect.Parameter.KEYWORD_ONLY)] * own
         run.__signature__ = asked.replace(parameters=left)  # type: ignore[attr-defined]  # what pytest looks at
-        return pytest.mark.parametrize(PART, [SOME, pytest.param("all", marks=pytest.mark.slow)])(run) if own else run
+        return pytest.mark.parametrize(PART, [SOME, pytest.param(OTHERS, marks=pytest.mark.slow)])(run) if own else run
 
     return decorate
 

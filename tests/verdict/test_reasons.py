@@ -233,6 +233,7 @@ def uncertain(samples: int) -> tuple[np.ndarray, np.ndarray]:
     return u, y + 1.1 * generator.standard_normal(samples)  # more would hide the second pole
 
 
+@pytest.mark.slow
 def test_of_a_record_that_has_ended_it_is_said_how_long_another_has_to_be() -> None:
     """And one as long as that is known well enough."""
     u, y = uncertain(1000)

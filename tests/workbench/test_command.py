@@ -36,7 +36,8 @@ def motor(tmp_path: Path) -> Path:
     return path
 
 
-@every("case", list(CASES), quick=1)
+@pytest.mark.slow
+@every("case", list(CASES))
 def test_command_and_program_make_the_same_model(case: str, motor: Path, tmp_path: Path) -> None:
     setup, wish = CASES[case]
     words = words_of(motor, setup, wish)

@@ -32,6 +32,7 @@ def test_no_pole_is_left_of_what_does_nothing_or_has_a_pole_twice() -> None:
     assert truncated(np.array([1.0, 2.0]), np.array([2.0, 1.0]), 1) is None
 
 
+@pytest.mark.slow
 @every("seed", range(3))
 def test_a_begin_leads_to_the_minimum_near_the_truth(seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -59,7 +59,7 @@ def origin(port: int, host: str = "127.0.0.1") -> str:
 # --- host ---
 
 
-@pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST"])
+@every("host", ["127.0.0.1", "localhost", "LOCALHOST"])
 def test_its_own_names_are_answered(dashboard: Dashboard, host: str) -> None:
     assert ask(dashboard.port, "GET /", host=host)[0] == 200
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -164,7 +163,7 @@ def test_a_full_ring_of_raw_samples_and_the_last_solution() -> None:
     assert_equal(whole, parts)
 
 
-@pytest.mark.parametrize("samples", [0, 10, SAMPLES])
+@every("samples", [SAMPLES, 0, 10], quick=1)
 def test_what_can_be_done_with_an_identifier_can_be_done_with_a_loaded_one(samples: int) -> None:
     data = stream(2)
     ident = fresh("default")

@@ -31,7 +31,8 @@ from support.cases import every
 from support.trace_by_hand import DT, TRUE, trace_by_hand
 
 
-@every(("method", "variant", "filters"), list(itertools.product(OPTIMIZERS, GAINS, FILTERS)), quick=1)
+@pytest.mark.slow
+@every(("method", "variant", "filters"), list(itertools.product(OPTIMIZERS, GAINS, FILTERS)))
 def test_every_run_agrees_with_a_direct_one(actuator, method, variant, filters):
     record, row = actuator.record, actuator.row(method, variant, filters)
     ident, trace = trace_by_hand(record, method, variant, filters)

@@ -20,6 +20,7 @@ def drawn(request):
     return figure, curves, draw(figure, curves)
 
 
+@pytest.mark.slow
 def test_every_curve_holds_the_numbers_of_its_tables_run(drawn, results):
     figure, _, canvas = drawn
     for line in figure.lines:
