@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
 import pydoc
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import replant
@@ -83,6 +85,26 @@ def test_an_identifier_at_work_loads_scipy_and_only_what_it_needs() -> None:
     )
     assert "scipy" in modules
     assert not modules & {"matplotlib", "pyarrow", "control", "pandas", "click"}
+
+
+def test_a_run_loads_no_part_of_scipy_that_is_slow_to_load(tmp_path: Path) -> None:
+    """Its signal and stats take longer than all else that a run loads; a machine of one core waits for them."""
+    u, y = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 100), 8), np.zeros(800)
+    for k in range(1, 800):
+        y[k] = 0.9 * y[k - 1] + 0.2 * u[k - 1]
+    y += 0.1 * np.random.default_rng(1).standard_normal(800)
+    np.savetxt(tmp_path / "log.csv", np.column_stack([u, y]), delimiter=",", header="u,y", comments="")
+    program = (
+        "import contextlib, io, os, sys\nfrom replant.cli import main\n"
+        "with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):\n"
+        f"    main(['run', {str(tmp_path / 'log.csv')!r}, '-i', 'u', '-o', 'y', '-p', '1', '--dt', '1', '--json'])\n"
+        "assert 'scipy.special' in sys.modules\n"
+        "assert not {'scipy.signal', 'scipy.stats', 'matplotlib'} & set(sys.modules)\n"
+        "assert os.environ['OMP_NUM_THREADS'] == '1'\n"
+    )
+    own = {name: value for name, value in os.environ.items() if not name.endswith("NUM_THREADS")}
+    run = subprocess.run([sys.executable, "-c", program], env=own, capture_output=True, text=True, timeout=PATIENCE)
+    assert run.returncode == 0, run.stderr
 
 
 def test_every_public_name_resolves_and_is_listed_in_order() -> None:

@@ -23,7 +23,7 @@ from multiprocessing import active_children, get_context, parent_process
 from typing import Any, TypeVar
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError, shown
-from replant.numerics.operating_system import refusal
+from replant.numerics.operating_system import THREADS, refusal
 
 MOST_WAITING = 1024  # tasks with the workers at a time: enough for a large cluster, and little memory [count]
 MOST_LOST = 3  # a pool that dies more often in a row without a task done is killed by a task [count]
@@ -93,8 +93,6 @@ class Progress:
     part: float  # part of the work that is done, by the plan, up to 1
 
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-"""Variables by which libraries learn how many threads they may start, when they are loaded."""
 PATIENCE = 30.0  # time within which a scheduler of Dask must answer [s]
 RETRIES = 3  # how often Dask gives a task to another worker when its worker dies [count]
 _FORMS = "threads:N, processes:N or dask://HOST:PORT"

@@ -17,6 +17,7 @@ from replant.fleet.shape import Shape, branches_of
 from replant.fleet.store import column
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.linear_algebra import chi2_quantile
 
 CHANCE = 0.01
 """Probability that a fleet without an odd rig has one named [probability].
@@ -59,9 +60,11 @@ class Location:
 
 def limit_of(size: int, base: int, rigs: int) -> float:
     """Return the squared distance that is reached by chance in one of 1/`CHANCE` fleets."""
-    from scipy.stats import f
+    from scipy.special import betaincinv
 
-    return float(size * f.isf(CHANCE / rigs, size, max((base - size) / EFFICIENCY, 1.0)))
+    degrees = max((base - size) / EFFICIENCY, 1.0)
+    # F's quantile: its distribution is that of degrees / size (1 / x - 1), x of the beta distribution
+    return float(degrees * (1.0 / betaincinv(degrees / 2.0, size / 2.0, CHANCE / rigs) - 1.0))
 
 
 def located(x: FloatArray, covariances: FloatArray) -> Location:
@@ -71,15 +74,15 @@ def located(x: FloatArray, covariances: FloatArray) -> Location:
     two quantiles of the squared distances at most those of the distribution that they should have: where
     covariances are too small, or the fleet is no normal one, fewer rigs are odd.
     """
-    from scipy.stats import chi2
+    from scipy.special import chdtr
 
     used = np.linspace(0, len(x) - 1, min(len(x), MOST_USED)).astype(np.int64)
     x, covariances = x[used], covariances[used]
     size = x.shape[1]
     unit = _spread_of(x)
     y, P = x / unit, covariances / np.outer(unit, unit)
-    limit = chi2.ppf(KEPT, size)
-    shrunk = chi2.cdf(limit, size + 2) / KEPT
+    limit = chi2_quantile(KEPT, size)
+    shrunk = chdtr(size + 2, limit) / KEPT
     m = np.median(y, axis=0)
     own = np.median(np.diagonal(P, axis1=1, axis2=2), axis=0)
     S = np.diag(np.maximum(1.0 - own, LEAST))
@@ -95,7 +98,7 @@ def located(x: FloatArray, covariances: FloatArray) -> Location:
         S = np.einsum("ni,nj->ij", seen, seen) / (shrunk * len(seen)) + S - share.mean(0) @ S
         S = 0.5 * (S + S.T) + LEAST * np.eye(size) * 1e-3
     squared = _squared(y - m, S + P)
-    scale = max(1.0, *(float(np.quantile(squared, level)) / chi2.ppf(level, size) for level in SCALED_AT))
+    scale = max(1.0, *(float(np.quantile(squared, level)) / chi2_quantile(level, size) for level in SCALED_AT))
     return Location(m * unit, S * np.outer(unit, unit), scale)
 
 

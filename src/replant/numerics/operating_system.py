@@ -14,6 +14,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from pathlib import Path
 
+#: By these libraries learn, when they are loaded, how many threads linear algebra may have.
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
 _MEMORY = "free memory, or raise its limit (ulimit -v)"
 _DISK = "make room on the disk"
 _PROCESSES = "raise the limit on processes and threads (ulimit -u), or free memory"

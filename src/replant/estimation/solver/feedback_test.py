@@ -97,10 +97,10 @@ def answering(u: FloatArray, w: FloatArray, before: IntArray, first: int = 0) ->
 
 def _chance(moments: FloatArray) -> float:
     """Return the chance of moments (K, C) so far from zero."""
-    from scipy.stats import chi2  # slow to import
+    from scipy.special import chdtrc  # slow to import
 
     total = moments.sum(axis=0)
-    return float(chi2.sf(total @ pseudo_inverse(moments.T @ moments, RANK) @ total, total.size))
+    return float(chdtrc(total.size, max(total @ pseudo_inverse(moments.T @ moments, RANK) @ total, 0.0)))
 
 
 def _most(before: IntArray) -> int:
@@ -150,8 +150,8 @@ def _untold(signals: FloatArray, past: FloatArray, inverse: FloatArray) -> tuple
 
 def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:
     """Return what a push (K,) makes of an input (K,) that its own past carries on."""
-    from scipy.signal import lfilter  # slow to import
+    from replant.kernels.filters.series import all_pole
 
-    answer = np.asarray(lfilter([1.0], np.append(1.0, -own), push))
+    answer = all_pole(np.append(1.0, -own), push[None])[0]
     held = bool(np.isfinite(answer).all()) and np.linalg.norm(answer) <= LOUDEST * np.linalg.norm(u)
     return answer if held else push

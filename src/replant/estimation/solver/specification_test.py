@@ -182,9 +182,9 @@ def _explained(u: FloatArray, r: FloatArray) -> FloatArray:
 
 
 def _chance(statistic: float, degrees: float, ordinates: float) -> float:
-    from scipy.stats import f  # slow to import
+    from scipy.special import fdtrc  # slow to import
 
-    return float(f.sf(statistic, degrees, ordinates))
+    return float(fdtrc(degrees, ordinates, statistic))
 
 
 def _length(signal: FloatArray) -> int:
