@@ -387,13 +387,8 @@ def killed_and_resumed(tmp_path: Path, times: int) -> None:
 
 
 @pytest.mark.slow
-def test_killed_under_load_it_goes_on_to_the_bit(tmp_path: Path) -> None:
-    killed_and_resumed(tmp_path, times=3)
-
-
-@pytest.mark.slow
-def test_killed_twenty_times_under_load_it_goes_on_to_the_bit(tmp_path: Path) -> None:
-    killed_and_resumed(tmp_path, times=20)
+def test_killed_ten_times_under_load_it_goes_on_to_the_bit(tmp_path: Path) -> None:
+    killed_and_resumed(tmp_path, times=10)
 
 
 # --- mistakes

@@ -175,7 +175,7 @@ NEEDED = {".parquet": ["pyarrow"], ".pq": ["pyarrow"], ".tdms": ["nptdms"], ".mf
 
 @settings(
     derandomize=True,
-    max_examples=examples(60),
+    max_examples=examples(30),
     deadline=None,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
 )

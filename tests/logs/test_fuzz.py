@@ -13,7 +13,7 @@ from support.cases import every
 TRIES = 2  # ten times as many in `make slow`, and as many as one likes in `make fuzz`
 
 
-@pytest.mark.parametrize("tries", [TRIES, pytest.param(10 * TRIES, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tries", [TRIES, pytest.param(5 * TRIES, marks=pytest.mark.slow)])
 @every("name", FORMATS, quick=6)
 def test_mutants_of_a_format(name: str, tries: int, capsys: pytest.CaptureFixture[str]) -> None:
     for package in FORMATS[name][2]:

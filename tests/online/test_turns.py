@@ -91,7 +91,7 @@ def test_no_sample_is_lost_however_many_threads_give_them() -> None:
 
 @pytest.mark.slow
 def test_no_sample_is_lost_in_many_runs() -> None:
-    for seed in range(10):
+    for seed in range(4):
         given_by_threads(rp.Identifier(poles=2, dt=DT, startup=100), *record(500, seed))
 
 
