@@ -28,7 +28,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from accuracy.work import prepare_environment
-from campaign import actuators, field, field_outcome
+from campaign import actuators, field, field_outcome, reasons
 from campaign.field_table import FieldTable
 from campaign.outcome import judged
 from campaign.plants import drawn
@@ -66,6 +66,7 @@ def of_random(options: argparse.Namespace, console: Console) -> int:
     campaign = Campaign(outcomes, *others, SURPLUS)
     lines = list(campaign.lines())
     console.print(table_of(f"seed {options.seed}, {len(outcomes)} records, {seconds:.0f} s", lines))
+    console.print(reasons.table({"online": [(one.reason, one.is_good) for one in outcomes if one.status != "trusted"]}))
     for worst in campaign.worst():
         console.print(f"  {worst}", markup=False)
     return 0 if all(line.kept is not False for line in lines) else 1
@@ -81,6 +82,7 @@ def of_field(options: argparse.Namespace, console: Console) -> int:
     title = f"field records, seed {options.seed}, {len(outcomes)} records, {seconds:.0f} s"
     console.print(table_of(title, list(found.lines())))
     console.print(found.by_feature())
+    console.print(found.by_reason())
     for lost in found.losing():
         console.print(lost, markup=False, soft_wrap=True)
     return 0

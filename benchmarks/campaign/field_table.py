@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from rich.table import Table
 
+from campaign import reasons
 from campaign.field_outcome import Estimate, FieldOutcome
 from campaign.outcome import GOOD
 from campaign.table import BEHIND, Line
@@ -68,6 +69,13 @@ class FieldTable:
             counts.append(sum(one.offline.is_good and not one.offline.is_trusted for one in having))
             table.add_row(feature, str(len(having)), *(share(count, len(having)) for count in counts))
         return table
+
+    def by_reason(self) -> Table:
+        """Return how often each reason was the first one for no trust in a good model, and in a bad one."""
+        said = {name: [of(one) for one in self.outcomes] for name, of in WAYS.items()}
+        return reasons.table(
+            {name: [(one.reason, one.is_good) for one in of if not one.is_trusted] for name, of in said.items()}
+        )
 
     def losing(self) -> Iterator[str]:
         """Yield every record that is lost, in words, the worst of each kind first."""

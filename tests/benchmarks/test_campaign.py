@@ -15,7 +15,7 @@ from support.places import ROOT
 
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
-from campaign import actuators, plants
+from campaign import actuators, plants, reasons
 from campaign.actuators import Trusted
 from campaign.outcome import WORST, Outcome, explained, judged
 from campaign.table import Campaign
@@ -72,6 +72,16 @@ def test_no_actuator_is_linear(actuator: object) -> None:
     out = actuator(u)  # type: ignore[operator]
     slope = float(u @ out / (u @ u))
     assert np.linalg.norm(out - slope * u) > 0.05 * np.linalg.norm(out)
+
+
+def test_the_table_of_reasons_counts_each_of_good_and_of_bad_models() -> None:
+    slow = "a coefficient has a standard deviation of {} %"
+    found = reasons.table(
+        {"online": [(slow.format(17), True), (slow.format("20.5"), False), ("no such reason, 3 s", True)], "`fit`": []}
+    )
+    columns = [list(column.cells) for column in found.columns]
+    assert columns[0] == [slow.format("x"), "no such reason, x s"]
+    assert columns[1:] == [["1, 1", "1, 0"], ["0, 0", "0, 0"]]
 
 
 @pytest.mark.slow
