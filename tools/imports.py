@@ -49,7 +49,7 @@ ADAPTERS = {
     "live.dashboard.security": {"starlette", "uvicorn"},
     "workbench.app": {"starlette"},
 }
-FORKS = {"online.turns": {"os"}}  # says what a forked process does first; it touches no file
+FORKS = {"online.locking": {"os"}}  # says what a forked process does first; it touches no file
 #: Finds the native library, and has it made in a clone.
 LOADS = {"kernels.native": {"ctypes", "hashlib", "pathlib", "platform", "subprocess", "sys", "threading"}}
 TERMINAL = {"click", "rich"}

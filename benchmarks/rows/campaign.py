@@ -10,9 +10,9 @@ import numpy as np
 
 import replant as rp
 from campaign.outcome import GOOD, WORST
-from replant.estimation.simulation.row import Row, RowRecord, evaluate
-from replant.estimation.solver.row_start import start
-from replant.estimation.solver.row_steps import refine
+from replant.estimation.simulation.miso import Row, RowRecord, evaluate
+from replant.estimation.solver.miso_start import start
+from replant.estimation.solver.miso_steps import refine
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from rows.known import steps

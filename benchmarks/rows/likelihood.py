@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.estimation.simulation.row import Row, RowRecord, evaluate
-from replant.fitting.row_solve import covariance_of, likeliest
+from replant.estimation.simulation.miso import Row, RowRecord, evaluate
+from replant.fitting.miso_solve import covariance_of, likeliest
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression

@@ -25,10 +25,10 @@ from replant.logs.conditioning import from_rest as from_rest
 from replant.logs import Log as Log, read_log as read_log
 from replant.fitting.model import Model as Model
 from replant.fitting.matrix import MatrixFit as MatrixFit, MatrixModel as MatrixModel, load_model as load_model
-from replant.fitting.row_model import RowModel as RowModel
+from replant.fitting.miso_model import RowModel as RowModel
 from replant.fitting.validation import Validation as Validation
 from replant.fitting.fit import fit as fit
-from replant.fitting.row_fit import RowFit as RowFit
+from replant.fitting.miso_fit import RowFit as RowFit
 from replant.fitting.fit_result import FitResult as FitResult
 from replant.estimation.optimizers import (
     AdaDelta as AdaDelta,

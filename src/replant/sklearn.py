@@ -15,8 +15,8 @@ from numpy.exceptions import ComplexWarning
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
 from replant.fitting.fit import fit
-from replant.fitting.row_fit import structures_of
-from replant.fitting.row_model import RowModel
+from replant.fitting.miso_fit import structures_of
+from replant.fitting.miso_model import RowModel
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -24,7 +24,7 @@ from replant.numerics.arguments import FloatArray, iterable, one_of, whole
 from replant.numerics.limits import duration
 from replant.numerics.linear_algebra import quiet
 from replant.online.identifier import Identifier
-from replant.online.row_identifier import RowIdentifier
+from replant.online.miso_identifier import RowIdentifier
 from replant.verdict import fit_percent, simulate
 
 try:

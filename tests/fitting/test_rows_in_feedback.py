@@ -9,14 +9,14 @@ import pytest
 from scipy.signal import cont2discrete, lfilter, tf2ss
 
 import replant as rp
-from replant.estimation.simulation.outside import Law, Outside, windows
-from replant.estimation.simulation.row import Row, RowRecord, evaluate, noise_of
-from replant.estimation.solver.row_steps import instrumental
-from replant.fitting.row_solve import solve_with
+from replant.estimation.simulation.exogenous import Law, Outside, windows
+from replant.estimation.simulation.miso import Row, RowRecord, evaluate, noise_of
+from replant.estimation.solver.miso_steps import instrumental
+from replant.fitting.miso_solve import solve_with
 from replant.model.structure import Structure
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import chi2_quantile
-from replant.verdict.row_tests import controlled
+from replant.verdict.miso_tests import controlled
 from support.cases import every
 from support.rows_in_feedback import ASKED, DT, PLANT, SAMPLES, TRUE, distance, looped
 

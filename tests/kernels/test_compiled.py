@@ -21,7 +21,7 @@ from replant.kernels.monitoring import interruptions, scatter
 from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import LAGS, LAGUERRE
 from replant.kernels.step.bank import weigh
-from replant.kernels.step.row import REFUSED, learn
+from replant.kernels.step.miso import REFUSED, learn
 from replant.kernels.step.soundness import is_sound
 from replant.kernels.step.stages import regressors
 from replant.model.transfer_function import TransferFunction

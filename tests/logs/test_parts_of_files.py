@@ -10,7 +10,7 @@ import pytest
 
 from replant.errors import LogError
 from replant.logs import Table, doubtful_unit, read_columns
-from replant.logs.rasters import Channel, Signal, channel_table, side_by_side
+from replant.logs.merged_channels import Channel, Signal, channel_table, side_by_side
 from replant.logs.recording import joined
 from replant.logs.table import at_most
 

@@ -18,8 +18,8 @@ from replant.estimation.engine import vector_blocks
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.kernels import schema as at
 from replant.kernels.lanes import LANES
-from replant.online import company
-from replant.online.company import LEAST
+from replant.online import ensemble_members
+from replant.online.ensemble_members import LEAST
 from support.builders import G2, identifier
 from support.cases import every, examples
 
@@ -258,7 +258,7 @@ def test_one_input_or_one_record_for_all_members() -> None:
 
 @pytest.mark.parametrize("n_jobs", [2, -1, -100])
 def test_threads_change_nothing(n_jobs: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(company, "PORTION", 50)  # so that they take turns at the same members
+    monkeypatch.setattr(ensemble_members, "PORTION", 50)  # so that they take turns at the same members
     u, y = streams(2 * MEMBERS)
     one, many = (
         rp.Ensemble(sweep("adam", REPLAY, members=2 * MEMBERS)),

@@ -12,7 +12,7 @@ import pytest
 
 import replant as rp
 from replant.numerics.arguments import FloatArray
-from replant.online import company, revision
+from replant.online import ensemble_members, revision
 from support.cases import examples
 from support.interrupts import interrupt
 
@@ -108,7 +108,7 @@ def test_an_interrupted_identifier_goes_on_as_if_it_had_not_been_at_many_instant
 def test_an_interrupted_ensemble_goes_on_as_if_it_had_not_been_at_many_instants(
     n_jobs: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(company, "PORTION", 64)
+    monkeypatch.setattr(ensemble_members, "PORTION", 64)
     assert interrupted(sweep(n_jobs), sweep(1), 0, 12, all_equal) == 12
 
 

@@ -15,7 +15,7 @@ import pytest
 import replant as rp
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
-from replant.online.row_step import RowStep
+from replant.online.miso_step import RowStep
 from support.cases import every
 from support.rows import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
 
@@ -66,7 +66,7 @@ def test_between_two_solutions_the_recursion_is_what_a_solution_would_be(pole: f
 
 
 def test_of_a_long_record_the_newest_samples_are_learned_though_it_is_not_solved(monkeypatch: Any) -> None:
-    monkeypatch.setattr("replant.online.row_state.RECENT", 2000)
+    monkeypatch.setattr("replant.online.miso_state.RECENT", 2000)
     u, y = record(2, 5000)
     ident = begun()
     ident.update_many(u, y)

@@ -1,7 +1,7 @@
 """Reading files in forks: as safe from crashes as the process that reads a file for a user, and far quicker.
 
 Lines on standard input name files; lines of JSON on standard output say what came of them.  Each fork has the limits of
-a process that reads a file (`replant.logs.isolated`).
+a process that reads a file (`replant.logs.parser_process`).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from types import TracebackType
 from typing import Any
 
 from replant.errors import ReplantError
-from replant.logs import isolated, read_columns, read_log
+from replant.logs import parser_process, read_columns, read_log
 
 WALL = 240  # s after which a fork hangs; its processor time is limited far below
 MOST_WORDS = 300  # characters of a message beside the path
@@ -53,7 +53,7 @@ def is_isolated(path: Path) -> bool:
     """Whether a user's process does not read such a file itself."""
     from replant.logs.formats import FORMATS
 
-    return FORMATS.get(path.suffix.lower()) in isolated.PARSERS
+    return FORMATS.get(path.suffix.lower()) in parser_process.PARSERS
 
 
 def read(path: Path) -> Outcome:
@@ -132,7 +132,7 @@ def _one(path: Path, send: int) -> None:
     os.dup2(nowhere, 2)
     tempfile.tempdir = str(path.parent)
     signal.alarm(WALL)
-    isolated.begin(path.stat().st_size)
+    parser_process.begin(path.stat().st_size)
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
         outcome = read(path)
@@ -147,7 +147,7 @@ class Forks:
     """A process that forks."""
 
     def __init__(self, *modules: str) -> None:
-        environment = {**os.environ, **isolated.ENVIRONMENT}
+        environment = {**os.environ, **parser_process.ENVIRONMENT}
         tests = Path(__file__).parents[1]
         environment["PYTHONPATH"] = os.pathsep.join([str(tests), str(tests.parent / "src")])
         self._process = subprocess.Popen(

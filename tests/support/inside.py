@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import replant as rp
-from replant.estimation.engine import covariance
+from replant.estimation.engine import estimate_covariance
 from replant.estimation.engine.state import State
 
 
@@ -35,4 +35,4 @@ def path_of(ident: rp.Identifier) -> np.ndarray:
 def slowness_of(ident: rp.Identifier) -> float:
     """How many times wider the estimate scatters than the residual's power and colour predict."""
     assert ident.settings is not None
-    return covariance.slowness(state_of(ident), ident.settings)
+    return estimate_covariance.slowness(state_of(ident), ident.settings)

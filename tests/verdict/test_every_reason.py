@@ -13,7 +13,7 @@ import numpy as np
 
 import replant as rp
 from replant.estimation.engine.record import Record
-from replant.fitting.row_fit import fit_row
+from replant.fitting.miso_fit import fit_row
 from replant.fitting.samples import Samples
 from replant.kernels.filters.series import play
 from replant.signals import multisine, random_steps

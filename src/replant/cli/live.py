@@ -25,7 +25,7 @@ from replant.live.view import UNNAMED, SignalNames
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.operating_system import one_line
-from replant.online.row_identifier import RowIdentifier
+from replant.online.miso_identifier import RowIdentifier
 from replant.rigs import Rig, deap_rig, motor_rig
 
 DASHBOARD = "127.0.0.1:8710"

@@ -29,9 +29,9 @@ from replant.estimation.settings import Request
 from replant.examples import NAMES, path_of
 from replant.fitting.inspect import inspect
 from replant.fitting.matrix import MatrixModel, load_model
+from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.model_file import holds_model
-from replant.fitting.row_model import RowModel
 from replant.fitting.validation import Validation
 from replant.logs import Log
 from replant.online.runs.run_log import METHODS, USUAL, Contender, compare

@@ -22,9 +22,9 @@ from replant.cli.option_types import command_line, group, path_option
 from replant.cli.options import read
 from replant.cli.terminal import Choice, is_quiet, note
 from replant.errors import InvalidArgumentError
+from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.model_file import check_target
-from replant.fitting.row_model import RowModel
 from replant.fitting.validation import Validation
 from replant.logs import Log, read_columns
 from replant.logs.recording import digest

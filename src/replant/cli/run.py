@@ -26,8 +26,8 @@ from replant.cli.options import (
     structures_of,
 )
 from replant.cli.output import Keeping, deliver, keeping_options, make_folder
-from replant.cli.rows import as_one, identify_rows, passed_over
-from replant.cli.rows import fitted as fitted_rows
+from replant.cli.run_several_inputs import as_one, identify_rows, passed_over
+from replant.cli.run_several_inputs import fitted as fitted_rows
 from replant.cli.several_inputs import are_several
 from replant.cli.terminal import Choice
 from replant.errors import InvalidArgumentError

@@ -17,7 +17,7 @@ from replant.estimation.solver.least_squares import choose_filter, least_squares
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.matrix import MatrixFit, fit_matrix, is_matrix
-from replant.fitting.row_fit import RowFit, fit_row, is_row
+from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.samples import RawRecord, Samples
 from replant.kernels.schema import Doubt
 from replant.model.interop import in_our_words

@@ -12,8 +12,8 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.filters import Filter, StateVariableFilter
+from replant.estimation.solver.change_contest import Claim
 from replant.estimation.solver.change_search import find_change
-from replant.estimation.solver.contest import Claim
 from replant.estimation.solver.refined import Refined, without_nuisances
 from replant.fitting import notation
 from replant.fitting.fields import Identified, Provenance, has_rest

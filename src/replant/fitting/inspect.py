@@ -15,7 +15,7 @@ from replant.logs.columns import Clock, Column, Contents, find_clock, read_conte
 from replant.logs.conditioning import from_rest
 from replant.logs.formats import read_columns
 from replant.logs.log import Log
-from replant.logs.rasters import side_by_side
+from replant.logs.merged_channels import side_by_side
 from replant.logs.recording import Recording
 from replant.logs.roles import INPUT, OUTPUT, Response, Roles, find_roles, prepared, response
 from replant.logs.table import Table

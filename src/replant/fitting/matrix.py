@@ -9,10 +9,10 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, ModelFileError, shown
 from replant.fitting import model_file, model_json
+from replant.fitting.miso_fit import RowFit, fit_row
+from replant.fitting.miso_model import RowModel, number_of
 from replant.fitting.model import Model
 from replant.fitting.model_file import AnyPath
-from replant.fitting.row_fit import RowFit, fit_row
-from replant.fitting.row_model import RowModel, number_of
 from replant.fitting.samples import Samples
 from replant.fitting.validation import Validation
 from replant.model import interop

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from replant.fitting.fit_result import FitResult
-from replant.fitting.row_fit import RowFit
+from replant.fitting.miso_fit import RowFit
 from replant.model.structure import Structure
 
 ALPHA = 1e-2

@@ -15,8 +15,8 @@ from replant.estimation.engine.record import Record
 from replant.estimation.filters import RefinedFilter
 from replant.estimation.solver.solve import at_first
 from replant.fitting.fit import check_delay, check_length, fit_samples
-from replant.fitting.row_fit import is_row
-from replant.fitting.row_search import Options, search_rows
+from replant.fitting.miso_fit import is_row
+from replant.fitting.miso_search import Options, search_rows
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.search_result import ALPHA as ALPHA
 from replant.fitting.search_result import BETWEEN, WORTH, top_of_parabola

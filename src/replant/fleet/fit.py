@@ -20,9 +20,9 @@ from typing import Any, TypeVar, overload
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, ReplantError, shown
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.settings import AUTO
+from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.model_json import STRUCTURE
-from replant.fitting.row_model import RowModel
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
 from replant.fleet.job import ABOUT, MODELS, TABLE, Job, planned

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError, ReplantError
-from replant.fitting.row_fit import RowFit
+from replant.fitting.miso_fit import RowFit
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import carried_out, workers
 from replant.fleet.fit import Fleet
@@ -24,9 +24,9 @@ from replant.fleet.store import FAILED, column
 from replant.fleet.work import one_thread, opened, result_of
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number
+from replant.report.matrix_page import Output, write_rows
 from replant.report.page import asset, filled, heading, icon, page, script, section, words
 from replant.report.result_page import write_report
-from replant.report.rows_page import Output, write_rows
 
 WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and of the part for its axis [px]
 MOST_BARS = 40  # bars at most: few rigs get fewer [count]

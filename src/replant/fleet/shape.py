@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from replant.errors import InvalidArgumentError
-from replant.fitting.row_fit import structures_of
+from replant.fitting.miso_fit import structures_of
 from replant.model.structure import Structure
 from replant.numerics.arguments import instance, iterable
 

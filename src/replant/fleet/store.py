@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError, LogError, MissingDependencyError, SystemRefusedError
+from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
-from replant.fitting.row_model import RowModel
 from replant.fleet.job import (
     ABOUT,
     MODELS,

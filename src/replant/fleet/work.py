@@ -20,9 +20,9 @@ from replant.errors import LogError, ReplantError, SystemRefusedError
 from replant.estimation.simulation.fitted_run import FITTED
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
+from replant.fitting.miso_fit import RowFit, fit_row
+from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
-from replant.fitting.row_fit import RowFit, fit_row
-from replant.fitting.row_model import RowModel
 from replant.fitting.samples import Samples
 from replant.fleet.catalogue import is_parquet
 from replant.fleet.job import Job, Piece, Rig, Task, printable
@@ -35,7 +35,7 @@ from replant.model.structure import Structure
 from replant.numerics.operating_system import refusal
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
-from replant.online.runs.run_row import run_row
+from replant.online.runs.run_miso import run_row
 
 
 def identify(rig: Rig, job: Job) -> Row:

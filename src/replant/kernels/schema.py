@@ -145,7 +145,7 @@ class Alarm(IntEnum):
 
 
 class Supposition(IntEnum):
-    """What has changed where a residual has grown; see `replant.estimation.solver.contest`."""
+    """What has changed where a residual has grown; see `replant.estimation.solver.change_contest`."""
 
     NOTHING = 0
     NOISE = 1  # its variance or colour

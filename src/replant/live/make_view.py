@@ -20,7 +20,7 @@ from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 from replant.online.kept_model import NewestSamples, model_of, newest_of_row, newest_samples
-from replant.online.row_identifier import RowIdentifier
+from replant.online.miso_identifier import RowIdentifier
 from replant.plotting.diagrams import mirrored
 from replant.plotting.numbers import mapped_label, true_parameters
 from replant.plotting.over_time import thin

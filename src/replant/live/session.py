@@ -37,7 +37,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import refusal
 from replant.online.identifier import Identifier
-from replant.online.row_identifier import RowIdentifier
+from replant.online.miso_identifier import RowIdentifier
 from replant.verdict.estimate_tests import MOVED_SIGMAS
 
 

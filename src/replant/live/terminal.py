@@ -23,7 +23,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.online.identifier import Identifier
 from replant.online.kept_model import model_of
-from replant.online.row_identifier import RowIdentifier
+from replant.online.miso_identifier import RowIdentifier
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting.numbers import fraction, grouped, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
@@ -187,7 +187,7 @@ def report_of(identifier: Identification, view: View) -> bytes:
 
 
 def _report_of_row(identifier: RowIdentifier, view: View) -> bytes:
-    from replant.report.rows_page import Output, write_rows
+    from replant.report.matrix_page import Output, write_rows
 
     found = identifier.fit_of_newest()
     if found is None:

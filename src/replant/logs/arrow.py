@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
-from replant.logs.isolated import allow
+from replant.logs.parser_process import allow
 from replant.logs.table import Table, damage_as_log_error, needed, nth_row
 
 SUFFIXES = (".parquet", ".pq")

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
-from replant.logs.isolated import allow
-from replant.logs.rasters import Channel, Signal, channel_table
+from replant.logs.merged_channels import Channel, Signal, channel_table
+from replant.logs.parser_process import allow
 from replant.logs.table import DEFLATE_RATIO, Table, at_most, damage_as_log_error, needed
 from replant.logs.text_cells import with_units
 

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError, MissingDependencyError
-from replant.logs import arrow, channels, isolated
+from replant.logs import arrow, channels, parser_process
 from replant.logs.table import Table, damage_as_log_error, listed, needed, open_zip, unreadable_error
 
 STANDARD_INPUT = Path("-")  # what stands for standard input
@@ -232,9 +232,9 @@ def _read_file(path: Path) -> Table:
     with _unreadable_as_log_error(path):
         for part in _parts(path, suffix):
             _check_file(part)
-        if FORMATS[suffix] in isolated.PARSERS and isolated.is_possible():
-            return isolated.read(path, FORMATS[suffix])
-        table: Table = isolated.reader(FORMATS[suffix])(path)
+        if FORMATS[suffix] in parser_process.PARSERS and parser_process.is_possible():
+            return parser_process.read(path, FORMATS[suffix])
+        table: Table = parser_process.reader(FORMATS[suffix])(path)
     return table
 
 

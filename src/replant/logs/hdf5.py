@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.logs.isolated import allow
 from replant.logs.npz import array_table, is_sampling_time, no_signal_error, places_of, stated_dt
+from replant.logs.parser_process import allow
 from replant.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, needed, too_many_error
 
 _MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
-from replant.logs.isolated import allow
+from replant.logs.parser_process import allow
 from replant.logs.table import Table, at_most, damage_as_log_error, needed, open_zip
 from replant.logs.text_cells import quote, units_in, with_units
 from replant.logs.text_times import LocalClock, StampFormat, find_format, is_missing

@@ -20,8 +20,8 @@ from replant.numerics.levels import ALPHA
 from replant.online.bank_members import Members
 from replant.online.bank_weights import EVENTS, Lead, Weights
 from replant.online.change_response import AGAIN
+from replant.online.locking import Turn, changes, reads
 from replant.online.trace import BankTrace, Trace
-from replant.online.turns import Turn, changes, reads
 
 if TYPE_CHECKING:
     from replant.online.checkpoint.encoding import Progress

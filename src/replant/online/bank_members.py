@@ -16,7 +16,7 @@ from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, whole
 from replant.online.bank_weights import MOST
 from replant.online.estimate import Estimate
-from replant.online.turns import Shared, reads
+from replant.online.locking import Shared, reads
 from replant.verdict import Assessment
 
 #: What the members of a bank choose from the data, so that their predictions compare.

@@ -1,7 +1,8 @@
 """Change response: what is done about an alarm of the residual's CUSUM test.
 
 The samples since the alarm began are looked into at growing intervals: suppositions of what has changed compete
-(`estimation.solver.contest`).  Until one is sure nothing is learned.  The one that wins is where the state goes on:
+(`estimation.solver.change_contest`).  Until one is sure nothing is learned.  The state goes on where the one leads
+that wins:
 
     the noise              its present variance is the usual one
     a load, a part         the estimate before the change is revised by the samples since
@@ -18,13 +19,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from replant.estimation.engine.covariance import covariance
+from replant.estimation.engine.estimate_covariance import covariance
 from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
 from replant.estimation.solver.bad_samples import suspicious
-from replant.estimation.solver.contest import Claim, Contest, decided, is_sure, odds_of
+from replant.estimation.solver.change_contest import Claim, Contest, decided, is_sure, odds_of
 from replant.estimation.solver.known_before import Known
 from replant.estimation.solver.solve import solve
 from replant.estimation.solver.srivc_steps import SOONEST, least_since

@@ -18,7 +18,7 @@ from replant.estimation.engine.vector_blocks import (
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray, array_of_reals, iterable, whole
 from replant.numerics.limits import count
-from replant.online.company import (
+from replant.online.ensemble_members import (
     Chunk,
     Company,
     Take,
@@ -29,8 +29,8 @@ from replant.online.company import (
     may_join,
 )
 from replant.online.identifier import Identifier
+from replant.online.locking import Shared, Turn, changes, reads
 from replant.online.trace import Trace
-from replant.online.turns import Shared, Turn, changes, reads
 
 OBJECT = 2048  # what an identifier takes beside its arrays, about [numbers of eight bytes]
 MOST_JOBS = 2**31  # processors that may be left free [count]

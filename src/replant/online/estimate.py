@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from replant.estimation.engine.covariance import covariance
+from replant.estimation.engine.estimate_covariance import covariance
 from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.state import REASONS, State
 from replant.estimation.settings import STORED, Request, Settings
@@ -16,9 +16,9 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import BoolArray, FloatArray
+from replant.online.locking import Shared, reads
 from replant.online.startup import Solved, collected, provisional, provisional_parameters
 from replant.online.trace import Estimated
-from replant.online.turns import Shared, reads
 from replant.verdict import Assessment, assess_running, assess_starting
 from replant.verdict.assess import judged
 

@@ -33,10 +33,10 @@ from replant.numerics.arguments import (
 from replant.numerics.limits import stamps_of
 from replant.online.kept_model import model_of
 from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
-from replant.online.row_identifier import RowIdentifier
+from replant.online.locking import Turn, changes, reads
+from replant.online.miso_identifier import RowIdentifier
 from replant.online.second_process import start
 from replant.online.trace import Later, StartingTrace, Trace, write
-from replant.online.turns import Turn, changes, reads
 
 NAN, INFINITE = math.nan, math.inf  # naN and infinity, looked up at every sample [number]
 # attributes that others lead to
@@ -66,7 +66,7 @@ class Identifier(Lifecycle):
     dt : float
         Sampling time in s.
     poles, zeros : int or tuple of int
-        Number of poles and of zeros; of several inputs an entry for each, see `replant.online.row_identifier`.
+        Number of poles and of zeros; of several inputs an entry for each, see `replant.online.miso_identifier`.
     delay : float or tuple of float
         Dead time in s.
     filter : RefinedFilter, StateVariableFilter or "auto"
@@ -115,7 +115,7 @@ class Identifier(Lifecycle):
     a thousand times its moving standard deviation is taken for misread: the sample is held back, and taken only if the
     next input is as far away.  While it is held back it counts as rejected.
     Where the residual grows and stays large, `assess` says that something has changed.  Suppositions of what it was
-    compete by their evidence: see `replant.estimation.solver.contest`.
+    compete by their evidence: see `replant.estimation.solver.change_contest`.
 
     Each time that the record has grown by half, up to 10000 samples, it is solved again as a whole, so that a poor
     first model has no lasting effect.  Each time that it has grown by a quarter, later every 5000 samples, it is asked
@@ -270,7 +270,7 @@ class Identifier(Lifecycle):
     @classmethod
     def _of(cls, attributes: dict[str, Any]) -> Any:
         from replant.online.checkpoint.encoding import BANK, ROW
-        from replant.online.checkpoint.row import restored as row
+        from replant.online.checkpoint.miso import restored as row
 
         if BANK in attributes:
             from replant.online.bank import Bank

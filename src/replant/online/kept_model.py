@@ -9,13 +9,13 @@ import numpy as np
 from replant.estimation.simulation.fitted_run import Simulation, fit_percent
 from replant.estimation.simulation.model_run import model_output
 from replant.fitting.fields import Provenance, has_rest
+from replant.fitting.miso_fit import RowFit
 from replant.fitting.model import Model
-from replant.fitting.row_fit import RowFit
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.linear_algebra import quiet
 from replant.online.estimate import Estimate
-from replant.online.row_identifier import RowIdentifier
+from replant.online.miso_identifier import RowIdentifier
 from replant.verdict.verdict import Assessment, Verdict
 
 # stamps of some 1e9 s have a resolution of 1e-7 s

@@ -18,8 +18,8 @@ from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
 from replant.estimation.simulation.model_run import prediction_error, runs_away
+from replant.estimation.solver.change_contest import decided, is_sure, weighed
 from replant.estimation.solver.change_search import begin_of_change, change_at
-from replant.estimation.solver.contest import decided, is_sure, weighed
 from replant.estimation.solver.solve import Solution, solve
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray

@@ -9,7 +9,7 @@ import numpy as np
 
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.solver.least_squares import regressors
-from replant.fitting.row_fit import RowFit
+from replant.fitting.miso_fit import RowFit
 from replant.model.preprocess import Preprocess, screen
 from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Result

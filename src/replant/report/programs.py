@@ -9,7 +9,7 @@ from typing import Any
 from replant.estimation.scaling import Scaling
 from replant.estimation.settings import Settings
 from replant.fitting.fit_result import FitResult
-from replant.fitting.row_model import RowModel
+from replant.fitting.miso_model import RowModel
 from replant.logs.log import Log
 from replant.online.runs.result import Result
 

@@ -8,9 +8,9 @@ from itertools import zip_longest
 from typing import Any
 
 from replant.fitting import model_json
+from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.model_json import finite, verdict_object
-from replant.fitting.row_model import RowModel
 from replant.fitting.search_result import Candidate, SearchResult
 from replant.fitting.validation import Validation
 from replant.model.structure import Structure

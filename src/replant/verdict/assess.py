@@ -20,8 +20,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from replant.estimation.engine.covariance import covariance, slowness
 from replant.estimation.engine.dimensions import FEWEST_JUDGED, RECENT
+from replant.estimation.engine.estimate_covariance import covariance, slowness
 from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import GAP, SHORTEST_STEP, State

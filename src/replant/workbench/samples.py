@@ -19,7 +19,7 @@ from replant.estimation.simulation.stretches import stretches_of
 from replant.estimation.solver.bad_samples import suspicious
 from replant.kernels.schema import Doubt as Suspect
 from replant.logs import read_columns
-from replant.logs.rasters import side_by_side
+from replant.logs.merged_channels import side_by_side
 from replant.numerics.arguments import FloatArray
 
 SHOWN = 12  # stretches that are listed, the longest [count]

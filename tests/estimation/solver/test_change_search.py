@@ -6,8 +6,8 @@ import numpy as np
 
 import replant as rp
 from replant.estimation.engine.record import Record
+from replant.estimation.solver.change_contest import Supposition
 from replant.estimation.solver.change_search import begin_of_change, find_change
-from replant.estimation.solver.contest import Supposition
 from replant.estimation.solver.solve import Solution, solve
 from support.builders import binary
 from support.cases import every

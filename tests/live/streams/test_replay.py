@@ -12,7 +12,7 @@ import pytest
 from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams import demo, open_source
 from replant.logs import read_log
-from replant.logs.rasters import Channel, Signal, channel_table
+from replant.logs.merged_channels import Channel, Signal, channel_table
 from support.cases import every
 from support.wires import Reading, csv
 

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 import replant as rp
 from replant.kernels import schema as at
 from replant.kernels.schema import BRIDGED, DOUBTED, INPUT, OUTPUT, STEP
-from replant.online.checkpoint.before import BEFORE
+from replant.online.checkpoint.earlier_versions import BEFORE
 from replant.online.checkpoint.encoding import (
     DIGEST,
     MAGIC,

@@ -9,7 +9,7 @@ of the score since each of some samples b,
 are normal with mean zero and covariance :math:`\sigma^2 C_b` where one model holds, so that
 :math:`g_b^T C_b^{-1} g_b / \sigma^2` is chi-squared.  What the nuisances of the samples since explain is projected out:
 a load moves these.  Where the largest over all b is no chance, suppositions since then compete
-(`replant.estimation.solver.contest`) with that of one model.
+(`replant.estimation.solver.change_contest`) with that of one model.
 
 Source: Andrews (1993), "Tests for parameter instability and structural change with unknown change point", Econometrica
 61.
@@ -23,7 +23,7 @@ from itertools import pairwise
 import numpy as np
 
 from replant.estimation.engine.record import Record
-from replant.estimation.solver.contest import HARMLESS, Claim, Contest, decided, is_sure
+from replant.estimation.solver.change_contest import HARMLESS, Claim, Contest, decided, is_sure
 from replant.estimation.solver.known_before import Known, nuisances_of, with_nuisances
 from replant.estimation.solver.refined import without_nuisances
 from replant.estimation.solver.residual_likelihood import Stretch

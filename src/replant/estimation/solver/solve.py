@@ -17,7 +17,7 @@ from replant.estimation.solver.bad_samples import doubts, filled, suspicious
 from replant.estimation.solver.refined import Refined
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
-from replant.estimation.solver.untold import with_untold
+from replant.estimation.solver.undetermined_poles import with_untold
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray

@@ -11,8 +11,8 @@ fixed_filter  the gradient family, a fixed filter, a regular clock,   tests/kern
               neither instruments nor dead time                       gradient
 ensemble      eight of these at once, one in each SIMD lane           tests/online/test_ensemble.py beside single
                                                                       members
-ensemble_     eight of `covariance` with a refined filter at once;    tests/online/test_company.py beside single
-covariance    what is not ordinary by `covariance` itself             members
+ensemble_     eight of `covariance` with a refined filter at once;    tests/online/test_ensemble_members.py beside
+covariance    what is not ordinary by `covariance` itself             single members
 ============  ======================================================  ==================================================
 
 Arguments of all kernels: the state s, as `kernels.schema` describes it; u and y in the units of the record, the time

@@ -16,7 +16,7 @@ from replant.live.streams.opening import Address
 from replant.live.streams.reader import Reader, StopRequest
 from replant.live.streams.source import UY, Batch, Columns, Signals, together
 from replant.logs import read_columns
-from replant.logs.rasters import on_one_clock
+from replant.logs.merged_channels import on_one_clock
 from replant.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.model import state_space
 from replant.model.forced_response import Response

@@ -28,7 +28,6 @@ from replant.estimation.engine.state import State
 from replant.estimation.settings import Request, Settings
 from replant.kernels.schema import STATE_ARRAYS, StateSlots
 from replant.online.background import NUMBERS, Job, state_of
-from replant.online.checkpoint.before import BEFORE, from_before, with_work, without_work, work_of
 from replant.online.checkpoint.content_check import (
     check_collected,
     check_job,
@@ -38,6 +37,7 @@ from replant.online.checkpoint.content_check import (
     layout_of_state,
     sizes_of,
 )
+from replant.online.checkpoint.earlier_versions import BEFORE, from_before, with_work, without_work, work_of
 from replant.online.checkpoint.settings_json import from_plain, to_plain
 
 Progress = Mapping[str, int | float | str]

@@ -14,19 +14,19 @@ from typing import NamedTuple
 import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
-from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate
+from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
 from replant.estimation.solver.solve import leaving_out
-from replant.fitting.row_outside import with_outside
-from replant.fitting.row_solve import RowEstimate, doubts_of, solve_with, started
-from replant.fitting.row_verdict import judged
+from replant.fitting.miso_references import with_outside
+from replant.fitting.miso_solve import RowEstimate, doubts_of, solve_with, started
+from replant.fitting.miso_verdict import judged
 from replant.kernels.schema import LARGEST, Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import quiet
-from replant.online.row_recursion import RowRecursion
+from replant.online.miso_recursion import RowRecursion
+from replant.verdict.miso_tests import controlled
 from replant.verdict.record_tests import left_out_finding
-from replant.verdict.row_tests import controlled
 from replant.verdict.verdict import Finding, Verdict
 
 GROWTH = 1.3

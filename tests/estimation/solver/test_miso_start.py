@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from replant.estimation.simulation.row import Row, RowRecord, evaluate
-from replant.estimation.solver.row_start import start, truncated
-from replant.estimation.solver.row_steps import refine
+from replant.estimation.simulation.miso import Row, RowRecord, evaluate
+from replant.estimation.solver.miso_start import start, truncated
+from replant.estimation.solver.miso_steps import refine
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import Autoregression

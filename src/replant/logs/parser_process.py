@@ -44,7 +44,7 @@ ENVIRONMENT = {  # each thread takes memory, and Arrow's own allocators reserve 
 }  # fmt: skip
 # what the process is called with: this, reader, file, libraries, modules that must not be imported, folders to import
 # from; these at the end, so that no module of the user hides one of Python
-BEGIN = "import sys; sys.path += sys.argv[5:]; from replant.logs.isolated import main; main()"
+BEGIN = "import sys; sys.path += sys.argv[5:]; from replant.logs.parser_process import main; main()"
 _ENDING = 10.0  # time within which a process ends that has ended its output [s]
 _TO_ANSWER = 1 << 20  # memory kept for the answer [bytes]
 _CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}

@@ -18,19 +18,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replant.estimation.simulation.row import Point, Row, RowRecord, colour_of, evaluate, noise_of
+from replant.estimation.simulation.miso import Point, Row, RowRecord, colour_of, evaluate, noise_of
 from replant.estimation.solver import solve
-from replant.estimation.solver.row_start import start
-from replant.estimation.solver.row_steps import STEPS, explained_by, instrumental, refine
+from replant.estimation.solver.miso_start import start
+from replant.estimation.solver.miso_steps import STEPS, explained_by, instrumental, refine
 from replant.estimation.solver.srivc_steps import NEARLY_DONE
-from replant.fitting.row_outside import with_outside
+from replant.fitting.miso_references import with_outside
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of
 from replant.numerics.projections import products
-from replant.verdict.row_tests import answering, controlled, lacking
+from replant.verdict.miso_tests import answering, controlled, lacking
 from replant.verdict.verdict import Finding
 
 GIVEN_UP = (

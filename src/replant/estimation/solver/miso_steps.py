@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from replant.estimation.simulation.row import Point, Row, evaluate
+from replant.estimation.simulation.miso import Point, Row, evaluate
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import least_norm, quiet

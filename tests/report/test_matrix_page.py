@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.report.rows_page import Output, save_figures, write_rows
+from replant.report.matrix_page import Output, save_figures, write_rows
 
 DT = 0.1
 FIRST, SECOND = rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([0.5], [1.0, 0.2], delay=0.3)

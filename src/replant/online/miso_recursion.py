@@ -13,9 +13,9 @@ import numpy as np
 from replant.estimation.engine.record import SAME, Record
 from replant.estimation.engine.state import GAP
 from replant.estimation.simulation.branches import Branches
-from replant.estimation.simulation.outside import Law, with_moved
-from replant.estimation.simulation.row import Row, Stretch
-from replant.fitting.row_solve import RowEstimate
+from replant.estimation.simulation.exogenous import Law, with_moved
+from replant.estimation.simulation.miso import Row, Stretch
+from replant.fitting.miso_solve import RowEstimate
 from replant.kernels.filters.whitening import IRREGULAR
 from replant.kernels.schema import LAGS
 from replant.model.noise import NoiseModel
@@ -94,7 +94,7 @@ class RowRecursion:
     level: float  # mean of the output, the same
     waits: float  # time in s until the outputs answer to inputs of the stretch: the dead time, behind a gap
     tail: FloatArray  # (LAGS, P + N + 1): regressor and error of the newest samples
-    # (P + N,), (P + N, P + N), (P + N,), (3,) and (1,): see `replant.kernels.step.row.learn`
+    # (P + N,), (P + N, P + N), (P + N,), (3,) and (1,): see `replant.kernels.step.miso.learn`
     delta: FloatArray
     factor: FloatArray
     diagonal: FloatArray
@@ -180,7 +180,7 @@ class RowRecursion:
         estimates: FloatArray,
     ) -> RowRecursion:  # fmt: skip
         """Take samples without a gap but before the first; write errors and estimates less theta."""
-        from replant.kernels.step.row import learn
+        from replant.kernels.step.miso import learn
 
         models, waits = self.models.copy(), self.waits
         begins = waits < 0.0  # the first sample begins a stretch

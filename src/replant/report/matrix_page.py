@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from replant.estimation.simulation.stretches import joined, stretches_of
+from replant.fitting.miso_fit import RowFit
 from replant.fitting.model import Model
-from replant.fitting.row_fit import RowFit
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
-from replant.fitting.row_fit import RowFit
+from replant.fitting.miso_fit import RowFit
 from replant.logs.log import Log
-from replant.online.row_identifier import RowIdentifier
+from replant.online.miso_identifier import RowIdentifier
 
 CHUNK = 8192  # samples taken between two marks of progress [samples]
 

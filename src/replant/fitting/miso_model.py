@@ -10,7 +10,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.fitted_run import bridged, fit_percent
-from replant.estimation.simulation.row import Point, Row, RowRecord, evaluate, noise_of
+from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate, noise_of
 from replant.fitting import model_file, model_json
 from replant.fitting.fields import RowFields, has_rest
 from replant.fitting.model import Model, usual_interval
@@ -24,7 +24,7 @@ from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet
 from replant.plotting.diagrams import ABOVE_LEGEND
 from replant.plotting.style import axes_for, title
-from replant.verdict.row_tests import lacking
+from replant.verdict.miso_tests import lacking
 from replant.verdict.verdict import Verdict, conclude
 
 UNSEEN = "the inputs explain no more of this record than the model says"

@@ -10,15 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.row import Point, Row, evaluate
+from replant.estimation.simulation.miso import Point, Row, evaluate
+from replant.estimation.solver.miso_start import start_without
+from replant.estimation.solver.miso_steps import refine
 from replant.estimation.solver.refined import relative_uncertainty
-from replant.estimation.solver.row_start import start_without
-from replant.estimation.solver.row_steps import refine
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.verdict.estimate_tests import MOST_UNCERTAIN
 from replant.verdict.evidence import FEWEST
-from replant.verdict.row_tests import lacking, moved
+from replant.verdict.miso_tests import lacking, moved
 from replant.verdict.verdict import Finding, Verdict, conclude, percent
 
 

@@ -19,7 +19,7 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.estimation.simulation.branches import Branches
-from replant.estimation.simulation.outside import Outside
+from replant.estimation.simulation.exogenous import Outside
 from replant.model.preprocess import accepted
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray

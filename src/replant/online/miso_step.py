@@ -17,8 +17,8 @@ from replant.estimation.simulation.auxiliary_model import NOTHING
 from replant.kernels.filters.whitening import IRREGULAR
 from replant.kernels.schema import LARGEST
 from replant.numerics.arguments import FloatArray
-from replant.online.row_recursion import RowRecursion
-from replant.online.row_state import RowState
+from replant.online.miso_recursion import RowRecursion
+from replant.online.miso_state import RowState
 
 SINCE = 256  # single samples that a state takes as one chunk [samples]
 
@@ -27,7 +27,7 @@ class RowStep:
     """Takes samples one by one, behind those of a recursion, which stays as it is; `serves` says of which one."""
 
     def __init__(self, recursion: RowRecursion, *, learns: bool) -> None:
-        from replant.kernels.step.row import learn
+        from replant.kernels.step.miso import learn
         from replant.kernels.step.stages import regressors
 
         self._learn, self._regressors = learn, regressors

@@ -19,13 +19,13 @@ from replant.cli.terminal import is_quiet
 from replant.fitting import model_json
 from replant.fitting.fit import fit
 from replant.fitting.matrix import MatrixFit
-from replant.fitting.row_fit import RowFit
+from replant.fitting.miso_fit import RowFit
 from replant.fitting.samples import Samples
 from replant.fitting.structure_search import SearchResult, search
 from replant.fitting.validation import Validation
 from replant.logs import Log
 from replant.logs.recording import digest
-from replant.online.runs.run_row import first_model, run_row
+from replant.online.runs.run_miso import first_model, run_row
 from replant.report.programs import row_as_python
 from replant.report.terminal import (
     HEADINGS,
@@ -169,8 +169,8 @@ def _reported(
     searches: Sequence[SearchResult],
 ) -> list[Path]:
     """Write the pictures and the report; return their paths."""
+    from replant.report.matrix_page import Output, save_figures, write_rows
     from replant.report.result_page import candidates_of
-    from replant.report.rows_page import Output, save_figures, write_rows
 
     shown = [Output(*each) for each in zip(rows, logs, strict=True)]
     with write_errors_reported(out):

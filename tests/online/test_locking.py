@@ -19,7 +19,7 @@ import pytest
 
 import replant as rp
 from replant.numerics.arguments import FloatArray
-from replant.online.turns import Turn
+from replant.online.locking import Turn
 from support.waiting import PATIENCE
 
 DT = 0.1

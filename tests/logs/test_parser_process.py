@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError
-from replant.logs import isolated, read_columns, read_log
+from replant.logs import parser_process, read_columns, read_log
 from support.cases import every
 
 U = np.arange(200_000.0)
@@ -41,7 +41,7 @@ FATES = {
 def test_however_the_process_ends_it_is_one_line(
     path: Path, monkeypatch: pytest.MonkeyPatch, fate: str, message: str
 ) -> None:
-    monkeypatch.setattr(isolated, "BEGIN", f"import json, os, signal, sys\n{fate}")
+    monkeypatch.setattr(parser_process, "BEGIN", f"import json, os, signal, sys\n{fate}")
     with pytest.raises(LogError, match=message) as caught:
         read_columns(path)
     assert str(caught.value).startswith(f"{path}: ")
@@ -49,9 +49,9 @@ def test_however_the_process_ends_it_is_one_line(
 
 
 def test_a_process_that_waits_is_ended(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(isolated, "BEGIN", "import time; time.sleep(3600)")
-    monkeypatch.setattr(isolated, "STILL", 0.2)
-    monkeypatch.setattr(isolated, "STILL_PER_BYTE", 0.0)
+    monkeypatch.setattr(parser_process, "BEGIN", "import time; time.sleep(3600)")
+    monkeypatch.setattr(parser_process, "STILL", 0.2)
+    monkeypatch.setattr(parser_process, "STILL_PER_BYTE", 0.0)
     with pytest.raises(LogError, match=r"log\.mat: the file is damaged: reading it takes over .* s; save it again"):
         read_columns(path)
 
@@ -100,7 +100,8 @@ def test_the_process_that_reads_parquet_imports_no_pandas(tmp_path: Path, monkey
     pa, pq = pytest.importorskip("pyarrow"), pytest.importorskip("pyarrow.parquet")
     pq.write_table(pa.table({"u": U, "y": [*U[1:], None]}), tmp_path / "log.parquet")
     (tmp_path / "pandas.py").write_text(f"import pathlib; pathlib.Path({str(tmp_path / 'imported')!r}).touch()")
-    monkeypatch.setattr(isolated, "BEGIN", f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {isolated.BEGIN}")
+    begin = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); {parser_process.BEGIN}"
+    monkeypatch.setattr(parser_process, "BEGIN", begin)
     np.testing.assert_array_equal(read_columns(tmp_path / "log.parquet").column("y"), [*U[1:], np.nan])
     dates = pa.array(np.arange(3), pa.timestamp("s"))
     pq.write_table(pa.table({"t": dates, "y": [1.0, 2.0, 3.0]}), tmp_path / "log.parquet")

@@ -16,12 +16,12 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.row import Point, Row, evaluate
-from replant.estimation.solver.row_start import start
+from replant.estimation.simulation.miso import Point, Row, evaluate
+from replant.estimation.solver.miso_start import start
 from replant.estimation.solver.solve import leaving_out, suspected
-from replant.fitting.row_fit import fit_row, ready_row
-from replant.fitting.row_outside import with_outside
-from replant.fitting.row_solve import covariance_of, likeliest
+from replant.fitting.miso_fit import fit_row, ready_row
+from replant.fitting.miso_references import with_outside
+from replant.fitting.miso_solve import covariance_of, likeliest
 from replant.fitting.samples import Samples
 from replant.fitting.search_result import ALPHA, BETWEEN, WORTH, Candidate, SearchResult, top_of_parabola
 from replant.fitting.structure_evidence import Evidence, grown, least_known

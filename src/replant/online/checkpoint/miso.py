@@ -9,15 +9,15 @@ import numpy as np
 
 from replant.errors import DamagedCheckpointError
 from replant.estimation.simulation.branches import Branches
-from replant.estimation.simulation.outside import Law
+from replant.estimation.simulation.exogenous import Law
 from replant.kernels.schema import LAGS, LAGUERRE
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import duration
 from replant.online.checkpoint.encoding import ARRAYS, ROW, described
-from replant.online.row_recursion import Instruments, RowRecursion
-from replant.online.row_state import RowHistory, RowSettings, RowState
+from replant.online.miso_recursion import Instruments, RowRecursion
+from replant.online.miso_state import RowHistory, RowSettings, RowState
 from replant.verdict.verdict import STATUSES, Finding
 
 #: The fields of a recursion that are arrays, and those that are numbers.

@@ -14,7 +14,7 @@ import replant as rp
 from replant.estimation.engine import state_lanes
 from replant.kernels import schema as at
 from replant.kernels.lanes import LANES
-from replant.online import company
+from replant.online import ensemble_members
 from support.builders import G2
 from support.cases import every
 
@@ -135,7 +135,7 @@ def test_what_is_out_of_the_ordinary_is_each_member_s_own_in_chunks_of_any_size(
 def test_how_many_samples_members_take_at_once_changes_nothing(stretch: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever is out of the ordinary in them, in chunks of one sample and of many."""
     monkeypatch.setattr(state_lanes, "STRETCH", stretch)
-    monkeypatch.setattr(company, "PIECE", 100 * stretch)
+    monkeypatch.setattr(ensemble_members, "PIECE", 100 * stretch)
     check_twins(defaults, *disturbed(*records(2, 120)), (1, 2, 50, 51, 97))
 
 
@@ -181,9 +181,9 @@ def test_threads_change_nothing() -> None:
 
 def test_most_ordinary_samples_are_taken_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
     whole: list[int] = []
-    take = company.Company._take_together
+    take = ensemble_members.Company._take_together
     monkeypatch.setattr(
-        company.Company, "_take_together", lambda *given: (whole.append(len(given[2])), take(*given))[1]
+        ensemble_members.Company, "_take_together", lambda *given: (whole.append(len(given[2])), take(*given))[1]
     )
     ensemble = rp.Ensemble(defaults())
     ensemble.update_many(*records(7, 100))

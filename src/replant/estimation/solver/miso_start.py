@@ -16,8 +16,8 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.row import Point, Row, evaluate
-from replant.estimation.solver.row_steps import is_near, path, refine, solved
+from replant.estimation.simulation.miso import Point, Row, evaluate
+from replant.estimation.solver.miso_steps import is_near, path, refine, solved
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression

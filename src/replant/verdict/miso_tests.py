@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.estimation.simulation.row import Point, Row, Stretch
+from replant.estimation.simulation.miso import Point, Row, Stretch
 from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray

@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.estimation.simulation.row import Row, RowRecord
+from replant.estimation.simulation.miso import Row, RowRecord
 from replant.fitting.fields import Provenance
-from replant.fitting.row_model import RowModel, one_step_percent
-from replant.fitting.row_outside import held, references_of
-from replant.fitting.row_solve import RowEstimate, solve_with
-from replant.fitting.row_verdict import judged
+from replant.fitting.miso_model import RowModel, one_step_percent
+from replant.fitting.miso_references import held, references_of
+from replant.fitting.miso_solve import RowEstimate, solve_with
+from replant.fitting.miso_verdict import judged
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
 from replant.logs.log import Log
@@ -26,8 +26,8 @@ from replant.numerics.arguments import FloatArray, IntArray, array_of_reals, ite
 from replant.numerics.limits import duration, increasing
 from replant.numerics.linear_algebra import quiet
 from replant.verdict import fit_percent
+from replant.verdict.miso_tests import left_out
 from replant.verdict.record_tests import left_out_finding
-from replant.verdict.row_tests import left_out
 from replant.verdict.verdict import Verdict
 
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import replant as rp
 from replant.errors import LogError
-from replant.logs.rasters import Channel, Signal, channel_table, merge, merged, on_one_clock
+from replant.logs.merged_channels import Channel, Signal, channel_table, merge, merged, on_one_clock
 from replant.logs.read import open_recording
 from replant.logs.table import Table
 from support.cases import every

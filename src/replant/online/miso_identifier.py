@@ -12,9 +12,9 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.settings import STORED
 from replant.fitting.fields import Provenance
-from replant.fitting.row_fit import RowFit, row_model, structures_of
-from replant.fitting.row_model import RowModel, one_step_percent
-from replant.fitting.row_outside import references_of
+from replant.fitting.miso_fit import RowFit, row_model, structures_of
+from replant.fitting.miso_model import RowModel, one_step_percent
+from replant.fitting.miso_references import references_of
 from replant.kernels.schema import Doubt
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
@@ -22,10 +22,10 @@ from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
 from replant.numerics.limits import duration, stamps_of
-from replant.online.row_state import RowSettings, RowState
-from replant.online.row_step import Kept
+from replant.online.locking import Shared, Turn, changes, reads
+from replant.online.miso_state import RowSettings, RowState
+from replant.online.miso_step import Kept
 from replant.online.trace import Trace
-from replant.online.turns import Shared, Turn, changes, reads
 from replant.verdict import fit_percent
 from replant.verdict.verdict import Verdict
 
@@ -166,7 +166,7 @@ class RowIdentifier(Shared):
     def to_bytes(self, progress: Progress | None = None) -> bytes:
         """Return the whole state as bytes for `Identifier.from_bytes`; equal states give equal bytes."""
         from replant.online.checkpoint.encoding import ROW, encode_other
-        from replant.online.checkpoint.row import parts_of
+        from replant.online.checkpoint.miso import parts_of
 
         return encode_other(ROW, *parts_of(self._now), progress)
 
