@@ -119,7 +119,7 @@ def test_what_is_interrupted_can_be_done_again() -> None:
 @pytest.mark.slow
 def test_what_is_interrupted_can_be_done_again_at_many_instants() -> None:
     for what in ("finish", "freeze", "resume", "reset"):
-        done_again(what, 3)
+        done_again(what, 8)
 
 
 def done_again(what: str, growth: int) -> None:

@@ -88,6 +88,15 @@ def test_a_search_an_online_pass_and_a_stop(browser, motor: Path) -> None:
         at.page.keyboard.type("the one")
         at.page.keyboard.press("Enter")
         at.until(lambda: "the one" in at.page.locator(".card .title").all_inner_texts())
+        other = Workbench(browser, served.url)  # which moves the card whose name is being typed
+        at.page.get_by_role("button", name="Rename").last.click()
+        last = at.page.locator(".card").last.get_attribute("data-key")
+        other.page.select_option("#order", "made")
+        at.until(lambda: at.page.locator(".card").last.get_attribute("data-key") != last)
+        at.page.keyboard.type("still typed")
+        at.page.keyboard.press("Enter")
+        at.until(lambda: "still typed" in at.page.locator(".card .title").all_inner_texts())
+        other.close()
         at.close()
         assert at.complaints == []
 

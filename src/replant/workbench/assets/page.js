@@ -25,15 +25,22 @@ export const write = (place, text) => { if (place.textContent !== text) place.te
 /** Set a field, unless somebody is typing there. */
 export const fill = (field, value) => { if (document.activeElement !== field && field.value !== value) field.value = value; };
 
-/** One child of a room for each item, made once by its key and updated with each state. */
+/** One child of a room for each item, made once by its key and updated with each state.  What has the focus stays where it is, the others move: a field that is moved loses it, and what is typed. */
 export function keyed(room, items, keyOf, make, update) {
-  const known = new Map([...room.children].map(child => [child.dataset.key, child]));
+  const known = new Map([...room.children].map(child => [child.dataset.key, child])), typed = [...room.children].find(child => child.contains(document.activeElement));
   let place = room.firstChild;
   for (const item of items) {
     const key = String(keyOf(item));
     let child = known.get(key);
     known.delete(key);
     if (!child) { child = make(item); child.dataset.key = key; }
+    if (child === typed) {
+      while (place !== child) {
+        const next = place.nextSibling;
+        room.append(place);
+        place = next;
+      }
+    }
     if (child !== place) room.insertBefore(child, place);
     else place = place.nextSibling;
     update(child, item);
