@@ -213,11 +213,11 @@ def test_an_optimizer_whose_memory_is_too_small_is_refused(calls: list[Call]) ->
 
 
 def test_a_row_is_learned_with_a_diagonal_of_its_size(calls: list[Call]) -> None:
-    kernel, arguments = next(call for call in calls if call[0].name == "step.row.learn")
+    kernel, arguments = next(call for call in calls if call[0].name == "step.miso.learn")
     place = 10
     assert arguments[place].size == arguments[8].size  # diagonal and delta
     longer = np.concatenate([arguments[place], arguments[place]])
-    with pytest.raises(ValueError, match=r"step\.row\.learn: it must hold that .*diagonal\.size == delta\.size"):
+    with pytest.raises(ValueError, match=r"step\.miso\.learn: it must hold that .*diagonal\.size == delta\.size"):
         kernel(*arguments[:place], longer, *arguments[place + 1 :])
 
 
