@@ -220,6 +220,7 @@ def test_a_pipe_ends_with_the_bits_of_run_on_what_was_recorded(
     assert [again[name]["value"] for name in NAMES] == whole.parameters.tolist()
 
 
+@pytest.mark.slow
 def test_objects_are_read_and_a_checkpoint_is_gone_on_with(tmp_path: Path) -> None:
     lines, outs = objects().splitlines(keepends=True), []
     for part in (lines[:1500], lines):  # the second time the first half is known

@@ -174,7 +174,8 @@ def test_intervals_cover_under_slow_noise() -> None:
         assert (np.mean(np.array(runs) < 1.96**2, axis=0) > 0.95 - 3 * math.sqrt(0.95 * 0.05 / len(runs))).all(), name
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
 def test_creep_does_not_look_like_certainty(seed: int) -> None:
     """The actuator's displacement creeps off: its coefficients are no better known than they are."""
     rig = deap_rig(noise=NOISE, creep=CREEP)

@@ -186,6 +186,7 @@ def test_a_ring_that_is_full(record: tuple[np.ndarray, np.ndarray], stamped: boo
     np.testing.assert_allclose(np.unique(single.recent[:, 0]), [-1.0, 1.0])
 
 
+@pytest.mark.slow
 def test_with_a_reference(record: tuple[np.ndarray, np.ndarray]) -> None:
     u, y = record
     r = np.roll(u, 3)

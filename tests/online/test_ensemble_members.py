@@ -131,7 +131,8 @@ def test_what_is_out_of_the_ordinary_is_each_member_s_own_in_chunks_of_any_size(
     check_twins(defaults, *disturbed(*records(1, samples)), cuts)
 
 
-@pytest.mark.parametrize("stretch", [pytest.param(1, marks=pytest.mark.slow), 64])
+@pytest.mark.slow
+@pytest.mark.parametrize("stretch", [1, 64])
 def test_how_many_samples_members_take_at_once_changes_nothing(stretch: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever is out of the ordinary in them, in chunks of one sample and of many."""
     monkeypatch.setattr(state_lanes, "STRETCH", stretch)

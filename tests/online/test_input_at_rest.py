@@ -244,6 +244,7 @@ def test_an_input_that_moved_for_less_than_a_start_up_tells_nothing() -> None:
     assert (ident.assess().status, ident.assess().excited) == ("not excited", False)
 
 
+@pytest.mark.slow
 def test_what_was_trusted_before_a_short_movement_is_not_said_of_the_rest_after_it() -> None:
     """The gain changes at rest, the input moves for 700 samples, and rests again: only the new gain is trusted then."""
     u, _ = resting()

@@ -71,9 +71,8 @@ def is_cut_off(wire: socket.socket) -> bool:
     return True
 
 
-@pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=() if kind == "half a line" else pytest.mark.slow) for kind in IDLE]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", IDLE)
 def test_a_crowd_that_only_connects_keeps_nobody_out(hub: Hub, said: list[str], kind: str) -> None:
     with serve(hub) as served, watch(served.port) as watcher:
         until(watcher, 0)
