@@ -38,13 +38,13 @@ release: $(VENV)/.wheels  ## VERSION=0.2.0: version, changelog, tests, wheels, c
 demo: $(READY)   ## identify a simulated actuator while it runs; plots in out/demo
 	$(BIN)/replant demo
 
-# one worker more than a small machine has cores: many tests wait; stolen work keeps the tests of a module together, and
+# two workers more than a small machine has cores: many tests wait; stolen work keeps the tests of a module together, and
 # with them what they share
 # hundreds of tests start a program: without compiled modules each start compiles all of them
 test slow: export PYTHONDONTWRITEBYTECODE =
 test: $(READY)   ## lint, types, doctests, tests; some minutes
 	+$(MAKE) -j 2 lint types
-	$(BIN)/pytest -n 3 --dist worksteal
+	$(BIN)/pytest -n 4 --dist worksteal
 
 docs: $(READY)   ## the site, every block of it executed; in out/docs/html
 	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/python -m sphinx -W --keep-going -d out/docs/doctrees docs out/docs/html $(ARGS)

@@ -41,6 +41,7 @@ DONE = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("unrendered")
 def test_every_line_of_the_day_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
     """Each command of the table in its order, and each Python expression on what they have saved."""

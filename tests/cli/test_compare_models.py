@@ -41,6 +41,7 @@ def test_json_holds_a_validation_of_each_by_name(capsys, log, saved) -> None:
     assert found["one"]["fit"]["simulated"] > 99.9 > found["half"]["fit"]["simulated"]
 
 
+@pytest.mark.slow
 def test_one_page_shows_all_of_them(capsys, log, saved, tmp_path) -> None:
     code, out, _ = call(capsys, "compare", *saved, log, "--out", tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text("utf-8")

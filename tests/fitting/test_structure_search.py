@@ -84,6 +84,7 @@ def test_what_the_autoregression_explains_is_paid() -> None:
         assert search(U, y, 0.05, poles=(1, 2, 3), zeros=0).best.structure.poles == len(den) - 1
 
 
+@pytest.mark.slow
 def test_single_numbers_are_a_grid() -> None:
     y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(U, 0.05) + white_noise(U.size, 0.05, seed=9)
     found = search(U, y, 0.05, poles=2, zeros=0, delays=0.1)

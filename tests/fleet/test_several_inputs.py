@@ -71,6 +71,7 @@ def test_what_is_done_stays_done_and_bytes_do_not_tell_where(tmp_path: Path, mon
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_odd_rigs_are_named_by_the_input_whose_gain_is_off(tmp_path: Path) -> None:
     for k in range(16):
         gains = (2.0, 25.0) if k == 3 else (2.0 + 0.02 * k, 2.5)

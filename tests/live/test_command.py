@@ -171,6 +171,7 @@ def test_the_demo_is_trusted_and_its_record_gives_the_bits_again(
     np.testing.assert_allclose([found[name]["value"] for name in kept.names], kept.parameters, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_summary_for_people_is_printed_in_the_end(tmp_path: Path) -> None:
     with live("-") as process:
         code, out, err = finished(process, b"nonsense\n1e999,2\n" + b"".join(lines(U, Y, T)))
@@ -183,6 +184,7 @@ def test_a_summary_for_people_is_printed_in_the_end(tmp_path: Path) -> None:
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_lines_over_tcp_with_stamps_and_numbers(tmp_path: Path) -> None:
     peer = ReplayingPeer(lines(U, Y, T, first=0))
     with live(peer.url, "--checkpoint", tmp_path / "rig", "--samples", U.size) as process:
@@ -221,6 +223,7 @@ def test_lines_over_a_serial_port(tmp_path: Path) -> None:
     assert saving.load(path).identifier.to_bytes() == learned(U, Y, T).to_bytes()
 
 
+@pytest.mark.slow
 def test_datagrams_in_and_estimates_out(tmp_path: Path) -> None:
     """As a controller and PlotJuggler get them: a flat JSON object a datagram, numbers under their names."""
     port = free_port()

@@ -337,6 +337,7 @@ def test_a_clone_and_a_reset_carry_instruments_and_banks() -> None:
 # --- tracking
 
 
+@pytest.mark.slow
 def test_a_plant_that_jumps_is_followed() -> None:
     before, after = rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([2.0], [1.0, 2.0])
     u = binary(1, 4400, 8)

@@ -141,6 +141,7 @@ def test_what_only_reads_changes_no_bit(record: tuple[np.ndarray, np.ndarray], w
     assert ident.to_bytes() == whole.to_bytes()
 
 
+@pytest.mark.slow
 def test_freeze_and_reset_drop_what_is_pending(record: tuple[np.ndarray, np.ndarray], whole: rp.Identifier) -> None:
     (u, y), ident = record, identifier()
     taken = until_pending(ident, u, y)

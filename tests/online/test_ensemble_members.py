@@ -172,6 +172,7 @@ def test_members_of_several_kinds() -> None:
     check_twins(make, *records(5, 80))
 
 
+@pytest.mark.slow
 def test_threads_change_nothing() -> None:
     u, y = records(6, 60)
     one, two = rp.Ensemble(defaults()), rp.Ensemble(defaults(), n_jobs=2)

@@ -119,6 +119,7 @@ def test_ten_million_idle_samples_change_nothing(name: str) -> None:
     rest(name, 10_000_000)
 
 
+@pytest.mark.slow
 def test_when_the_input_moves_again_learning_goes_on() -> None:
     ident = converged(rp.RecursiveLeastSquares(time_constant=50.0))
     idle(ident, 100_000, 1.0)

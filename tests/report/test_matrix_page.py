@@ -76,6 +76,7 @@ def test_what_is_left_out_is_shaded_and_the_parts_add_up(outputs: list[Output]) 
     assert one.fitted.output[400:] == pytest.approx(known[400:], abs=0.05)  # what was before the record is forgotten
 
 
+@pytest.mark.slow
 def test_the_pictures_of_each_output_are_written(outputs: list[Output], tmp_path: Path) -> None:
     assert [path.name for path in save_figures(tmp_path, outputs)] == [
         "fit-1.png", "responses-1.png", "fit-2.png", "responses-2.png",

@@ -185,6 +185,7 @@ def test_from_a_log_to_a_saved_model_without_a_mouse(browser, motor: Path, tmp_p
     assert rp.load_model(tmp_path / "saved.json").delay == 0.01
 
 
+@pytest.mark.slow
 def test_every_action_by_keyboard(browser, motor: Path) -> None:
     """What the mouse drags can be typed, and plots are zoomed by keys."""
     with opened([motor]) as served:

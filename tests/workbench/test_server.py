@@ -228,6 +228,7 @@ def test_a_session_says_what_to_fit_and_not_what_to_run(motor: Path) -> None:
     assert cards[0].words[:2] == ("fit", str(motor))
 
 
+@pytest.mark.slow
 def test_what_was_running_when_the_server_was_killed_can_be_fitted_again(motor: Path, state: Path) -> None:
     with client(motor) as page:
         page.is_read()

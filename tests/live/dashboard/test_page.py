@@ -149,6 +149,7 @@ def test_downloads(opened: Page, feed: Feed, tmp_path: Path) -> None:
 # --- the connection ---
 
 
+@pytest.mark.slow
 def test_it_comes_back_after_the_server_was_restarted(browser, feed: Feed) -> None:
     served = serve(feed.hub)
     page = Page(browser, served.url)

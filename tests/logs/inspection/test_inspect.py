@@ -297,6 +297,7 @@ def test_real_logs_without_their_names(datasets: Path, tmp_path: Path, name: str
     assert blind.roles.input.column.number == found.roles.input.column.number
 
 
+@pytest.mark.slow
 def test_the_intervals_of_a_clock_that_jitters_are_no_gaps(tmp_path: Path) -> None:
     t = np.cumsum(np.random.default_rng(1).exponential(0.5, 800) + 0.5)
     t[400:] += 60.0

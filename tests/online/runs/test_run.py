@@ -175,6 +175,7 @@ def test_bridged_and_missing_samples_take_no_part_in_the_fits(startup: int | Non
     assert found.simulation.fit == pytest.approx(fit_percent(known, found.simulation.output), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_what_is_left_out_does_not_depend_on_how_the_record_comes() -> None:
     u, y = record()
     y[4000:4600] = y[4000]
