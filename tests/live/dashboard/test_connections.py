@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
 import json
 import os
@@ -10,6 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 import urllib.request
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -17,7 +19,7 @@ from typing import Any
 
 import pytest
 
-from replant.live.dashboard import app, security
+from replant.live.dashboard import app, security, server
 from replant.live.dashboard.app import Hub
 from replant.live.dashboard.server import serve
 from support.cases import every
@@ -187,3 +189,19 @@ def model(port: int) -> dict[str, Any]:
         found: dict[str, Any] = json.load(got)
         return found
     return {}
+
+
+def test_a_server_that_does_not_end_is_left_behind(hub: Hub, said: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "LEFT_BEHIND", 0.5)
+    goes_on, dashboard = threading.Event(), serve(hub)
+
+    async def never(sockets: object = None) -> None:
+        while not goes_on.is_set():
+            await asyncio.sleep(0.01)
+
+    monkeypatch.setattr(dashboard._server, "shutdown", never)
+    dashboard.stop()
+    assert dashboard.alive
+    assert said == ["its server has not ended within 0.5 s: it is left behind"]
+    goes_on.set()
+    wait_for(lambda: not dashboard.alive)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from replant.live.dashboard.app import Hub
 
 GRACE = 1.0  # time that browsers get to say goodbye [s]
+LEFT_BEHIND = 10.0  # time after which a server that does not end is waited for no longer [s]
 S = TypeVar("S", bound=socket.socket)
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
@@ -66,9 +67,14 @@ class Dashboard:
             time.sleep(0.01)
 
     def stop(self) -> None:
-        """Close all connections and end the thread; without `announce_end` browsers try to connect again."""
+        """Close all connections and end the thread; without `announce_end` browsers try to connect again.
+
+        The end of a session does not depend on the page: a server that does not end is left behind, and that is said.
+        """
         self._server.should_exit = True
-        self._thread.join()
+        self._thread.join(LEFT_BEHIND)
+        if self.alive:
+            self._hub.notice(f"its server has not ended within {LEFT_BEHIND:g} s: it is left behind")
 
     def __enter__(self) -> Self:
         """Return the dashboard."""
