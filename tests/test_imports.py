@@ -89,10 +89,9 @@ def test_an_identifier_at_work_loads_scipy_and_only_what_it_needs() -> None:
 
 def test_a_run_loads_no_part_of_scipy_that_is_slow_to_load(tmp_path: Path) -> None:
     """Its signal and stats take longer than all else that a run loads; a machine of one core waits for them."""
-    u, y = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 100), 8), np.zeros(800)
-    for k in range(1, 800):
-        y[k] = 0.9 * y[k - 1] + 0.2 * u[k - 1]
-    y += 0.1 * np.random.default_rng(1).standard_normal(800)
+    generator = np.random.default_rng(0)
+    u = np.repeat(generator.choice([-1.0, 1.0], 100), 8)
+    y = replant.TransferFunction([2.0], [10.0, 1.0]).simulate(u, 1.0) + 0.1 * generator.standard_normal(800)
     np.savetxt(tmp_path / "log.csv", np.column_stack([u, y]), delimiter=",", header="u,y", comments="")
     program = (
         "import contextlib, io, os, sys\nfrom replant.cli import main\n"

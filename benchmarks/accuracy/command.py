@@ -21,6 +21,7 @@ from accuracy import guide, report, results, work
 from accuracy.rigs import data_folder
 from accuracy.scenarios import LETTERS, VERDICTS, chosen, experiments
 from accuracy.summary import summarise
+from replant.numerics.operating_system import ask_for_one_thread
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS, GUIDE = ROOT / "docs", "methods.md"
@@ -31,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, write both files, print what is promised and what was measured."""
     options = read_options(arguments)
     console = Console(width=None if sys.stdout.isatty() else 200)
-    work.prepare_environment()
+    ask_for_one_thread()
     letters = options.scenario or LETTERS
     asked = chosen(letters)
     if not data_folder().is_dir():

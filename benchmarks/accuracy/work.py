@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -41,12 +40,6 @@ class Results:
 
     figures: dict[str, list[dict[str, Figures]]] = field(default_factory=dict)
     verdicts: dict[str, list[Assessed]] = field(default_factory=dict)
-
-
-def prepare_environment() -> None:
-    """Let each process use one thread."""
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
 
 
 def carry_out(chosen: Sequence[Experiment], runs: int | None, with_verdicts: bool, on: str) -> Results:

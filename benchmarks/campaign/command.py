@@ -27,13 +27,13 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from accuracy.work import prepare_environment
 from campaign import actuators, field, field_outcome, reasons
 from campaign.field_table import FieldTable
 from campaign.outcome import judged
 from campaign.plants import drawn
 from campaign.table import Campaign, Line
 from replant.fleet import sweep
+from replant.numerics.operating_system import ask_for_one_thread
 
 OUT = Path(__file__).resolve().parents[2] / "out" / "campaign"
 ACTUATORS, TOGGLING, SMOOTH, SURPLUS = 15, 10, 30, 12  # records, rigs
@@ -48,7 +48,7 @@ SPECIAL: dict[str, tuple[Callable[[int, int], Any], int]] = {
 def main() -> int:
     """Run the campaign, print its tables and its worst records."""
     options = read_options()
-    prepare_environment()
+    ask_for_one_thread()
     console = Console(width=None if sys.stdout.isatty() else 160)
     families = [options.family] if options.family else ["random"] if options.only else list(FAMILIES)
     return max([FAMILIES[family](options, console) for family in families])

@@ -72,9 +72,9 @@ class FieldTable:
 
     def by_reason(self) -> Table:
         """Return how often each reason was the first one for no trust in a good model, and in a bad one."""
-        said = {name: [of(one) for one in self.outcomes] for name, of in WAYS.items()}
+        found = {name: map(of, self.outcomes) for name, of in WAYS.items()}
         return reasons.table(
-            {name: [(one.reason, one.is_good) for one in of if not one.is_trusted] for name, of in said.items()}
+            {name: [(one.reason, one.is_good) for one in way if not one.is_trusted] for name, way in found.items()}
         )
 
     def losing(self) -> Iterator[str]:

@@ -26,8 +26,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from accuracy.work import prepare_environment
 from replant.fleet import sweep
+from replant.numerics.operating_system import ask_for_one_thread
 from rows import campaign, feedback, known, public
 from rows.likelihood import scores
 
@@ -35,7 +35,7 @@ from rows.likelihood import scores
 def main() -> int:
     """Run the families asked for and print their tables."""
     options = read_options()
-    prepare_environment()
+    ask_for_one_thread()
     console = Console(width=None if sys.stdout.isatty() else 160)
     for family in [options.family] if options.family else FAMILIES:
         FAMILIES[family](options, console)

@@ -24,8 +24,8 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
-from accuracy.work import prepare_environment
 from replant.fleet import sweep
+from replant.numerics.operating_system import ask_for_one_thread
 from steps.cases import APART, CASES, TEXTBOOK, TEXTBOOK_SAMPLES
 from steps.outcome import LONG, STRUCTURES, Outcome, carry_out, long_search
 
@@ -69,7 +69,7 @@ def main() -> int:
     parser.add_argument("--runs", type=int, default=10, help="of each plant")
     parser.add_argument("--on", default=f"processes:{os.cpu_count()}", metavar="WHERE", help="as in the campaign")
     options = parser.parse_args()
-    prepare_environment()
+    ask_for_one_thread()
     console = Console(width=None if sys.stdout.isatty() else 160)
     runs = range(options.runs)
     tasks = [(case, number, 0) for case in range(len(CASES)) for number in runs]

@@ -129,7 +129,7 @@ def jumping(jumps: Jumps, samples: int, seed: int = 0) -> tuple[np.ndarray, np.n
 
 
 JUMPS = {  # seconds until the estimate has to be right: a1, b1, a2 show at once, the mode of ten seconds takes its time
-    **{(0, 1.5): 5, (3, 0.5): 5, (3, 1.5): 5, (4, 0.5): 20},
+    **{(0, 1.5): 5, (1, 1.5): 5, (3, 0.5): 5, (3, 1.5): 5, (4, 0.5): 20},
     (2, 1.5): 60,  # the slow pole comes to lie on the zero, where the input hardly moves it any more
 }
 

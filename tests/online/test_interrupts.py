@@ -24,12 +24,12 @@ FIXED = {"filter": rp.StateVariableFilter(cutoff=1.0), "instruments": False, "st
 
 def stream(seed: int) -> tuple[FloatArray, FloatArray]:
     """Return a record with a start-up, solutions, reviews, an alarm, rejected samples and inputs that leap."""
-    rng, samples = np.random.default_rng(seed), SAMPLES
-    u = np.repeat(rng.choice([-1.0, 1.0], samples // 8 + 1), 8)[:samples]
-    y = rp.TransferFunction([2.0], [1.0, 1.2, 1.0]).simulate(u, dt=DT) + 0.03 * rng.standard_normal(samples)
-    y[3 * samples // 5 :] *= 3.0
-    y[samples // 8], y[samples // 2] = np.nan, 50.0
-    u[samples // 4], u[samples // 3 : samples // 3 + 2] = 1e7, 1e7
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice([-1.0, 1.0], SAMPLES // 8 + 1), 8)[:SAMPLES]
+    y = rp.TransferFunction([2.0], [1.0, 1.2, 1.0]).simulate(u, dt=DT) + 0.03 * rng.standard_normal(SAMPLES)
+    y[3 * SAMPLES // 5 :] *= 3.0
+    y[SAMPLES // 8], y[SAMPLES // 2] = np.nan, 50.0
+    u[SAMPLES // 4], u[SAMPLES // 3 : SAMPLES // 3 + 2] = 1e7, 1e7
     return u, y
 
 
@@ -209,7 +209,7 @@ def test_a_handler_may_read_and_save_and_may_not_change(monkeypatch: pytest.Monk
     monkeypatch.undo()
     assert equal(ident, plain)
     assert saved
-    for taken, data in saved[:: len(saved) // 2]:
+    for taken, data in (saved[0], saved[-1]):
         again = rp.Identifier.from_bytes(data)
         again.update_many(u[taken:], y[taken:])
         assert equal(again, plain)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import os
 import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
@@ -14,7 +13,7 @@ import click
 from replant import __version__
 from replant.cli.terminal import TYPED, did_you_mean, epilog_of, replace_unencodable
 from replant.errors import ReplantError, brief
-from replant.numerics.operating_system import THREADS, refusal
+from replant.numerics.operating_system import ask_for_one_thread, refusal
 
 # For each command: the module of replant.cli that has it, as in ``fit_command``, and the command's line of help.
 COMMANDS = {
@@ -80,8 +79,7 @@ def cli(ctx: click.Context) -> None:
 def main(arguments: Sequence[str] | None = None) -> Any:
     """Run the command line; a user's mistake, or a refusal of the system, is one line and exit code 2."""
     replace_unencodable()
-    for name in THREADS:  # matrices are small: to wake and await a second thread takes longer than what it does
-        os.environ.setdefault(name, "1")
+    ask_for_one_thread()
     try:
         return cli.main(args=None if arguments is None else list(arguments), prog_name="replant", standalone_mode=False)
     except click.exceptions.Exit as stop:

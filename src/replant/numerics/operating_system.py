@@ -35,6 +35,15 @@ REMEDIES = {
 }
 
 
+def ask_for_one_thread() -> None:
+    """Have linear algebra that is loaded from now on use one thread, unless the environment says otherwise.
+
+    Matrices here are small: to wake a second thread and to await it takes longer than what it does.
+    """
+    for name in THREADS:
+        os.environ.setdefault(name, "1")
+
+
 def reason_of(error: BaseException) -> str:
     """Return the reason of an error in one line, without the name of a file."""
     words = " ".join(str((isinstance(error, OSError) and error.strerror) or error).split())

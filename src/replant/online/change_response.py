@@ -1,8 +1,7 @@
 """Change response: what is done about an alarm of the residual's CUSUM test.
 
 The samples since the alarm began are looked into at growing intervals: suppositions of what has changed compete
-(`estimation.solver.change_contest`).  Until one is sure nothing is learned.  The state goes on where the one leads
-that wins:
+(`estimation.solver.change_contest`).  Until one is sure nothing is learned.  What follows depends on which one wins:
 
     the noise              its present variance is the usual one
     a load, a part         the estimate before the change is revised by the samples since
