@@ -238,6 +238,14 @@ def check_series() -> None:
 
     check(filtered)
 
+    def whitened() -> tuple[Any, ...]:
+        result, order = np.zeros(noise.size), 3
+        orders = np.tril(np.cumsum(noise[: (order + 1) ** 2]).reshape(order + 1, order + 1))
+        series.whiten_known(orders, noise[: order + 1], noise, 2, np.arange(noise.size // 2) % 5 - 1, result)
+        return (result,)
+
+    check(whitened)
+
     def followed() -> tuple[Any, ...]:
         states, written = np.zeros((2, LAGUERRE)), np.zeros((50, 2 * LAGUERRE))
         functions(noise[:100].reshape(50, 2), np.array([0.5, 0.9]), states, written)

@@ -54,6 +54,19 @@ def test_samples_with_a_missing_past_are_as_white_and_as_loud_as_the_others() ->
     np.testing.assert_allclose(white[whole], model.whiten(np.append(np.zeros(model.order), error))[whole], atol=1e-9)
 
 
+def test_channels_are_whitened_one_by_one() -> None:
+    """And nothing before the first row is read, whatever is said to be known."""
+    signals = np.random.default_rng(1).standard_normal((400, 3))
+    model = Autoregression.of(coloured(SMOOTH, 4000))
+    known = np.minimum(np.arange(400) % 50 + 2, LAGS)
+    together = model.whiten_known(signals, known)
+    for channel in range(3):
+        np.testing.assert_array_equal(together[:, channel], model.whiten_known(signals[:, channel], known))
+    assert model.whiten_known(signals[:, :0], known).shape == (400, 0)
+    begin = model.whiten_known(signals, np.arange(400))
+    np.testing.assert_array_equal(model.whiten_known(signals, known)[:2], begin[:2])
+
+
 def test_a_white_residual_is_left_as_it_is() -> None:
     error = coloured([1.0], 5000, seed=3)
     model = Autoregression.of(error)

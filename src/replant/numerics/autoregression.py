@@ -121,16 +121,15 @@ class Autoregression:
         A sample with j < p known predecessors is filtered by the best model of order j, whose residual has the larger
         variance V_j, and weighted by the root of V_p / V_j: the likelihood of an autoregression with a missing past.
         """
+        from replant.kernels.filters import series
+
         if self.order == 0:
             return signals
-        result = self.ahead(signals)
-        for lags in range(self.order):
-            rows = np.flatnonzero(known == lags)
-            broken = signals[rows]
-            for lag in range(1, lags + 1):
-                broken = broken + self.models[lags, lag] * signals[rows - lag]
-            result[rows] = broken * np.sqrt(self.powers[self.order] / self.powers[lags])
-        return np.asarray(result)
+        flat = np.ascontiguousarray(signals, np.float64).reshape(-1)
+        weights = np.append(np.sqrt(self.powers[self.order] / self.powers[: self.order]), 1.0)
+        result, channels = np.empty(flat.size), flat.size // max(known.size, 1)
+        series.whiten_known(self.models, weights, flat, channels, np.ascontiguousarray(known, np.int64), result)
+        return result.reshape(signals.shape)
 
     def colour(self, signals: FloatArray) -> FloatArray:
         """Return x / D(q) of ``signals`` (K, ...) from rest; roots of D outside the unit circle are mirrored."""

@@ -1,4 +1,4 @@
-r"""Series of numbers as wholes: autoregressions of every order, the all-pole filter, the play operator.
+r"""Series of numbers as wholes: autoregressions of every order, their filters, the play operator.
 
 Over samples whose predecessors are all known, G[i, j] is the sum of e_{k-i} e_{k-j}.  The model of order j minimises
 the sum of (e_k + d_1 e_{k-1} + .. + d_j e_{k-j})^2: G[1:j+1, 1:j+1] d = -G[1:j+1, 0].  One factorisation L D L' of
@@ -6,6 +6,9 @@ G[1:, 1:] serves all orders, as its leading parts are those of the smaller ones.
 
 Autocovariances would do with fewer numbers, but the ends of their window leak: where the residual is smooth, as behind
 a disturbance of the plant's input, their innovation is 40 to 400 times too large.
+
+A sample with j < p known predecessors is whitened by the model of order j, whose residual has the larger variance V_j,
+and weighted by the root of V_p / V_j: the likelihood of an autoregression with a missing past.
 
 The all-pole filter is what makes white noise an autoregression; the play operator what a part with backlash makes of
 the motion that pushes it.
@@ -18,7 +21,7 @@ import math
 
 import numpy as np
 
-from replant.kernels.native import Matrix, Reals, kernel
+from replant.kernels.native import Ints, Matrix, Reals, kernel
 
 ROUNDING = 1e-13
 """Part of a sum that is left after the smaller orders, below which it is rounding [part].
@@ -81,6 +84,33 @@ def nested_models(sums: Matrix, count: float, models: Matrix, variances: Reals, 
         if criterion < lowest:
             best, lowest = order, criterion
     return best
+
+
+@kernel(
+    "models.shape[0] >= weights.size and models.shape[1] >= weights.size and weights.size >= 1",
+    "channels >= 0 and channels <= signals.size and signals.size >= known.size * channels",
+    "result.size >= known.size * channels",
+)
+def whiten_known(models: Matrix, weights: Reals, signals: Reals, channels: int, known: Ints, result: Reals):
+    """Write ``signals`` (K, channels) filtered by the model of as many predecessors as are ``known`` (K,).
+
+    ``models``: row j is 1, d_1 .. d_j, of order j, up to p; ``weights`` (p + 1,): factors of the rows filtered by each.
+    """
+    order = weights.size - 1
+    for i in range(known.size * channels):
+        result[i] = signals[i]
+    for lag in range(1, order + 1):
+        coefficient, back = models[order, lag], lag * channels
+        for i in range(back, known.size * channels):
+            result[i] += coefficient * signals[i - back]
+    for k in range(known.size):
+        lags = max(min(known[k], k), 0)
+        if lags < order:
+            for i in range(k * channels, (k + 1) * channels):
+                white = signals[i]
+                for lag in range(1, lags + 1):
+                    white += models[lags, lag] * signals[i - lag * channels]
+                result[i] = white * weights[lags]
 
 
 @kernel(
