@@ -34,6 +34,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import Pass
+from replant.estimation.solver import known_before
 from replant.estimation.solver.known_before import Known, with_nuisances
 from replant.estimation.solver.refined import Prior, Refined, Root, conclude
 from replant.estimation.solver.residual_likelihood import WEAKEST, Stretch
@@ -198,16 +199,8 @@ class Contest:
         return found if again else [*found, *self._cuts(models)]
 
     def weighed(self, more: float) -> float:
-        """Return the evidence of what another G(s) explains more, which for a right model were a chi-square of two.
-
-        The dispersion is known from n numbers, so that it becomes that of an F distribution of 2 and n:
-
-            P{F > f} = (1 + 2 f / n)^(-n / 2),   evidence = (n / 2) ln(1 + (2 / n) more / dispersion)
-        """
-        dispersion, numbers = self.dispersion
-        if more <= 0.0 or math.isinf(numbers):
-            return more / dispersion
-        return 0.5 * numbers * math.log1p(2.0 * more / (numbers * dispersion))
+        """Return the evidence of what another G(s) explains more, see `known_before.weighed`."""
+        return known_before.weighed(more, *self.dispersion)
 
     @cached_property
     def dispersion(self) -> tuple[float, float]:

@@ -88,12 +88,26 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     noise = Stretch.of(record, slice(None)).colour(error)
     score = noise.whiten_known(done.zeta, record.rough_predecessors)
     white = noise.whiten_known(error, record.rough_predecessors)
-    lengths = np.sqrt(np.einsum("kt,kt->t", score, score))
-    variance = float(white @ white) / max(record.count - model.size, 1)
-    if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
+    power = float(done.error @ done.error)
+    if not power > 0.0:  # nor where it is NaN
         return 0
-    beside = math.sqrt(done.power / float(done.error @ done.error))  # measured less predicted output, over the error
+    beside = math.sqrt(done.power / power)  # measured less predicted output, over the error
     if float(np.std(error)) * beside < HARMLESS * float(np.std(record.y)):
+        return 0
+    return worst_begin(score, white, size, fewest, record.count)
+
+
+def worst_begin(score: FloatArray, white: FloatArray, size: int, fewest: int, count: int) -> int:
+    """Return the sample since which ``size`` entries of a model fit worst; 0 where that may be chance.
+
+    ``score`` (K, T) has their whitened slopes, then those of the nuisances, ``white`` (K,) the whitened residual of so
+    many outputs.  At least ``fewest`` samples are before and since.
+    """
+    if white.size < 3 * fewest:
+        return 0
+    lengths = np.sqrt(np.einsum("kt,kt->t", score, score))
+    variance = float(white @ white) / max(count - score.shape[1], 1)
+    if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
         return 0
     units = np.where(lengths > 0.0, lengths, 1.0)
     begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))

@@ -18,7 +18,7 @@ from replant.estimation.solver.refined import Prior, Refined, without_nuisances
 from replant.estimation.solver.residual_likelihood import WEAKEST
 from replant.estimation.solver.srivc_steps import Problem
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import LEAST, Autoregression
 from replant.numerics.linear_algebra import inverse_of, least_norm, quiet
 
@@ -72,37 +72,12 @@ class Known:
         return cls(mean, information, error, noise, variance, filters, slopes)
 
     def dispersion(self, record: Record, length: int) -> tuple[float, float]:
-        """Return by how much more another G(s) explains of stretches before the change than chance would; at least 1.
-
-        And by how many numbers that is known: where too few samples are before, it counts as certain.
-
-        In each stretch of so many samples, with an offset and an initial state of its own, it would be nothing but
-        chance, if the model were right.  A linear model of a plant that is none fits each stretch differently; a change
-        shows where it explains more than that does.  The stretch next to the begin takes no part: a change that is
-        noticed late lies in it.
-        Source: the dispersion of quasi-likelihood, Wedderburn (1974), Biometrika 61.
-        """
-        begin, size = len(self.slopes), self.mean.size
-        length = min(length, begin // (STRETCHES + 1))
-        coefficients = np.diag(self.information) > 0.0
-        if length < 2 * size or not (coefficients.any() and np.isfinite(self.slopes).all()):
+        """Return `dispersion_of` the samples before the change, in stretches of so many."""
+        begin, coefficients = len(self.slopes), np.diag(self.information) > 0.0
+        if not coefficients.any():
             return 1.0, math.inf
         white = self.noise.whiten_known(self.error[:begin], record.rough_predecessors[:begin])
-        units = np.linalg.norm(self.slopes, axis=0)
-        slopes = self.slopes / np.where(units > 0.0, units, 1.0)
-        explained, ranks = 0.0, 0
-        for end in range(begin - length, length - 1, -length):
-            rows = slice(end - length, end)
-            beside = slopes[:length, ~coefficients]  # of an initial state at the stretch's begin
-            both = np.column_stack([slopes[rows][:, coefficients], white[rows]])
-            both -= beside @ least_norm(beside, both, WEAKEST)[0]
-            directions, values, _ = np.linalg.svd(both[:, :-1], full_matrices=False)
-            told = directions[:, values > WEAKEST * values[0]] if values[0] > 0.0 else directions[:, :0]
-            explained += float(np.sum((told.T @ both[:, -1]) ** 2))
-            ranks += told.shape[1]
-        if not (ranks and self.variance > 0.0):
-            return 1.0, math.inf
-        return max(explained / (ranks * self.variance), 1.0), float(ranks)
+        return dispersion_of(self.slopes, white, coefficients, length, self.variance)
 
     def onset(self, record: Record, earliest: int) -> int:
         """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""
@@ -145,6 +120,53 @@ class Known:
         model[:size] = self.mean[:size] + step * units
         directions[forgotten, range(len(forgotten))] = units[forgotten]
         return model, directions
+
+
+def dispersion_of(
+    slopes: FloatArray, white: FloatArray, coefficients: BoolArray, length: int, variance: float
+) -> tuple[float, float]:
+    """Return by how much more another G(s) explains of stretches before a change than chance would; at least 1.
+
+    And by how many numbers that is known: where too few samples are before, it counts as certain.
+
+    ``slopes`` (K, T) and residual ``white`` (K,), of that variance, are whitened; ``coefficients`` (T,) says which of
+    the entries are no nuisances.  In each stretch of so many samples, with an offset and an initial state of its own,
+    it would be nothing but chance, if the model were right.  A linear model of a plant that is none fits each stretch
+    differently; a change shows where it explains more than that does.  The stretch next to the begin takes no part: a
+    change that is noticed late lies in it.
+    Source: the dispersion of quasi-likelihood, Wedderburn (1974), Biometrika 61.
+    """
+    begin = len(slopes)
+    length = min(length, begin // (STRETCHES + 1))
+    if length < 2 * coefficients.size or not np.isfinite(slopes).all():
+        return 1.0, math.inf
+    units = np.linalg.norm(slopes, axis=0)
+    slopes = slopes / np.where(units > 0.0, units, 1.0)
+    explained, ranks = 0.0, 0
+    for end in range(begin - length, length - 1, -length):
+        rows = slice(end - length, end)
+        beside = slopes[:length, ~coefficients]  # of an initial state at the stretch's begin
+        both = np.column_stack([slopes[rows][:, coefficients], white[rows]])
+        both -= beside @ least_norm(beside, both, WEAKEST)[0]
+        directions, values, _ = np.linalg.svd(both[:, :-1], full_matrices=False)
+        told = directions[:, values > WEAKEST * values[0]] if values[0] > 0.0 else directions[:, :0]
+        explained += float(np.sum((told.T @ both[:, -1]) ** 2))
+        ranks += told.shape[1]
+    if not (ranks and variance > 0.0):
+        return 1.0, math.inf
+    return max(explained / (ranks * variance), 1.0), float(ranks)
+
+
+def weighed(more: float, dispersion: float, numbers: float) -> float:
+    """Return the evidence of what another G(s) explains more, which for a right model were a chi-square of two.
+
+    The dispersion is known from n numbers, so that it becomes that of an F distribution of 2 and n:
+
+        P{F > f} = (1 + 2 f / n)^(-n / 2),   evidence = (n / 2) ln(1 + (2 / n) more / dispersion)
+    """
+    if more <= 0.0 or math.isinf(numbers):
+        return more / dispersion
+    return 0.5 * numbers * math.log1p(2.0 * more / (numbers * dispersion))
 
 
 def with_nuisances(problem: Problem, model: FloatArray, rows: slice = slice(None)) -> FloatArray:
