@@ -14,7 +14,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from replant.estimation.simulation.miso import Point, Row, evaluate
+from replant.estimation.simulation.miso import Point, Row, evaluate, is_exact
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import least_norm, quiet
@@ -75,7 +75,7 @@ def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> 
         return None, damping
     if vector @ solved(matrix, vector) <= STILL * point.cost / max(row.count, 1):
         return None, damping
-    for _ in range(tries):
+    for _ in range(1 if is_exact(row, point) else tries):  # of rounding no smaller step makes less
         theta = point.theta + solved(matrix + damping * np.diag(np.diag(matrix)), vector)
         if row.is_stable(theta):
             tried = evaluate(row, theta, noise, point)
