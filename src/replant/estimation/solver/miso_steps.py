@@ -10,7 +10,7 @@ consistent whatever the noise and the controller.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -89,6 +89,18 @@ def is_near(row: Row, point: Point, other: Point) -> bool:
     """Say whether a point lies within a standard deviation of another one: steps lead to the same from both."""
     move = point.theta - other.theta
     return bool(move @ other.information @ move <= other.cost / max(row.count, 1))
+
+
+def ends_of(row: Row, paths: Iterable[Iterator[Point]]) -> list[Point]:
+    """Return the last point of each path, but for paths that come near the end of one before."""
+    ends: list[Point] = []
+    for each in paths:
+        for point in each:
+            if any(is_near(row, point, end) for end in ends):
+                break
+        else:
+            ends.append(point)
+    return ends
 
 
 @quiet
