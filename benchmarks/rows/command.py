@@ -23,12 +23,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.table import Table
 
 from replant.fleet import sweep
 from replant.numerics.operating_system import ask_for_one_thread
-from rows import campaign, feedback, known, public
+from rows import campaign, feedback, known, public, speed
 from rows.likelihood import scores
 
 
@@ -95,9 +96,19 @@ def of_public(options: argparse.Namespace, console: Console) -> None:
     console.print(shown)
 
 
+def of_speed(options: argparse.Namespace, console: Console) -> None:
+    """Print the processor times of two inputs and of one, and their ratio."""
+    shown = Table("noise", "two inputs", "one input", "ratio", "wanted", title=f"seed {options.seed}, in ms")
+    for noise in speed.NOISES:
+        runs = [speed.measured(options.seed, noise, number) for number in range(max(options.runs // 10, 1))]
+        two, one = 1e3 * np.mean(runs, axis=0)
+        shown.add_row(noise, f"{two:.0f}", f"{one:.0f}", f"{two / one:.2f}", f"at most {speed.LIMIT}")
+    console.print(shown)
+
+
 FAMILIES: dict[str, Callable[[argparse.Namespace, Console], None]] = {
     "known": partial(of_cases, known), "feedback": partial(of_cases, feedback), "random": of_random,
-    "starts": of_starts, "public": of_public,
+    "starts": of_starts, "public": of_public, "speed": of_speed,
 }  # fmt: skip
 
 
@@ -106,7 +117,7 @@ def read_options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--family", choices=FAMILIES, help="this one alone; default: all")
-    parser.add_argument("--runs", type=int, default=100, help="of each case, and starts")
+    parser.add_argument("--runs", type=int, default=100, help="of each case, and starts; of speeds a tenth")
     parser.add_argument("--records", type=int, default=300, help="random plants")
     parser.add_argument("--inputs", type=int, default=2, help="of random plants")
     parser.add_argument("--mirror", type=Path, default=Path("out/mirror"), help="folder of git directories")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.estimation.solver.miso_start import start
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
 from replant.online.miso_step import RowStep
@@ -261,6 +262,32 @@ def test_an_update_to_an_unstable_pole_is_named_and_solved_anew() -> None:
     ident.finish()
     assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
     assert ident.assess().status == "trusted"
+
+
+@every("poles, starts", [((2, 1), [500]), ((1, 1), [500, 1099])])
+def test_a_record_begins_afresh_where_something_is_found_against_its_model(
+    monkeypatch: Any, poles: Any, starts: Any
+) -> None:
+    """Of an input that has fewer poles than its plant the other ones explain something of the output."""
+    begins = []
+
+    def counted(structures: Any, record: Any, *others: Any) -> Any:
+        begins.append(record.u.size)
+        return start(structures, record, *others)
+
+    monkeypatch.setattr("replant.fitting.miso_solve.start", counted)
+    ident = rp.Identifier(poles=poles, delay=(0.0, 0.3), dt=DT)
+    ident.update_many(*record(1))
+    assert list(dict.fromkeys(begins)) == starts
+
+
+def test_an_input_that_moves_late_is_learned() -> None:
+    u = toggling(1, samples=6000)
+    u[:3500, 1] = 0.0
+    ident = begun()
+    ident.update_many(u, noisy(1, row_of(u, FAST, SLOW), 0.9))
+    assert ident.assess().status == "trusted"
+    assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
 
 
 def test_stamps_come_with_every_sample_or_with_none() -> None:

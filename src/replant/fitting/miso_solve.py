@@ -21,7 +21,7 @@ import numpy as np
 from replant.estimation.simulation.miso import Point, Row, RowRecord, colour_of, evaluate, noise_of
 from replant.estimation.solver import solve
 from replant.estimation.solver.miso_start import start
-from replant.estimation.solver.miso_steps import STEPS, explained_by, instrumental, refine
+from replant.estimation.solver.miso_steps import STEPS, ends_of, explained_by, instrumental, path, refine
 from replant.estimation.solver.srivc_steps import NEARLY_DONE
 from replant.fitting.miso_references import with_outside
 from replant.kernels.schema import Doubt
@@ -196,11 +196,13 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     taken whose residual is `LOUD` times the quietest: its noise model has taken a branch for noise.
     """
     white = Autoregression.white(1.0, row.count)
-    free = min((refine(row, begin.theta, white, begin) for begin in begins), key=lambda point: point.cost)
+    ends = ends_of(row, (path(row, begin.theta, white, begin) for begin in begins))
+    free = min(ends, key=lambda point: point.cost)
     noise = noise_of(row, free)
     found = []
-    for begin in [free, *(again(noise) if noise.order else [])]:
-        point, model = refine(row, begin.theta, noise, begin, SHORT), noise
+    begins = [free, *(again(noise) if noise.order else [])]
+    for point in ends_of(row, (path(row, begin.theta, noise, begin, SHORT) for begin in begins)):
+        model = noise
         for _ in range(ROUNDS - 1):
             model = noise_of(row, point)
             point = refine(row, point.theta, model, point, SHORT)

@@ -36,7 +36,7 @@ def judged(
 
     A point that follows a record sample by sample is also asked whether the plant has changed since.
     """
-    findings = [*_at_rest(row), *_uncertain(row, record, point, covariance)]
+    findings = untold(row, record, point, covariance)
     if not findings:
         findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
     if not findings and not is_of_record:
@@ -44,6 +44,11 @@ def judged(
     return Verdict(
         *conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
     )
+
+
+def untold(row: Row, record: Record, point: Point, covariance: FloatArray) -> list[Finding]:
+    """Return which inputs rest or move together, and else whose transfer functions the record does not tell."""
+    return [*_at_rest(row), *_uncertain(row, record, point, covariance)]
 
 
 def _at_rest(row: Row) -> Iterator[Finding]:

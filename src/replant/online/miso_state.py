@@ -1,7 +1,9 @@
 """What an identification of several inputs knows, and how samples change it.
 
-Each time that the record has grown by `GROWTH` it is solved again as a whole; in between a recursion follows.  Nothing
-is changed in place: a sample makes another state, so that whoever is interrupted has the state before.
+Each time that the record has grown by `GROWTH` it is solved again as a whole, from the present estimate; where
+something is found against what comes of that, and the record has doubled since the last start, from a start, too.
+In between a recursion follows.  Nothing is changed in place: a sample makes another state, so that
+whoever is interrupted has the state before.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -17,15 +20,15 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
 from replant.estimation.solver.solve import leaving_out
 from replant.fitting.miso_references import with_outside
-from replant.fitting.miso_solve import RowEstimate, doubts_of, solve_with, started
-from replant.fitting.miso_verdict import judged
+from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of, solve_with, started
+from replant.fitting.miso_verdict import judged, untold
 from replant.kernels.schema import LARGEST, Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import quiet
 from replant.online.miso_recursion import RowRecursion
-from replant.verdict.miso_tests import controlled
+from replant.verdict.miso_tests import controlled, lacking
 from replant.verdict.record_tests import left_out_finding
 from replant.verdict.verdict import Finding, Verdict
 
@@ -34,12 +37,6 @@ GROWTH = 1.3
 Origin: two heaters with time constants of 196 and 679 s; at 2 a slow branch was lost beside correlated inputs and noise
 with a pole at .9.
 Sensitivity: see origin; halved, it takes twice the time.
-"""
-
-AFRESH = 3000
-"""Samples up to which a solution begins afresh, too, each time that they have doubled [samples].
-Origin: of random rows none needed a start after as many: the present estimate is then the best begin.
-Sensitivity: not measured.
 """
 
 REASONS = "not finite", "too large", "not later", "no output"
@@ -115,7 +112,7 @@ class RowState:
     kept: RowHistory
     solve_at: int  # samples, at first outputs, at which the record is solved again; 0: never
     samples: int = 0  # accepted so far
-    afresh_at: int = 0  # samples from which on a solution begins afresh, too
+    afresh_at: int = 0  # samples from which on a solution that is not settled begins afresh, too
     rejected: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
     stamped: bool | None = None  # whether samples come with a time stamp; None before the first
     adapts: bool = True
@@ -216,20 +213,14 @@ class RowState:
         ready, row, references = self.record()
         if row.count <= row.nuisances + self.settings.size:
             return new
-        afresh = starting or self.afresh_at <= self.samples <= AFRESH
+        known, settings = self.recursion, self.settings
+        present = known if known is not None and row.is_stable(known.parameters) else None
+        solve = partial(solve_with, settings.structures, ready, references, settings.input_names)
+        done, afresh = solve(partial(_begins, present)), present is None
+        if not afresh and self.afresh_at <= self.samples and not _is_settled(done[1]):
+            done, afresh = solve(partial(_begins, present, afresh=True)), True
         new = replace(new, afresh_at=2 * self.samples) if afresh else new
-        known = self.recursion
-
-        def begins_of(row: Row) -> Callable[[Autoregression], list[Point]]:
-            present = []
-            if known is not None and row.is_stable(known.parameters):
-                present = [evaluate(row.from_outside, known.parameters, known.noise)]
-            return lambda noise: [*(started(row)(noise) if afresh or not present else ()), *present]
-
-        settings = self.settings
-        ready, solution, of_references = solve_with(
-            settings.structures, ready, references, settings.input_names, begins_of
-        )
+        ready, solution, of_references = done
         if solution is None:
             return new
         return replace(
@@ -287,6 +278,23 @@ class RowState:
         found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
         verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
         return Newest(ready, row, found, verdict, doubt)
+
+
+def _begins(present: RowRecursion | None, row: Row, *, afresh: bool = False) -> Callable[[Autoregression], list[Point]]:
+    """Return what begins with a row at the present estimate, where there is one, or from the record, or at both."""
+    if present is None:
+        return started(row)
+    point = evaluate(row.from_outside, present.parameters, present.noise)
+    return lambda noise: [*(started(row)(noise) if afresh else ()), point]
+
+
+def _is_settled(solution: RowSolution | None) -> bool:
+    """Return whether nothing is found against a solution that another begin may mend."""
+    if solution is None:
+        return False
+    row, found, _ = solution
+    findings = [*found.findings, *untold(row, row.record, found.point, found.covariance)]
+    return not (findings or any(lacking(row, found.point, found.noise)))
 
 
 def _over(row: Row, known: RowRecursion) -> Point:

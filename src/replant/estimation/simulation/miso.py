@@ -232,11 +232,14 @@ def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     return scaled @ turned, turned / lengths[:, None]
 
 
+def is_exact(row: Row, point: Point) -> bool:
+    """Return whether a point leaves nothing but rounding."""
+    return point.power <= ROUNDING * sum(float(each.y @ each.y) for each in row.stretches)
+
+
 def noise_of(row: Row, point: Point) -> Autoregression:
     """Return the autoregression of a point's residual, one for all stretches; what is rounding counts as white."""
-    if point.power <= ROUNDING * sum(float(each.y @ each.y) for each in row.stretches):
-        return Autoregression.white(point.power, row.count)
-    return colour_of(row, point.residual)
+    return Autoregression.white(point.power, row.count) if is_exact(row, point) else colour_of(row, point.residual)
 
 
 def colour_of(row: Row, signals: list[FloatArray]) -> Autoregression:

@@ -8,6 +8,7 @@ random rows of three inputs, starts that lead to the minimum near the truth: red
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
@@ -17,7 +18,7 @@ import numpy.typing as npt
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Point, Row, evaluate
-from replant.estimation.solver.miso_steps import is_near, path, refine, solved
+from replant.estimation.solver.miso_steps import ends_of, is_near, path, refine, solved
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
@@ -74,15 +75,10 @@ def _best_of(row: Row, models: Iterable[FloatArray], noise: Autoregression) -> l
     """Return the best of models without numerators, refined, the likeliest first."""
     tried = set()
     for theta in models:
-        model = _with_numerators(row, theta, noise)
-        tried.add((evaluate(row, model, noise).cost, tuple(model)))
-    ends: list[Point] = []
-    for _, begin in sorted(tried)[:KEPT]:
-        for point in path(row, np.array(begin), noise, steps=SHORT):
-            if any(is_near(row, point, end) for end in ends):
-                break
-        else:
-            ends.append(point)
+        cost, model = _with_numerators(row, theta, noise)
+        tried.add((cost, tuple(model)))
+    begins = (np.array(begin) for _, begin in sorted(tried)[:KEPT])
+    ends = ends_of(row, (path(row, begin, noise, steps=SHORT) for begin in begins))
     return sorted(ends, key=lambda point: point.cost)
 
 
@@ -141,7 +137,7 @@ def _split(row: Row, shared: Row, denominator: FloatArray, noise: Autoregression
             return None
         alone = Row((structure,), replace(row.record, y=outputs[:, i]), row.inputs[:, [i]])
         white = Autoregression.white(1.0, alone.count)
-        begin = _with_numerators(alone, _without_numerators(alone, [np.poly(poles)]), white)
+        _, begin = _with_numerators(alone, _without_numerators(alone, [np.poly(poles)]), white)
         denominators.append(np.append(1.0, refine(alone, begin, white, steps=SHORT).theta[: structure.poles]))
     return _without_numerators(row, denominators)
 
@@ -219,14 +215,16 @@ def deals(items: Sequence[int], sizes: Sequence[int]) -> Iterator[tuple[tuple[in
             yield (hand, *rest)
 
 
-def _with_numerators(row: Row, theta: FloatArray, noise: Autoregression) -> FloatArray:
-    """Return a model with the numerators of least squares."""
+def _with_numerators(row: Row, theta: FloatArray, noise: Autoregression) -> tuple[float, FloatArray]:
+    """Return a model with the numerators of least squares, and its cost: the error is linear in these."""
     places = numerators(row.structures)
     point = evaluate(row, theta, noise)
-    model = theta.copy()
+    model, error = theta.copy(), np.concatenate(point.error)
     columns = np.concatenate([phi[:, places] for phi in point.phi])
-    model[places] = least_norm(columns, np.concatenate(point.error), WEAKEST)[0]
-    return model
+    model[places] = least_norm(columns, error, WEAKEST)[0]
+    left = error - columns @ model[places]
+    cost = float(left @ left)
+    return cost if math.isfinite(cost) else math.inf, model
 
 
 def numerators(structures: Sequence[Structure]) -> npt.NDArray[np.bool_]:

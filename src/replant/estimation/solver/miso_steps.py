@@ -10,11 +10,11 @@ consistent whatever the noise and the controller.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from replant.estimation.simulation.miso import Point, Row, evaluate
+from replant.estimation.simulation.miso import Point, Row, evaluate, is_exact
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import least_norm, quiet
@@ -75,7 +75,7 @@ def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> 
         return None, damping
     if vector @ solved(matrix, vector) <= STILL * point.cost / max(row.count, 1):
         return None, damping
-    for _ in range(tries):
+    for _ in range(1 if is_exact(row, point) else tries):  # of rounding no smaller step makes less
         theta = point.theta + solved(matrix + damping * np.diag(np.diag(matrix)), vector)
         if row.is_stable(theta):
             tried = evaluate(row, theta, noise, point)
@@ -89,6 +89,18 @@ def is_near(row: Row, point: Point, other: Point) -> bool:
     """Say whether a point lies within a standard deviation of another one: steps lead to the same from both."""
     move = point.theta - other.theta
     return bool(move @ other.information @ move <= other.cost / max(row.count, 1))
+
+
+def ends_of(row: Row, paths: Iterable[Iterator[Point]]) -> list[Point]:
+    """Return the last point of each path, but for paths that come near the end of one before."""
+    ends: list[Point] = []
+    for each in paths:
+        for point in each:
+            if any(is_near(row, point, end) for end in ends):
+                break
+        else:
+            ends.append(point)
+    return ends
 
 
 @quiet
