@@ -332,18 +332,63 @@ def test_an_input_that_a_controller_makes_is_named_before_the_record_is_solved_a
     assert any("input u1 answers to disturbances" in reason for reason in ident.assess().reasons)
 
 
-@every("seed", range(3), quick=1)
-def test_a_change_of_the_plant_is_named(seed: int) -> None:
-    """The gain from one input is doubled.  The mean of the estimate's errors before and after is nought at last."""
+def doubled_at(samples: int, seed: int, load: float = 0.0) -> tuple[FloatArray, FloatArray]:
+    """Return twice as many samples of a plant whose gain from the second input doubles, or of one under a load."""
     plant = rp.TransferFunction([2.0], [1.0, 1.0]), rp.TransferFunction([0.2], [1.0, 0.4], delay=0.3)
-    rng, u = np.random.default_rng(seed), toggling(seed, samples=8000)
+    rng, u, since = np.random.default_rng(seed), toggling(seed, samples=2 * samples), np.arange(2 * samples) >= samples
     first, second = (g.simulate(column.copy(), 0.1) for g, column in zip(plant, u.T, strict=True))
-    clean = first + second * np.where(np.arange(8000) < 4000, 1.0, 2.0)
+    clean = first + second * np.where(since & (load == 0.0), 2.0, 1.0)
+    clean += plant[0].simulate(np.where(since, load, 0.0), 0.1)
+    return u, clean + 0.1 * rng.standard_normal(2 * samples)
+
+
+@every("seed", range(3), quick=1)
+def test_a_plant_that_has_changed_is_learned_anew(seed: int) -> None:
+    u, y = doubled_at(2000, seed)
     ident = rp.Identifier(poles=(1, 1), delay=(0.0, 0.3), dt=0.1)
-    ident.update_many(u, clean + 0.3 * clean.std() * rng.standard_normal(8000))
-    verdict = ident.assess()
-    assert verdict.status == "inconsistent"
-    assert re.match(r"input u2: over the newest [\d,]+ samples its response differs", verdict.reasons[0])
+    ident.update_many(u, y)
+    assert abs(ident._now.record_began - 2000) <= 50
+    assert ident.assess().status == "trusted"
+    assert distance(ident, np.array([1.0, 2.0, 0.4, 0.4])) < chi2_quantile(0.9999, 4)
+    ident.finish()
+    assert distance(ident, np.array([1.0, 2.0, 0.4, 0.4])) < chi2_quantile(0.9999, 4)
+
+
+@every("seed", range(3), quick=1)
+def test_behind_a_load_the_record_goes_on(seed: int) -> None:
+    """The offset is another one; what the samples before told of the plant stays."""
+    u, y = doubled_at(2000, seed, load=0.5)
+    ident = rp.Identifier(poles=(1, 1), delay=(0.0, 0.3), dt=0.1)
+    ident.update_many(u, y)
+    assert ident._now.record_began == 0
+    (load,) = ident._now.loads
+    assert abs(load - 2000) <= 50
+    assert ident.assess().status == "trusted"
+    assert distance(ident, np.array([1.0, 2.0, 0.4, 0.2])) < chi2_quantile(0.9999, 4)
+
+
+def test_a_change_is_followed_by_any_chunks_and_from_a_checkpoint_to_the_bit() -> None:
+    u, y = doubled_at(1500, 0)
+    whole = rp.Identifier(poles=(1, 1), delay=(0.0, 0.3), dt=0.1)
+    whole.update_many(u, y)
+    assert whole._now.record_began > 0
+    parts = rp.Identifier(poles=(1, 1), delay=(0.0, 0.3), dt=0.1)
+    parts.update_many(u[:1450], y[:1450])
+    for row, output in zip(u[1450:2300], y[1450:2300], strict=True):
+        parts.update(tuple(row.tolist()), float(output))
+    parts = rp.Identifier.from_bytes(parts.to_bytes())
+    parts.update_many(u[2300:], y[2300:])
+    assert parts.to_bytes() == whole.to_bytes()
+
+
+def test_a_change_since_an_estimate_was_frozen_is_named() -> None:
+    """The mean of the estimate's errors before and after is nought at last."""
+    u, y = doubled_at(3000, 1)
+    ident = rp.Identifier(poles=(1, 1), delay=(0.0, 0.3), dt=0.1)
+    ident.update_many(u[:3000], y[:3000])
+    ident.freeze()
+    ident.update_many(u[3000:], y[3000:])
+    assert re.match(r"input u2: over the newest [\d,]+ samples its response differs", ident.assess().reasons[0])
 
 
 @every("seed", range(4), quick=1)

@@ -397,7 +397,7 @@ ELSEWHERE = {
         "fitting/test_several_inputs.py: test_a_pole_too_few",
     ),
     "its response differs by x % from the estimate's": (
-        "online/test_several_inputs.py: test_a_change_of_the_plant_is_named",
+        "online/test_several_inputs.py: test_a_change_since_an_estimate_was_frozen_is_named",
         "online/test_several_inputs.py: test_a_plant_that_does_not_change_has_not_changed",
     ),
     "answers to disturbances of the output: a controller makes it": (

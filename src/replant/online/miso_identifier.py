@@ -67,10 +67,12 @@ class RowIdentifier(Shared):
     Notes
     -----
     Each time that the record has grown by 1.3, up to 10000 samples, it is solved again as a whole.  In between, and
-    later, a joint update of all coefficients follows the samples.  A sample whose inputs or time are not finite, or
-    larger than 1e150, is rejected; one whose output alone is missing (NaN) moves the model, and nothing is learned from
-    it.  Where the record is solved again, and for the verdict, outliers and outputs of a stuck sensor are left out, as
-    by `fit`; until then the update follows them.
+    later, a joint update of all coefficients follows the samples.  Then and once in between a change is looked for: a
+    load, since which the offset is another one, or another plant, since which the record begins anew.
+
+    A sample whose inputs or time are not finite, or larger than 1e150, is rejected; one whose output alone is missing
+    (NaN) moves the model, and nothing is learned from it.  Where the record is solved again, and for the verdict,
+    outliers and outputs of a stuck sensor are left out, as by `fit`; until then the update follows them.
 
     Examples
     --------
@@ -281,7 +283,7 @@ class RowIdentifier(Shared):
         if now.kept.measured:
             done = now.solved()
             # it is solved again when it would have been, or sooner where this was the first model
-            self._now = done if now.recursion is None else replace(done, solve_at=now.solve_at)
+            self._now = done if now.recursion is None else replace(done, solve_at=now.solve_at, look_at=now.look_at)
 
     @changes
     def freeze(self) -> None:
@@ -297,7 +299,7 @@ class RowIdentifier(Shared):
                 "freezing needs a model, and the samples for the first one are still being collected: try again later"
             )
         # a later solution would learn the samples that come while frozen
-        self._now = replace(self._now, adapts=False, solve_at=0)
+        self._now = replace(self._now, adapts=False, solve_at=0, look_at=0)
 
     @changes
     def resume(self) -> None:

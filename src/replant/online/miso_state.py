@@ -2,8 +2,10 @@
 
 Each time that the record has grown by `GROWTH` it is solved again as a whole, from the present estimate; where
 something is found against what comes of that, and the record has doubled since the last start, from a start, too.
-In between a recursion follows.  Nothing is changed in place: a sample makes another state, so that
-whoever is interrupted has the state before.
+In between a recursion follows.  Each time that the record has grown by `LOOK` a change is looked for: since a load it
+has another offset and initial state, since the plant has changed it begins anew.
+
+Nothing is changed in place: a sample makes another state, so that whoever is interrupted has the state before.
 """
 
 from __future__ import annotations
@@ -18,11 +20,13 @@ import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
-from replant.estimation.solver.solve import leaving_out
+from replant.estimation.solver.miso_change import find_change
+from replant.estimation.solver.solve import leaving_out, suspected
+from replant.estimation.solver.srivc_steps import SOONEST
 from replant.fitting.miso_references import with_outside
 from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of, solve_with, started
 from replant.fitting.miso_verdict import judged, untold
-from replant.kernels.schema import LARGEST, Doubt
+from replant.kernels.schema import LARGEST, Doubt, Supposition
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
@@ -38,6 +42,9 @@ Origin: two heaters with time constants of 196 and 679 s; at 2 a slow branch was
 with a pole at .9.
 Sensitivity: see origin; halved, it takes twice the time.
 """
+
+# as often as it is solved again, and once in between
+LOOK = math.sqrt(GROWTH)  # growth of the record, as far as it is looked at, after which a change is looked for [ratio]
 
 REASONS = "not finite", "too large", "not later", "no output"
 ROOM = 256  # rows that there is room for at first [samples]
@@ -112,7 +119,10 @@ class RowState:
     kept: RowHistory
     solve_at: int  # samples, at first outputs, at which the record is solved again; 0: never
     samples: int = 0  # accepted so far
-    afresh_at: int = 0  # samples from which on a solution that is not settled begins afresh, too
+    afresh_at: int = 0  # length of the record from which on a solution that is not settled begins afresh, too
+    look_at: int = 0  # samples at which a change is looked for; 0: never
+    record_began: int = 0  # samples before those that one plant has made
+    loads: tuple[int, ...] = ()  # samples since which offset and initial states are other ones
     rejected: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
     stamped: bool | None = None  # whether samples come with a time stamp; None before the first
     adapts: bool = True
@@ -136,6 +146,16 @@ class RowState:
         """The estimate (P,); zero while there is none."""
         return np.zeros(self.settings.size) if self.recursion is None else self.recursion.parameters
 
+    @property
+    def due(self) -> int:
+        """Samples, at first outputs, at which the record is next looked into; 0: never."""
+        return min((each for each in (self.solve_at, self.look_at) if each), default=0)
+
+    @property
+    def length(self) -> int:
+        """Samples of the record that one plant has made."""
+        return self.samples - self.record_began
+
     @quiet
     def take(
         self, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, errors: FloatArray,
@@ -149,8 +169,8 @@ class RowState:
         y = np.where(np.isfinite(r).all(axis=1), y, np.nan)
         usable, reasons = self._screened(u, y, t)
         counted = usable & np.isfinite(y) if self.recursion is None else usable
-        before = self.kept.measured if self.recursion is None else self.samples
-        reached = np.flatnonzero(np.cumsum(counted) >= self.solve_at - before) if self.solve_at else np.zeros(0, int)
+        before, due = self.kept.measured if self.recursion is None else self.samples, self.due
+        reached = np.flatnonzero(np.cumsum(counted) >= due - before) if due else np.zeros(0, int)
         end = int(reached[0]) + 1 if reached.size else y.size
         rows = np.flatnonzero(usable[:end])
         rejected = {name: self.rejected[name] + int(each[:end].sum()) for name, each in reasons.items()}
@@ -169,7 +189,7 @@ class RowState:
             estimates[:end][newest >= 0] = after[newest[newest >= 0]]
             new = replace(new, recursion=recursion)
         if reached.size:
-            new = new.solved()
+            new = new._attended()
             estimates[end - 1] = new.parameters
         return new, end
 
@@ -203,11 +223,38 @@ class RowState:
             usable = usable & ~late
         return usable, dict(zip(REASONS, (~finite, finite & ~small, late, usable & missing), strict=True))
 
+    def _attended(self) -> RowState:
+        """Return the state after what is due: a change is looked for, the record solved."""
+        new = self._looked() if 0 < self.look_at <= self.samples else self
+        return new.solved() if new.recursion is None or 0 < new.solve_at <= new.samples else new
+
+    def _looked(self) -> RowState:
+        """Return the state after a change was looked for, and after the record is solved with it where there is one."""
+        new = replace(self, look_at=self._next_look)
+        ready, row, _ = self.record(RECENT)
+        doubt = suspected(ready.record, ready.inputs)
+        if doubt.any():
+            row = Row(row.structures, leaving_out(row.record, doubt), row.inputs, row.names)
+        change = find_change(row, self.parameters) if self.adapts and not self.references else None
+        if change is None:
+            return new
+        at = self.samples - ready.used.size + int(np.flatnonzero(ready.used)[change.begin])
+        if change.supposition is Supposition.LOAD:
+            changed = replace(new, loads=(*self.loads, at)).solved()
+        else:
+            changed = replace(new, record_began=at, loads=(), afresh_at=0).solved()
+        return new if changed.recursion is self.recursion else changed  # no model was found with it
+
+    @property
+    def _next_look(self) -> int:
+        return self.samples + max(math.ceil((LOOK - 1.0) * min(self.length, RECENT)), SOONEST)
+
     def solved(self) -> RowState:
         """Return the state after the record is solved, where that is possible, and when that is due again."""
-        whole, starting = self.samples <= len(self.kept.values), self.recursion is None
-        later = math.ceil(GROWTH * (self.kept.measured if starting else self.samples))
-        new = replace(self, solve_at=later if later <= min(RECENT, self.settings.history) or starting else 0)
+        whole, starting = self.length <= len(self.kept.values), self.recursion is None
+        later = math.ceil(GROWTH * (self.kept.measured if starting else self.length))
+        is_due = later <= min(RECENT, self.settings.history) or starting
+        new = replace(self, solve_at=self.record_began + later if is_due else 0)
         if not (self.adapts and whole):
             return new
         ready, row, references = self.record()
@@ -217,34 +264,38 @@ class RowState:
         present = known if known is not None and row.is_stable(known.parameters) else None
         solve = partial(solve_with, settings.structures, ready, references, settings.input_names)
         done, afresh = solve(partial(_begins, present)), present is None
-        if not afresh and self.afresh_at <= self.samples and not _is_settled(done[1]):
+        if not afresh and self.afresh_at <= self.length and not _is_settled(done[1]):
             done, afresh = solve(partial(_begins, present, afresh=True)), True
-        new = replace(new, afresh_at=2 * self.samples) if afresh else new
+        new = replace(new, afresh_at=2 * self.length) if afresh else new
         ready, solution, of_references = done
         if solution is None:
             return new
         return replace(
             new, recursion=self._behind(ready, solution.row, solution.found), findings=solution.found.findings,
-            of_references=of_references,
+            of_references=of_references, look_at=new.look_at or self._next_look,
         )  # fmt: skip
 
     def _behind(self, ready: RowRecord, row: Row, found: RowEstimate) -> RowRecursion:
         """Return the recursion that has taken what is behind the last stretch of a record, too."""
         recursion = RowRecursion.of(row, found, ready.level)
         end = int(np.flatnonzero(ready.used)[row.stretches[-1].rows.stop - 1]) + 1
-        rest = self.kept.values[end:]
+        kept = self.kept.values[-ready.used.size :]
+        rest = kept[end:]
         if not len(rest):
             return recursion
-        intervals = np.diff(self.kept.values[end - 1 :, -1]) if self.stamped else np.full(len(rest), self.settings.dt)
+        intervals = np.diff(kept[end - 1 :, -1]) if self.stamped else np.full(len(rest), self.settings.dt)
         inputs = len(self.settings.structures)
         return recursion.take(rest[:, :inputs], rest[:, -2], rest[:, inputs:-2], intervals)[0]
 
     def record(self, most: int | None = None) -> tuple[RowRecord, Row, FloatArray | None]:
-        """Return the samples kept, or the newest of them, as a record, and its references."""
-        values, settings = self.kept.values if most is None else self.kept.values[-most:], self.settings
+        """Return the samples kept of the record, or the newest of them, made ready, and their references."""
+        values, settings = self.kept.values, self.settings
+        values = values[-min(self.length, len(values) if most is None else most) :]
+        first = self.samples - len(values)
+        begins = tuple(at - first for at in self.loads if at > first)
         inputs = len(settings.structures)
         u, y, stamps = values[:, :inputs].copy(), values[:, -2].copy(), values[:, -1].copy() if self.stamped else None
-        ready = RowRecord.of(u, y, settings.dt, stamps, settings.input_hold)
+        ready = RowRecord.of(u, y, settings.dt, stamps, settings.input_hold, begins)
         references = values[ready.used, inputs:-2] if self.references else None
         return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names), references
 
@@ -254,7 +305,7 @@ class RowState:
         known = self.recursion
         if known is None:
             return None
-        if np.isfinite(self.kept.values[-RECENT:, -2]).sum() <= known.delta.size:
+        if np.isfinite(self.kept.values[-min(self.length, RECENT) :, -2]).sum() <= known.delta.size:
             return None
         ready, row, references = self.record(RECENT)
         if row.count <= row.nuisances:

@@ -108,7 +108,7 @@ class Kept(NamedTuple):
         known = state.recursion
         if known is None or state.references or state.stamped != (t is not None):
             return None
-        is_due = 0 < state.solve_at <= state.samples + len(since) + 1
+        is_due = 0 < state.due <= state.samples + len(since) + 1
         if is_due or not (step or RowStep.serves(known)) or len(u) != len(known.structures):
             return None
         if not (abs(y) <= LARGEST and all(abs(each) <= LARGEST for each in u)):

@@ -64,8 +64,8 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
         yield Finding(
             "inconsistent",
             f"input {name}: over the newest {row.record.u.size:,} samples its response differs by "
-            f"{percent(float(np.sqrt(part)))} from the estimate's, beyond chance: the plant has changed; learn it anew "
-            "with reset",
+            f"{percent(float(np.sqrt(part)))} from the estimate's, beyond chance: the plant has changed; if it stays "
+            "so, learn it anew with reset",
         )
 
 

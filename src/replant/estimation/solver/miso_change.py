@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replant.estimation.simulation.miso import Point, Row, evaluate, noise_of
+from replant.estimation.simulation.miso import Point, Row, noise_of
 from replant.estimation.solver.change_contest import HARMLESS
 from replant.estimation.solver.change_search import worst_begin
 from replant.estimation.solver.known_before import dispersion_of, weighed
@@ -28,10 +28,11 @@ from replant.estimation.solver.miso_start import start
 from replant.estimation.solver.miso_steps import refine
 from replant.estimation.solver.srivc_steps import SOONEST
 from replant.kernels.schema import Supposition
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import quiet
+from replant.numerics.linear_algebra import least_norm, quiet
+from replant.numerics.projections import WEAKEST
 
 
 @dataclass(frozen=True)
@@ -52,24 +53,24 @@ def find_change(row: Row, theta: FloatArray) -> Change | None:
     end = row.record.u.size
     if not row.stretches or row.stretches[-1].rows.stop < end or row.outside is not None:
         return None
-    newest = row.last(end - row.stretches[-1].rows.start)
+    first = row.stretches[-1].rows.start
+    newest = row.last(end - first) if first else row
     found = _likeliest(newest, theta)
     if found is None or (found.supposition is Supposition.PLANT and _changes_on(newest, found.begin, theta)):
         return None
-    return replace(found, begin=end - newest.record.u.size + found.begin)
+    return replace(found, begin=first + found.begin)
 
 
 def _likeliest(row: Row, theta: FloatArray) -> Change | None:
     """Return what is surest to have changed in a row of one stretch; None where nothing is."""
-    point = evaluate(row, theta, Autoregression.white(1.0, row.count))
-    noises = _noise_of_halves(row, point)
-    begins = {_worst(row, point, noise_of(row, point), of_plant=True)}
-    begins = (begins | {_worst(row, point, noise, of_plant=False) for noise in noises}) - {0}
+    model = _Fitted.of(row, theta)
+    begins = {model.worst(model.noise(), of_plant=True)}
+    begins = (begins | {model.worst(noise, of_plant=False) for noise in model.noise_of_halves()}) - {0}
     first = _parts(row, min(begins))[0] if begins else row
     if not begins or first.count <= row.nuisances + theta.size:
         return None
-    models, point, noise = _judges(first, theta)
-    begins |= {_worst(row, evaluate(row, point.theta, noise), noise, of_plant=False)} - {0}
+    models, before, noise = _judges(first, theta)
+    begins |= {_Fitted.of(row, before).worst(noise, of_plant=False)} - {0}
     known = _without_unknown(row, begins)
     claims = [claim for begin in sorted(begins) for claim in _claims(known, begin, models, noise)]
     if not claims:
@@ -78,21 +79,13 @@ def _likeliest(row: Row, theta: FloatArray) -> Change | None:
         max((each for each in claims if each.supposition is what), key=lambda each: each.evidence)
         for what in (Supposition.LOAD, Supposition.PLANT)
     )
-    base, before = max(load.evidence, 0.0), _parts(known, plant.begin)[0]
-    more = weighed(plant.evidence - base, *_dispersion(before, models, noise, row.record.u.size - plant.begin))
+    base, part = max(load.evidence, 0.0), _parts(known, plant.begin)[0]
+    more = weighed(plant.evidence - base, *_dispersion(part, models, noise, row.record.u.size - plant.begin))
     best = replace(plant, evidence=base + more) if more > 0.0 else load
     return best if best.evidence > -math.log(ALPHA) else None
 
 
-def _noise_of_halves(row: Row, point: Point) -> Iterator[Autoregression]:
-    """Yield the noise model of either half of a stretch: that of both takes the step of a load for noise."""
-    (stretch,), (residual,) = row.stretches, point.residual
-    is_late = np.arange(residual.size) >= residual.size // 2
-    for half in (~is_late, is_late):
-        yield Autoregression.of_residual(residual, np.where(half, stretch.known, 0), int(stretch.measured[half].sum()))
-
-
-def _judges(before: Row, theta: FloatArray) -> tuple[list[FloatArray], Point, Autoregression]:
+def _judges(before: Row, theta: FloatArray) -> tuple[list[FloatArray], FloatArray, Autoregression]:
     """Return where to look for models, the best one of the samples before a change, and the noise that this leaves.
 
     A model that the change has led astray is no judge of it, nor is its noise: it takes the change for noise.
@@ -102,7 +95,7 @@ def _judges(before: Row, theta: FloatArray) -> tuple[list[FloatArray], Point, Au
         models += [each.theta for each in start(before.structures, before.record, before.inputs, noise)[:1]]
         point = _best(before, models, noise)
         noise = noise_of(before, point)
-    return models, point, noise
+    return models, point.theta, noise
 
 
 def _claims(row: Row, begin: int, models: list[FloatArray], noise: Autoregression) -> Iterator[Change]:
@@ -122,12 +115,10 @@ def _claims(row: Row, begin: int, models: list[FloatArray], noise: Autoregressio
 
 def _dispersion(before: Row, models: Sequence[FloatArray], noise: Autoregression, length: int) -> tuple[float, float]:
     """Return `dispersion_of` the samples before a change, in stretches of so many."""
-    (stretch,), point = before.stretches, _best(before, models, noise)
-    _, slopes, free = before.signals(point.theta, stretch, point.nuisances[0][1:])
-    score = before.whitened(noise, np.column_stack([slopes, free]), stretch)
-    white = before.whitened(noise, point.residual[0], stretch)
+    model = _Fitted.of(before, _best(before, models, noise).theta)
+    score, white = model.whitened(noise)
     variance = float(white @ white) / max(before.count - score.shape[1], 1)
-    return dispersion_of(score, white, np.arange(score.shape[1]) < point.theta.size, length, variance)
+    return dispersion_of(score, white, np.arange(score.shape[1]) < model.size, length, variance)
 
 
 def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression) -> Point:
@@ -137,26 +128,60 @@ def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression) -> Poin
 
 def _changes_on(row: Row, begin: int, theta: FloatArray) -> bool:
     """Return whether a plant changes before and since a sample, too: what changes on and on is not linear."""
-    white, away = Autoregression.white(1.0, row.count), _fewest(row, theta)  # the change itself lies near the sample
+    white, away = Autoregression.white(1.0, row.count), _fewest(row, theta.size)  # the change itself lies near the sample
     parts = _parts(row, max(begin - away, 1))[0], _parts(row, min(begin + away, row.record.u.size - 1))[1]
-    fitted = ((part, refine(part, theta, white)) for part in parts if part.stretches)
-    return any(_worst(part, point, noise_of(part, point), of_plant=True) for part, point in fitted)
+    models = (_Fitted.of(part, refine(part, theta, white).theta) for part in parts if part.stretches)
+    return any(model.worst(model.noise(), of_plant=True) for model in models)
 
 
-def _worst(row: Row, point: Point, noise: Autoregression, *, of_plant: bool) -> int:
-    """Return the sample since which a point fits a row of one stretch worst; 0 where that may be chance."""
-    (stretch,), size, error = row.stretches, point.theta.size, point.residual[0]
-    if float(np.std(error)) < HARMLESS * float(np.std(stretch.y[stretch.measured])):
-        return 0
-    _, slopes, free = row.signals(point.theta, stretch, point.nuisances[0][1:])
-    score = row.whitened(noise, np.column_stack([slopes, free]) if of_plant else free[:, :1], stretch)
-    white = row.whitened(noise, error, stretch)
-    return worst_begin(score, white, size if of_plant else 1, _fewest(row, point.theta), row.count)
+def _fewest(row: Row, size: int) -> int:
+    """Return the fewest samples before or since a change of a model that are looked into."""
+    return max(4 * (size + row.nuisances), SOONEST)
 
 
-def _fewest(row: Row, theta: FloatArray) -> int:
-    """Return the fewest samples before or since a change that are looked into."""
-    return max(4 * (theta.size + row.nuisances), SOONEST)
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A model of a row of one stretch with the offset and initial states that fit it: slopes and what it leaves."""
+
+    row: Row
+    size: int  # of the model
+    columns: FloatArray  # (K, P + N): slopes, and responses to offset and initial states
+    error: FloatArray  # (K,): zero where not measured
+
+    @classmethod
+    def of(cls, row: Row, theta: FloatArray) -> _Fitted:
+        (stretch,) = row.stretches
+        outputs, slopes, free = row.signals(theta, stretch, np.zeros(row.nuisances - 1))
+        left, rows = stretch.y - outputs.sum(axis=1), stretch.measured
+        left = left - free @ least_norm(free[rows], left[rows], WEAKEST)[0]
+        return cls(row, theta.size, np.column_stack([slopes, free]), np.where(rows, left, 0.0))
+
+    def noise(self, rows: BoolArray | bool = True) -> Autoregression:
+        """Return the noise model of the error, or of some of its rows (K,)."""
+        (stretch,) = self.row.stretches
+        count = int((stretch.measured & rows).sum())
+        return Autoregression.of_residual(self.error, np.where(rows, stretch.known, 0), count)
+
+    def noise_of_halves(self) -> list[Autoregression]:
+        """Return that of either half: that of both takes the step of a load for noise."""
+        is_late = np.arange(self.error.size) >= self.error.size // 2
+        return [self.noise(~is_late), self.noise(is_late)]
+
+    def whitened(self, noise: Autoregression) -> tuple[FloatArray, FloatArray]:
+        """Return columns and error filtered by a noise model."""
+        (stretch,) = self.row.stretches
+        return self.row.whitened(noise, self.columns, stretch), self.row.whitened(noise, self.error, stretch)
+
+    def worst(self, noise: Autoregression, *, of_plant: bool) -> int:
+        """Return the sample since which coefficients or offset fit worst; 0 where that may be chance."""
+        (stretch,) = self.row.stretches
+        if float(np.std(self.error)) < HARMLESS * float(np.std(stretch.y[stretch.measured])):
+            return 0
+        score, white = self.whitened(noise)
+        if not of_plant:
+            score = np.ascontiguousarray(score[:, self.size : self.size + 1])
+        fewest = _fewest(self.row, self.size)
+        return worst_begin(score, white, self.size if of_plant else 1, fewest, self.row.count)
 
 
 def _parts(row: Row, begin: int) -> tuple[Row, Row]:

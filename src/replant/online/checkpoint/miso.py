@@ -29,7 +29,7 @@ OF_INSTRUMENTS, OF_LAW = ("origin", "tail"), ("poles", "origins", "states", "wei
 OF_NOISE = "coefficients", "models", "powers", "sums"
 HOLDS = "zoh", "foh"
 FINDINGS = "findings", "of_references"
-COUNTS = "samples", "solve_at", "afresh_at"
+COUNTS = "samples", "solve_at", "afresh_at", "look_at", "record_began"
 
 
 def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -40,7 +40,7 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
         "dt": dt, "startup": startup, "history": history, "hold": hold, "names": names,
         "rejected": state.rejected, "stamped": state.stamped, "references": state.references, "adapts": state.adapts,
         **{name: [[each.status, each.reason] for each in getattr(state, name)] for name in FINDINGS},
-        **{name: getattr(state, name) for name in COUNTS},
+        **{name: getattr(state, name) for name in COUNTS}, "loads": state.loads,
     }  # fmt: skip
     arrays, known = {"kept": state.kept.values}, state.recursion
     if known is not None:
@@ -81,15 +81,26 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     if type(references) is not int or references < 0:
         raise DamagedCheckpointError("its references are not valid")
     _check("kept", kept, (len(kept), len(structures) + references + 2))
-    counts = [settings.startup, settings.history, *(plain[name] for name in COUNTS), *plain["rejected"].values()]
+    # checkpoints of before look for no change
+    plain = {"look_at": plain["samples"] + 1 if len(arrays) else 0, "record_began": 0, "loads": []} | plain
+    loads = tuple(plain["loads"])
+    counts = [
+        settings.startup,
+        settings.history,
+        *(plain[name] for name in COUNTS),
+        *loads,
+        *plain["rejected"].values(),
+    ]
     if any(type(each) is not int or each < 0 for each in counts) or set(plain["rejected"]) != set(state.rejected):
         raise DamagedCheckpointError("its counts are not valid")
+    if any(each > plain["samples"] for each in (*loads, plain["record_began"])):
+        raise DamagedCheckpointError("its changes are not valid")
     findings = {name: plain.get(name, []) for name in FINDINGS}  # checkpoints of before know of no references
     if len(kept) > settings.history or any(status not in STATUSES for each in findings.values() for status, _ in each):
         raise DamagedCheckpointError("its samples or findings are not valid")
     return replace(
         state, kept=RowHistory(kept, settings.history, 0, len(kept)), rejected=plain["rejected"],
-        stamped=plain["stamped"], adapts=bool(plain["adapts"]), **{name: plain[name] for name in COUNTS},
+        stamped=plain["stamped"], adapts=bool(plain["adapts"]), **{name: plain[name] for name in COUNTS}, loads=loads,
         findings=_findings(findings["findings"]), of_references=_findings(findings["of_references"]),
         recursion=_recursion(structures, hold, references, arrays) if arrays else None,
     )  # fmt: skip
