@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.estimation.simulation.miso import evaluate
 from replant.estimation.solver.miso_start import start
 from replant.numerics.arguments import FloatArray
-from replant.numerics.linear_algebra import chi2_quantile
+from replant.numerics.linear_algebra import chi2_quantile, compose
 from replant.online.miso_step import RowStep
 from support.cases import every
 from support.rows import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
@@ -158,6 +159,20 @@ def test_behind_a_gap_the_state_is_estimated_anew() -> None:
     trace = ident.update_many(u[kept][900:], y[kept][900:], t[kept][900:])
     assert np.nanstd(trace.errors[-300:]) < 1.2 * np.sqrt(ident.noise.residual_variance)
     assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
+
+
+def test_what_stretches_before_the_last_tell_of_the_plant_counts() -> None:
+    u, y = record(2)
+    t = np.arange(SAMPLES) * DT + np.where(np.arange(SAMPLES) < 1000, 0.0, 100.0 * DT)
+    ident = begun()
+    ident.update_many(u, y, t)
+    ident.finish()
+    known, (_, row, _) = ident._now.recursion, ident._now.record()
+    point = evaluate(row, known.theta, known.noise)
+    before, _ = evaluate(row, known.theta, known.noise, point).phi  # with the initial states of the first
+    told = np.linalg.inv(compose(known.factor, known.diagonal)[: TRUE.size, : TRUE.size])
+    beyond = np.linalg.eigvalsh(told - before.T @ before)
+    assert beyond.min() > -1e-6 * np.linalg.norm(told, 2)
 
 
 def test_a_checkpoint_goes_on_to_the_bit(tmp_path: Path) -> None:

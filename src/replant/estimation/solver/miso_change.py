@@ -128,7 +128,8 @@ def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression) -> Poin
 
 def _changes_on(row: Row, begin: int, theta: FloatArray) -> bool:
     """Return whether a plant changes before and since a sample, too: what changes on and on is not linear."""
-    white, away = Autoregression.white(1.0, row.count), _fewest(row, theta.size)  # the change itself lies near the sample
+    white = Autoregression.white(1.0, row.count)
+    away = _fewest(row, theta.size)  # the change itself lies near the sample
     parts = _parts(row, max(begin - away, 1))[0], _parts(row, min(begin + away, row.record.u.size - 1))[1]
     models = (_Fitted.of(part, refine(part, theta, white).theta) for part in parts if part.stretches)
     return any(model.worst(model.noise(), of_plant=True) for model in models)
