@@ -88,7 +88,9 @@ def passed_over(startup: int | None) -> Solver:
         refuse_ranges(asked)
         with progress_bar(rate=True) as bar:
             task = bar.add_task("identifying", total=len(log))
-            row = run_row(log, asked, startup, lambda done: bar.update(task, completed=done))
+            row = run_row(
+                Samples.of(log, None, None, None, None), asked, startup, lambda done: bar.update(task, completed=done)
+            )
         return Solved(row, row_as_python(row.model, logs, first_model(len(log)) if startup is None else startup))
 
     return row_of

@@ -125,7 +125,7 @@ def ready_row(
     given: Samples, poles: Any, zeros: Any, delay: Any
 ) -> tuple[RowRecord, tuple[Structure, ...], FloatArray | None]:
     """Return the record of a row, made ready, the structure of each input, checked, and the references (J, p)."""
-    columns = _inputs(given.inputs)
+    columns = columns_of(given.inputs)
     output, dt = vector("y", given.y), duration("dt", given.dt)
     if output.size != len(columns):
         raise InvalidArgumentError(f"u has {len(columns)} rows and y {output.size} samples: give one row for each")
@@ -154,7 +154,7 @@ def ready_row(
 def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> RowFit:
     """Return the fit of a row to samples of several inputs, see `replant.fitting.fit.fit`."""
     ready, structures, references = ready_row(given, poles, zeros, delay)
-    columns, output, dt = _inputs(given.inputs), vector("y", given.y), duration("dt", given.dt)
+    columns, output, dt = columns_of(given.inputs), vector("y", given.y), duration("dt", given.dt)
     names = given.input_names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
     ready, solution, of_references = solve_with(structures, ready, references, names)
     if solution is None:
@@ -237,7 +237,8 @@ def structures_of(inputs: int, poles: Any, zeros: Any, delay: Any) -> tuple[Stru
     return structures
 
 
-def _inputs(u: Any) -> FloatArray:
+def columns_of(u: Any) -> FloatArray:
+    """Return several inputs, checked, as columns (K, q)."""
     columns = np.asarray(array_of_reals("u", u), np.float64)
     if columns.ndim != 2 or not columns.shape[1]:
         raise InvalidArgumentError(

@@ -87,9 +87,8 @@ def result_of(recording: Recording, job: Job, *, with_history: bool = False) -> 
     log = recording.held
     if job.several:
         assert log is not None
-        if job.method == "run":
-            return run_row(log, job.orders)
-        return fit_row(Samples.of(log, None, None, None, None), **job.orders)
+        given = Samples.of(log, None, None, None, None)
+        return run_row(given, job.orders) if job.method == "run" else fit_row(given, **job.orders)
     if job.method == "run":
         newest = None if log is not None else FITTED
         request = job.request(recording.dt)

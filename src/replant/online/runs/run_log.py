@@ -7,7 +7,7 @@ import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from replant.estimation.settings import AUTO, Request, filter_for
 from replant.estimation.simulation.stretches import flags_of
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
+from replant.fitting.miso_fit import RowFit, is_row
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
 from replant.logs.log import Log
@@ -27,10 +28,26 @@ from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_online
+from replant.online.runs.run_miso import run_row
 from replant.verdict.other_columns import other_columns, with_other_columns
 from replant.verdict.verdict import Verdict
 
 AT_REST = Preprocess("identity", "mean", "mean")
+
+
+@overload
+def run(
+    u: Any, y: Any = None, dt: float | None = None, structure: None = None, *, poles: tuple[int, ...],
+    zeros: int | tuple[int, ...] = 0, delay: float | tuple[float, ...] = 0.0, t: Any = None, reference: Any = None,
+) -> RowFit: ...  # fmt: skip
+
+
+@overload
+def run(
+    u: Any, y: Any = None, dt: float | None = None, structure: Structure | None = None, *, poles: int | None = None,
+    zeros: int = 0, delay: float = 0.0, optimizer: Optimizer | str = AUTO, preprocess: Preprocess = AT_REST,
+    t: Any = None, reference: Any = None, input: str | None = None, output: str | None = None,
+) -> Result: ...  # fmt: skip
 
 
 @in_our_words
@@ -40,34 +57,35 @@ def run(
     dt: float | None = None,
     structure: Structure | None = None,
     *,
-    poles: int | None = None,
-    zeros: int = 0,
-    delay: float = 0.0,
+    poles: Any = None,
+    zeros: Any = 0,
+    delay: Any = 0.0,
     optimizer: Optimizer | str = AUTO,
     preprocess: Preprocess = AT_REST,
     t: Any = None,
     reference: Any = None,
     input: str | None = None,  # noqa: A002 - the field's word
     output: str | None = None,
-) -> Result:
+) -> Result | RowFit:
     """Identify a record online, in one pass as `Identifier` does, and return the result as ``replant run`` does.
 
     Parameters
     ----------
-    u : (K,) array, Log, list of Log, or table
-        Raw input, or a log with input, output and sampling time; or several logs of one rig, which give one model.
+    u : (K,) or (K, q) array, Log, list of Log, or table
+        Raw input, or a column for each of q; or a log with input, output and sampling time; or several logs of one rig,
+        which give one model.
     y : (K,) array
         Output.
     dt : float
         Sampling time in s.
     structure : Structure
         Or ``poles``, ``zeros`` and ``delay`` in its place.
-    poles, zeros : int
-        Number of poles and of zeros.
-    delay : float
+    poles, zeros : int or tuple of int
+        Number of poles and of zeros; of several inputs an entry for each.
+    delay : float or tuple of float
         Dead time in s.
     optimizer : Optimizer or str
-        See `Identifier`.
+        See `Identifier`; of several inputs, which take no ``preprocess`` either, "auto".
     preprocess : Preprocess
         Input map and working point, by default the record's mean.
     t : (K,) array, optional
@@ -77,6 +95,11 @@ def run(
     input, output : str, optional
         Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
         columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
+
+    Returns
+    -------
+    Result or RowFit
+        A RowFit of several inputs.
 
     Raises
     ------
@@ -92,8 +115,14 @@ def run(
     >>> result.model
     <Model 2 / (s + 0.5): u -> y, fit 100.0 %, trusted>
     """
-    structure = Structure.wanted(structure, poles, zeros, delay)
     given = Samples.of(u, y, dt, t, reference, input, output)
+    if is_row(u, poles, zeros, delay):
+        others = {"structure": structure is None, "optimizer": optimizer == AUTO, "preprocess": preprocess == AT_REST}
+        for name, is_left in others.items():
+            if not is_left:
+                raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
+        return run_row(given, {"poles": poles, "zeros": zeros, "delay": delay})
+    structure = Structure.wanted(structure, poles, zeros, delay)
     request = Request(
         structure, given.dt, filter=filter_for(given.input_hold), optimizer=optimizer, preprocess=preprocess
     )

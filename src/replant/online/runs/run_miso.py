@@ -1,4 +1,4 @@
-"""One online pass over a log of several inputs, solved as a whole at the end."""
+"""One online pass over a record of several inputs, solved as a whole at the end."""
 
 from __future__ import annotations
 
@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from replant.errors import InvalidArgumentError
 from replant.estimation.engine.dimensions import RECENT
-from replant.fitting.miso_fit import RowFit
-from replant.logs.log import Log
+from replant.fitting.miso_fit import RowFit, columns_of, structures_of
+from replant.fitting.samples import Samples
+from replant.numerics.arguments import vector
 from replant.online.miso_identifier import RowIdentifier
 
 CHUNK = 8192  # samples taken between two marks of progress [samples]
@@ -21,24 +23,31 @@ def first_model(samples: int) -> int:
 
 
 def run_row(
-    log: Log,
+    given: Samples,
     orders: dict[str, Any],
     startup: int | None = None,
     progress: Callable[[int], None] = lambda done: None,
 ) -> RowFit:
-    """Return the row that a `RowIdentifier` makes of a log; ``orders`` are poles, zeros and dead time of each input."""
-    count, first = len(log), first_model(len(log)) if startup is None else startup
+    """Return the row that a `RowIdentifier` makes of a record; ``orders`` are poles, zeros and delay of each input."""
+    if given.begins:
+        raise InvalidArgumentError("a pass over several inputs takes one log: give one, or use fit for several")
+    u, y, t = columns_of(given.inputs), vector("y", given.y), given.t
+    structures_of(u.shape[1], **orders)
+    for name, signal in (("u", u), ("t", t), ("reference", given.reference)):
+        if signal is not None and len(signal) != y.size:
+            raise InvalidArgumentError(f"{name} has {len(signal)} rows and y {y.size} samples: give one row for each")
+    first = first_model(y.size) if startup is None else startup
     ident = RowIdentifier(
-        dt=log.dt, startup=first, input_hold=log.input_hold, input_names=log.input_names, **orders
+        dt=given.dt, startup=first, input_hold=given.input_hold, input_names=given.input_names, **orders
     )  # fmt: skip
-    u, y, t, r = log.inputs, log.output, log.stamps, log.reference
-    for begin in range(0, count, CHUNK):
+    for begin in range(0, y.size, CHUNK):
         rows = slice(begin, begin + CHUNK)
-        stamps, references = (None if each is None else each[rows] for each in (t, r))
+        stamps, references = (None if each is None else each[rows] for each in (t, given.reference))
         ident.update_many(u[rows], y[rows], stamps, references)
-        progress(min(begin + CHUNK, count))
+        progress(min(begin + CHUNK, y.size))
     if startup is None or not ident.has_model:
         ident.finish()
-    model = ident.model.of_log(log.input_names, log.output_name, log.path.name)
+    names = ident.request.input_names
+    model = ident.model.of_log(names, given.output_name, given.source, given.sha256)
     none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
-    return RowFit(model, model.validate(log).output, none, none, missing)
+    return RowFit(model, model.validate(u, y, t).output, none, none, missing)
