@@ -247,6 +247,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--sample", type=int, default=60, help="mutants in all (60)")
     parser.add_argument("--seed", type=int, default=1, help="other lines (1)")
+    parser.add_argument("--skip", type=int, default=0, help="go on behind so many of the sample (0)")
     parser.add_argument("--jobs", type=int, default=2, help="mutants at a time (2)")
     parser.add_argument("--near-only", action="store_true", help="leave out the tests of other folders")
     parser.add_argument("--areas", nargs="+", choices=AREAS, default=list(AREAS))
@@ -255,6 +256,7 @@ def main() -> None:
         print(f"{EQUIVALENT.name}: {name} has no such line any more: {line}", file=sys.stderr)
     mutants = list(drawn(options.sample, options.seed, options.areas))
     random.Random(options.seed).shuffle(mutants)
+    del mutants[: options.skip]
     OUT.mkdir(parents=True, exist_ok=True)
     copies: SimpleQueue[Path] = SimpleQueue()
     for number in range(options.jobs):

@@ -62,6 +62,16 @@ def test_what_is_rounded_is_not_stuck(name: str, noise: float, scale: str) -> No
     assert np.abs(ident.parameters / true - 1.0).max() < 0.05
 
 
+@every("scale", SCALES, quick=1)
+def test_a_start_up_tells_the_sensor_s_step(scale: str) -> None:
+    """It is the smallest difference between neighbours that are not equal, however small the output's unit is."""
+    ident, u, y, _ = measured("slow", 500, 0.003)
+    y = SCALES[scale](1e-3 * y)
+    ident.update_many(u, y)
+    steps = np.abs(np.diff(y))
+    assert ident._state.sensor_step == pytest.approx(steps[steps > 0.0].min(), rel=1e-6)
+
+
 def test_outliers_do_not_make_a_scale_finer() -> None:
     """What is bridged lies between the steps; the record is solved again with it, and the scale stays what it is."""
     ident, u, y, _ = measured("slow", 20_000, 0.003)

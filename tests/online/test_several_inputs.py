@@ -50,6 +50,17 @@ def test_a_row_without_noise_is_found_exactly() -> None:
     assert not trace.parameters[:499].any()
 
 
+@every("pole", [0.0, 0.9])
+def test_the_first_estimate_is_what_fit_finds(pole: float) -> None:
+    u, y = record(1, samples=500, pole=pole)
+    ident = begun()
+    ident.update_many(u, y)
+    fitted = rp.fit(u, y, DT, **ASKED)
+    assert (ident.parameters == fitted.parameters).all()
+    assert ident.covariance == pytest.approx(fitted.covariance, rel=1e-4)
+    assert ident.noise.variance == pytest.approx(fitted.noise.variance, rel=1e-12)
+
+
 @pytest.mark.slow
 @every("pole", [0.0, 0.9])
 def test_between_two_solutions_the_recursion_is_what_a_solution_would_be(pole: float) -> None:

@@ -34,8 +34,7 @@ from replant.numerics.linear_algebra import inverse_of, quiet
 from replant.online.begin_recursion import clear_doubt, restart, restart_at
 from replant.verdict.evidence import LEAST_POWER, RESTED
 
-# a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance; the onset is
-# looked for from the first on, the others are tried
+# a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance
 BEGINS = -0.25, 0.0, 0.25  # samples from the alarm's begin to that of the change [part of the samples since]
 # the last solution has then two thirds of the samples, and all solutions together cost three times the last
 AGAIN = 1.5  # growth of a record after which it is solved again: of all samples, or since an alarm or change [ratio]
@@ -74,15 +73,14 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     enough = len(since) - lasted >= max(fewest, min(lasted, settings.startup))
     if len(since) < fewest or not enough or not np.ptp(since.output[-SOONEST:]) > 0.0:
         return old, later
-    earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
+    begins = sorted({max(begin + int(part * len(since)), 1) for part in BEGINS})
     record = kept.record(settings.dt, settings.filter.input_hold)
-    present = _known(old, settings, record, earliest, old.physical, _information(old, settings))
+    present = _known(old, settings, record, begins[0], old.physical, _information(old, settings))
     if present is None:
         return old, later
     if old.alarm == Alarm.FLOATS:
         claims, found = _afloat(settings, record, begin, present)
     else:
-        begins = sorted({min(present.onset(record, earliest), begins[-1]), *begins})
         contests = {at: Contest(settings.structure, record, at, present) for at in begins}
         claims = [claim for contest in contests.values() for claim in contest.claims()]
         if claims and remembers_since_change(old, settings):
