@@ -375,6 +375,10 @@ def test_a_plant_that_has_changed_is_learned_anew(seed: int) -> None:
     ident.update_many(u, y)
     assert abs(ident._now.record_began - 2000) <= 50
     assert ident.assess().status == "trusted"
+    assert ident.model.transfer_functions[1].den[-1] == pytest.approx(0.4, rel=0.2)
+    (inputs, output), fitted = ident.recent, ident.fit_of_newest()
+    assert len(inputs) == output.size == ident.recent_intervals.size == fitted.output.size == ident._now.length
+    assert np.nanstd(output - fitted.output) < 1.1 * np.sqrt(ident.noise.residual_variance)
     assert distance(ident, np.array([1.0, 2.0, 0.4, 0.4])) < chi2_quantile(0.9999, 4)
     ident.finish()
     assert distance(ident, np.array([1.0, 2.0, 0.4, 0.4])) < chi2_quantile(0.9999, 4)
@@ -391,6 +395,31 @@ def test_behind_a_load_the_record_goes_on(seed: int) -> None:
     assert abs(load - 2000) <= 50
     assert ident.assess().status == "trusted"
     assert distance(ident, np.array([1.0, 2.0, 0.4, 0.2])) < chi2_quantile(0.9999, 4)
+
+
+def test_a_load_behind_more_samples_than_are_kept_is_learned() -> None:
+    u = toggling(3, samples=24_000)
+    y = noisy(3, row_of(u, FAST, SLOW))
+    y[15_000:] += 1.0
+    ident = begun(history=10_000)
+    ident.update_many(u, y)
+    assert ident._now.record_began > 0
+    (load,) = ident._now.loads
+    assert abs(load - 15_000) <= 50
+    assert ident.assess().status == "trusted"
+    assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
+
+
+def test_a_sensor_that_is_dead_for_long_costs_no_sample() -> None:
+    u = toggling(4, samples=16_000)
+    y = noisy(4, row_of(u, FAST, SLOW))
+    y[3_000:14_500] = np.nan
+    ident = begun()
+    for begin in range(0, 16_000, 500):
+        ident.update_many(u[begin : begin + 500], y[begin : begin + 500])
+    assert ident.samples == 16_000
+    assert ident.assess().status == "trusted"
+    assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
 
 
 def test_a_change_is_followed_by_any_chunks_and_from_a_checkpoint_to_the_bit() -> None:

@@ -303,7 +303,7 @@ class RowIdentifier(Shared):
 
     @changes
     def resume(self) -> None:
-        """Adapt again after `freeze`."""
+        """Adapt again after `freeze`, sample by sample: no change is looked for any more, `reset` begins anew."""
         self._now = replace(self._now, adapts=True)
 
     @property
@@ -369,20 +369,20 @@ class RowIdentifier(Shared):
 
     @property
     def recent(self) -> tuple[FloatArray, FloatArray]:
-        """Inputs (K, q) and outputs (K,) of the newest accepted samples, as many as the verdict looks at."""
-        values = self._now.kept.values[-RECENT:]
+        """Inputs (K, q) and outputs (K,) of the newest accepted samples of the plant, as many as the verdict looks at."""
+        values = self._now.newest_rows
         return values[:, : len(self.structures)].copy(), values[:, -2].copy()
 
     @property
     def recent_intervals(self) -> FloatArray:
         """Seconds (K,) since the sample before, of the same samples."""
-        state, clock = self._now, self._now.kept.values[-RECENT:, -1]
+        state, clock = self._now, self._now.newest_rows[:, -1]
         return np.diff(clock, prepend=clock[:1] - self.dt) if state.stamped else np.full(clock.size, self.dt)
 
     @property
     def recent_reference(self) -> FloatArray:
         """References (K, p) of the same samples."""
-        return self._now.kept.values[-RECENT:, len(self.structures) : -2].copy()
+        return self._now.newest_rows[:, len(self.structures) : -2].copy()
 
     @property
     def samples(self) -> int:
@@ -440,7 +440,7 @@ class RowIdentifier(Shared):
         ready, row, estimate, verdict, doubt = found
         simulated = ready.simulated(row, estimate.point, estimate.noise)
         fits = (
-            fit_percent(ready.explained(row, state.kept.values[-RECENT:, -2]), simulated),
+            fit_percent(ready.explained(row, state.newest_rows[:, -2]), simulated),
             one_step_percent(row, estimate.point),
         )
         made = Provenance("recursive srivc", samples=state.samples)

@@ -156,6 +156,11 @@ class RowState:
         """Samples of the record that one plant has made."""
         return self.samples - self.record_began
 
+    @property
+    def newest_rows(self) -> FloatArray:
+        """The newest samples (K, q + p + 2) of the record, as many as the verdict looks at."""
+        return self.kept.values[-min(self.length, RECENT) :]
+
     @quiet
     def take(
         self, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, errors: FloatArray,
@@ -231,19 +236,25 @@ class RowState:
     def _looked(self) -> RowState:
         """Return the state after a change was looked for, and after the record is solved with it where there is one."""
         new = replace(self, look_at=self._next_look)
+        if self.references or not (self.adapts and np.isfinite(self.newest_rows[:, -2]).any()):
+            return new
         ready, row, _ = self.record(RECENT)
         doubt = suspected(ready.record, ready.inputs)
         if doubt.any():
             row = Row(row.structures, leaving_out(row.record, doubt), row.inputs, row.names)
-        change = find_change(row, self.parameters) if self.adapts and not self.references else None
+        change = find_change(row, self.parameters)
         if change is None:
             return new
         at = self.samples - ready.used.size + int(np.flatnonzero(ready.used)[change.begin])
         if change.supposition is Supposition.LOAD:
-            changed = replace(new, loads=(*self.loads, at)).solved()
+            began = max(self.record_began, self.samples - len(self.kept.values))  # it is solved with what is kept
+            loads = (*(each for each in self.loads if each > began), at)
+            changed = replace(new, record_began=began, loads=loads).solved()
         else:
             changed = replace(new, record_began=at, loads=(), afresh_at=0).solved()
-        return new if changed.recursion is self.recursion else changed  # no model was found with it
+        if changed.recursion is self.recursion:  # no model was found with it
+            return new
+        return replace(changed, look_at=changed._next_look)
 
     @property
     def _next_look(self) -> int:
@@ -305,7 +316,7 @@ class RowState:
         known = self.recursion
         if known is None:
             return None
-        if np.isfinite(self.kept.values[-min(self.length, RECENT) :, -2]).sum() <= known.delta.size:
+        if np.isfinite(self.newest_rows[:, -2]).sum() <= known.delta.size:
             return None
         ready, row, references = self.record(RECENT)
         if row.count <= row.nuisances:

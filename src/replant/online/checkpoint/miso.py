@@ -82,7 +82,8 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
         raise DamagedCheckpointError("its references are not valid")
     _check("kept", kept, (len(kept), len(structures) + references + 2))
     # checkpoints of before look for no change
-    plain = {"look_at": plain["samples"] + 1 if len(arrays) else 0, "record_began": 0, "loads": []} | plain
+    looks = len(arrays) and plain["adapts"]
+    plain = {"look_at": plain["samples"] + 1 if looks else 0, "record_began": 0, "loads": []} | plain
     loads = tuple(plain["loads"])
     counts = [
         settings.startup,
@@ -93,7 +94,7 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     ]
     if any(type(each) is not int or each < 0 for each in counts) or set(plain["rejected"]) != set(state.rejected):
         raise DamagedCheckpointError("its counts are not valid")
-    if any(each > plain["samples"] for each in (*loads, plain["record_began"])):
+    if any(each > plain["samples"] for each in loads) or plain["record_began"] >= max(plain["samples"], 1):
         raise DamagedCheckpointError("its changes are not valid")
     findings = {name: plain.get(name, []) for name in FINDINGS}  # checkpoints of before know of no references
     if len(kept) > settings.history or any(status not in STATUSES for each in findings.values() for status, _ in each):
