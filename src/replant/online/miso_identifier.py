@@ -369,7 +369,7 @@ class RowIdentifier(Shared):
 
     @property
     def recent(self) -> tuple[FloatArray, FloatArray]:
-        """Inputs (K, q) and outputs (K,) of the newest accepted samples of the plant, as many as the verdict looks at."""
+        """Inputs (K, q) and outputs (K,) of the plant's newest accepted samples, as many as the verdict looks at."""
         values = self._now.newest_rows
         return values[:, : len(self.structures)].copy(), values[:, -2].copy()
 
