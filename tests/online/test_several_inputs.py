@@ -316,6 +316,15 @@ def test_an_input_that_moves_late_is_learned() -> None:
     assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
 
 
+def test_inputs_that_move_very_late_are_learned() -> None:
+    u = toggling(5, samples=20_000)
+    u[:11_000] = 0.0
+    ident = begun()
+    ident.update_many(u, noisy(5, row_of(u, FAST, SLOW)))
+    assert ident.assess().status == "trusted"
+    assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
+
+
 def test_stamps_come_with_every_sample_or_with_none() -> None:
     ident = begun()
     ident.update((1.0, 2.0), 3.0)

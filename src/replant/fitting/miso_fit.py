@@ -42,7 +42,8 @@ class RowFit:
     model : RowModel
         What is worth keeping: each G(s), working point, names, joint uncertainty, noise model, fit and verdict.
     output : (K,) array
-        Simulated from the inputs alone, offset and initial states estimated; NaN where an input cannot be used.
+        Simulated from the inputs alone, offset and initial states estimated; NaN where an input cannot be used, or the
+        plant answers to inputs from before the record or a gap.
     outliers, stuck, missing : (N,) arrays of int
         Outputs that were left out: outliers, those of a sensor that is stuck or at its limit, those that are NaN.
     """

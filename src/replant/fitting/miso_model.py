@@ -201,14 +201,7 @@ class RowModel(model_file.Written, RowFields):
         """
         columns, output, stamps, dt = self._record(log, y, t)
         ready = RowRecord.of(columns, output, dt, stamps, self.input_hold)
-        row = Row(self.structures, ready.record, ready.inputs, self.input_names)
-        if row.count <= row.nuisances:
-            raise InvalidArgumentError(
-                f"the record has {row.count} usable samples, a validation needs {row.nuisances + 1}"
-            )
-        free = evaluate(row, self.parameters, Autoregression.white(1.0, row.count))
-        noise = noise_of(row, free)
-        point = evaluate(row, self.parameters, noise, free)
+        row, point, noise = self.over(ready)
         simulated = ready.simulated(row, point, noise)
         size = self.parameters.size
         found = list(lacking(row, point, noise, np.zeros((size, size)) if self.covariance is None else self.covariance))
@@ -218,6 +211,18 @@ class RowModel(model_file.Written, RowFields):
             self._offset(ready, row, point), simulated, output - simulated, clock, None, None,
             Verdict(*conclude(found, UNSEEN)), row.count, False,
         )  # fmt: skip
+
+    @quiet
+    def over(self, ready: RowRecord) -> tuple[Row, Point, Autoregression]:
+        """Return the row of a record that is made ready, what the model is over it, and the model of its noise."""
+        row = Row(self.structures, ready.record, ready.inputs, self.input_names)
+        if row.count <= row.nuisances:
+            raise InvalidArgumentError(
+                f"the record has {row.count} usable samples, a validation needs {row.nuisances + 1}"
+            )
+        free = evaluate(row, self.parameters, Autoregression.white(1.0, row.count))
+        noise = noise_of(row, free)
+        return row, evaluate(row, self.parameters, noise, free), noise
 
     def _offset(self, ready: RowRecord, row: Row, point: Point) -> float:
         """Return by how much a record's working point lies above the model's."""

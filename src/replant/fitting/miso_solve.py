@@ -141,8 +141,6 @@ def solve_with(
 def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -> IntArray:
     """Return the `Doubt` in each output (J,) of a record by a model of it."""
     modelled = ready.simulated(row, point, noise)[ready.used] - ready.level
-    answers = ready.record.answers(max(each.delay for each in row.structures))
-    modelled = np.where(answers, modelled, np.nan)
     return solve.doubted(ready.record, modelled, noise.coefficients, ready.inputs)
 
 

@@ -368,6 +368,11 @@ class RowIdentifier(Shared):
         return self._settings.input_hold
 
     @property
+    def begins(self) -> tuple[int, ...]:
+        """Accepted samples before the plant's own, then before those since which a load is another one."""
+        return self._now.record_began, *self._now.loads
+
+    @property
     def recent(self) -> tuple[FloatArray, FloatArray]:
         """Inputs (K, q) and outputs (K,) of the plant's newest accepted samples, as many as the verdict looks at."""
         values = self._now.newest_rows
@@ -451,9 +456,7 @@ class RowIdentifier(Shared):
         rejected = state.rejected | {"outlier": outliers.size, "stuck": stuck.size}
         model = row_model(row, ready, estimate, self.dt, "y", fits, verdict, made)
         model = replace(model, rejected=tuple(rejected.items()))
-        answers = np.zeros(ready.used.size, bool)
-        answers[ready.used] = ready.record.answers(max(each.delay for each in self.structures))
-        return RowFit(model, np.where(answers, simulated, np.nan), outliers, stuck, missing)
+        return RowFit(model, simulated, outliers, stuck, missing)
 
     def assess(self) -> Verdict:
         """Return the verdict: whether to trust the estimate, and why in plain words.

@@ -278,6 +278,8 @@ class RowState:
         if not afresh and self.afresh_at <= self.length and not _is_settled(done[1]):
             done, afresh = solve(partial(_begins, present, afresh=True)), True
         new = replace(new, afresh_at=2 * self.length) if afresh else new
+        if RECENT < later <= settings.history and not _is_settled(done[1]):  # as where an input has not moved yet
+            new = replace(new, solve_at=self.record_began + later)
         ready, solution, of_references = done
         if solution is None:
             return new

@@ -13,6 +13,7 @@ from support.rows import ASKED, DT, FAST, SLOW, noisy, row_of, toggling
 
 U = toggling(5, samples=1200)
 Y = noisy(5, row_of(U, FAST, SLOW))
+PLANT = (2.0, 1.0), (0.2, 0.4)  # gain and pole of each input
 
 
 def test_a_run_is_the_identifier_finished() -> None:
@@ -25,6 +26,25 @@ def test_a_run_is_the_identifier_finished() -> None:
     assert found.verdict.status == "trusted"
     assert found.output.shape == Y.shape
     assert found.fit == pytest.approx(rp.fit(U, Y, DT, **ASKED).fit, abs=0.1)
+
+
+def test_the_output_behind_a_load_is_that_of_the_load() -> None:
+    u = toggling(6, samples=4000)
+    y = noisy(6, row_of(u, FAST, SLOW)) + np.where(np.arange(4000) < 2000, 0.0, 3.0)
+    found = rp.run(u, y, DT, **ASKED)
+    assert found.verdict.status == "trusted"
+    left = found.output - y
+    assert found.noise is not None
+    assert np.sqrt(np.nanmean(left**2)) < 1.2 * np.sqrt(found.noise.residual_variance)
+
+
+def test_the_output_of_the_plant_before_a_change_is_not_known() -> None:
+    u, since = toggling(7, samples=4000), np.arange(4000) >= 2000
+    first, second = (rp.TransferFunction([b], [1.0, a]).simulate(u[:, i].copy(), 0.1) for i, (b, a) in enumerate(PLANT))
+    y = first + np.where(since, 2.0, 1.0) * second + 0.1 * np.random.default_rng(7).standard_normal(4000)
+    found = rp.run(u, y, 0.1, poles=(1, 1))
+    assert np.isnan(found.output[:1900]).all()
+    assert np.isfinite(found.output[2100:]).all()
 
 
 def test_stamps_and_references_come_with_the_samples() -> None:

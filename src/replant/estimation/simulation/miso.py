@@ -294,14 +294,19 @@ class RowRecord:
         return cls(record, np.ascontiguousarray(inputs[used]), used, level)
 
     def simulated(self, row: Row, point: Point, noise: Autoregression) -> FloatArray:
-        """Return the output (K,) of a point, offset and initial states estimated; NaN where it is not determined."""
+        """Return the output (K,) of a point, offset and initial states estimated.
+
+        NaN where the plant answers to inputs from before the record, or from before a gap in it: an initial state
+        estimated from the outputs behind these tells nothing of them.
+        """
         output = np.full(self.record.u.size, np.nan)
         done = evaluate(row, point.theta, noise, point)
         for stretch, weights in zip(row.stretches, done.nuisances, strict=True):
             outputs, _, free = row.signals(point.theta, stretch, weights[1:])
             output[stretch.rows] = outputs.sum(axis=1) + free @ weights
         whole = np.full(self.used.size, np.nan)
-        whole[self.used] = self.level + output
+        answers = self.record.answers(max(each.delay for each in row.structures))
+        whole[self.used] = np.where(answers, self.level + output, np.nan)
         return whole
 
     def explained(self, row: Row, output: FloatArray) -> FloatArray:

@@ -9,6 +9,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.simulation.miso import RowRecord
 from replant.fitting.miso_fit import RowFit, columns_of, structures_of
 from replant.fitting.samples import Samples
 from replant.numerics.arguments import vector
@@ -50,4 +51,9 @@ def run_row(
     names = ident.request.input_names
     model = ident.model.of_log(names, given.output_name, given.source, given.sha256)
     none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
-    return RowFit(model, model.validate(u, y, t).output, none, none, missing)
+    taken = np.flatnonzero(np.isfinite(u).all(axis=1))
+    began, *loads = (int(taken[each]) for each in ident.begins)
+    ready = RowRecord.of(u, y, given.dt, t, given.input_hold, (began, *loads))
+    output = ready.simulated(*model.over(ready))
+    output[:began] = np.nan  # another plant's
+    return RowFit(model, output, none, none, missing)
