@@ -22,6 +22,11 @@ from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import LEAST, Autoregression
 from replant.numerics.linear_algebra import inverse_of, least_norm, quiet
 
+UNTOLD = 4.0
+"""Residual beyond which a sample is not what the model tells [standard deviations].
+Level: a normal deviate beyond 4 has the chance 6e-5.
+"""
+
 # what two coefficients explain of them is then known to a third
 STRETCHES = 8  # fewest stretches before a change whose scatter is told [count]
 
@@ -73,6 +78,12 @@ class Known:
             return 1.0, math.inf
         white = self.noise.whiten_known(self.error[:begin], record.rough_predecessors[:begin])
         return dispersion_of(self.slopes, white, coefficients, length, self.variance)
+
+    def onset(self, record: Record, earliest: int) -> int:
+        """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""
+        white = self.noise.whiten_known(self.error, record.rough_predecessors)[earliest:]
+        untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
+        return earliest + int(untold[0]) if untold.size else earliest
 
     def without(self, directions: FloatArray) -> Prior:
         """Return the prior in which directions (T, Q) are forgotten."""
