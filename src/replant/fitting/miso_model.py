@@ -201,7 +201,7 @@ class RowModel(model_file.Written, RowFields):
         """
         columns, output, stamps, dt = self._record(log, y, t)
         ready = RowRecord.of(columns, output, dt, stamps, self.input_hold)
-        row, point, noise = self.over(ready)
+        row, point, noise = over(self, ready)
         simulated = ready.simulated(row, point, noise)
         size = self.parameters.size
         found = list(lacking(row, point, noise, np.zeros((size, size)) if self.covariance is None else self.covariance))
@@ -211,18 +211,6 @@ class RowModel(model_file.Written, RowFields):
             self._offset(ready, row, point), simulated, output - simulated, clock, None, None,
             Verdict(*conclude(found, UNSEEN)), row.count, False,
         )  # fmt: skip
-
-    @quiet
-    def over(self, ready: RowRecord) -> tuple[Row, Point, Autoregression]:
-        """Return the row of a record that is made ready, what the model is over it, and the model of its noise."""
-        row = Row(self.structures, ready.record, ready.inputs, self.input_names)
-        if row.count <= row.nuisances:
-            raise InvalidArgumentError(
-                f"the record has {row.count} usable samples, a validation needs {row.nuisances + 1}"
-            )
-        free = evaluate(row, self.parameters, Autoregression.white(1.0, row.count))
-        noise = noise_of(row, free)
-        return row, evaluate(row, self.parameters, noise, free), noise
 
     def _offset(self, ready: RowRecord, row: Row, point: Point) -> float:
         """Return by how much a record's working point lies above the model's."""
@@ -294,3 +282,14 @@ def number_of(which: int | str, names: tuple[str, ...]) -> int:
     if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(names):
         raise InvalidArgumentError(f"which must be one of {', '.join(names)}, or its number from 0, got {shown(which)}")
     return number
+
+
+@quiet
+def over(model: RowModel, ready: RowRecord) -> tuple[Row, Point, Autoregression]:
+    """Return the row of a record that is made ready, what a model is over it, and the model of its noise."""
+    row = Row(model.structures, ready.record, ready.inputs, model.input_names)
+    if row.count <= row.nuisances:
+        raise InvalidArgumentError(f"the record has {row.count} usable samples, a validation needs {row.nuisances + 1}")
+    free = evaluate(row, model.parameters, Autoregression.white(1.0, row.count))
+    noise = noise_of(row, free)
+    return row, evaluate(row, model.parameters, noise, free), noise

@@ -11,6 +11,7 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import RowRecord
 from replant.fitting.miso_fit import RowFit, columns_of, structures_of
+from replant.fitting.miso_model import over
 from replant.fitting.samples import Samples
 from replant.numerics.arguments import vector
 from replant.online.miso_identifier import RowIdentifier
@@ -54,6 +55,6 @@ def run_row(
     taken = np.flatnonzero(np.isfinite(u).all(axis=1))
     began, *loads = (int(taken[each]) for each in ident.begins)
     ready = RowRecord.of(u, y, given.dt, t, given.input_hold, (began, *loads))
-    output = ready.simulated(*model.over(ready))
+    output = ready.simulated(*over(model, ready))
     output[:began] = np.nan  # another plant's
     return RowFit(model, output, none, none, missing)
