@@ -34,8 +34,8 @@ from replant.numerics.linear_algebra import inverse_of, quiet
 from replant.online.begin_recursion import clear_doubt, restart, restart_at
 from replant.verdict.evidence import LEAST_POWER, RESTED
 
-# a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance; the first
-# sample off the model is tried, too
+# a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance; the onset is
+# looked for from the first on, the others are tried
 BEGINS = -0.25, 0.0, 0.25  # samples from the alarm's begin to that of the change [part of the samples since]
 # the last solution has then two thirds of the samples, and all solutions together cost three times the last
 AGAIN = 1.5  # growth of a record after which it is solved again: of all samples, or since an alarm or change [ratio]
@@ -74,17 +74,16 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     enough = len(since) - lasted >= max(fewest, min(lasted, settings.startup))
     if len(since) < fewest or not enough or not np.ptp(since.output[-SOONEST:]) > 0.0:
         return old, later
-    begins = sorted({max(begin + int(part * len(since)), 1) for part in BEGINS})
+    earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
     record = kept.record(settings.dt, settings.filter.input_hold)
-    present = _known(old, settings, record, begins[0], old.physical, _information(old, settings))
+    present = _known(old, settings, record, earliest, old.physical, _information(old, settings))
     if present is None:
         return old, later
     if old.alarm == Alarm.FLOATS:
         claims, found = _afloat(settings, record, begin, present)
     else:
-        begins = sorted({*begins, min(present.onset(record, begins[0]), begins[-1])})
-        shared = _without_unknown(record, begins, settings.structure.delay)
-        contests = {at: Contest(settings.structure, shared, at, present) for at in begins}
+        begins = sorted({min(present.onset(record, earliest), begins[-1]), *begins})
+        contests = {at: Contest(settings.structure, record, at, present) for at in begins}
         claims = [claim for contest in contests.values() for claim in contest.claims()]
         if claims and remembers_since_change(old, settings):
             claims += _one_model(old, settings, contests[max(begin, 1)])
@@ -103,14 +102,6 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     new = believed(old, settings, found, undecided=not is_sure(claims, found))
     return (old, later) if new is None else (new, 0)
-
-
-def _without_unknown(record: Record, begins: list[int], delay: float) -> Record:
-    """Return a record without outputs that answer, since some samples, to inputs before: all are told by the same."""
-    measured = record.is_measured.copy()
-    for begin in begins:
-        measured[begin : begin + record.last(record.u.size - begin).unknown(delay)] = False
-    return replace(record, measured=measured) if delay else record
 
 
 def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> tuple[list[Claim], Claim | None]:

@@ -80,8 +80,12 @@ class Known:
         return dispersion_of(self.slopes, white, coefficients, length, self.variance)
 
     def onset(self, record: Record, earliest: int) -> int:
-        """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""
-        white = self.noise.whiten_known(self.error, record.rough_predecessors)[earliest:]
+        """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one.
+
+        The filter is at rest before: a coloured residual that is large there already may be off since before.
+        """
+        error = np.where(np.arange(self.error.size) < earliest, 0.0, self.error)
+        white = self.noise.whiten_known(error, record.rough_predecessors)[earliest:]
         untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
         return earliest + int(untold[0]) if untold.size else earliest
 
