@@ -201,7 +201,7 @@ class RowModel(model_file.Written, RowFields):
         """
         columns, output, stamps, dt = self._record(log, y, t)
         ready = RowRecord.of(columns, output, dt, stamps, self.input_hold)
-        row, point, noise = over(self, ready)
+        row, point, noise = evaluated(self, ready)
         simulated = ready.simulated(row, point, noise)
         size = self.parameters.size
         found = list(lacking(row, point, noise, np.zeros((size, size)) if self.covariance is None else self.covariance))
@@ -285,8 +285,8 @@ def number_of(which: int | str, names: tuple[str, ...]) -> int:
 
 
 @quiet
-def over(model: RowModel, ready: RowRecord) -> tuple[Row, Point, Autoregression]:
-    """Return the row of a record that is made ready, what a model is over it, and the model of its noise."""
+def evaluated(model: RowModel, ready: RowRecord) -> tuple[Row, Point, Autoregression]:
+    """Return the row of a ready record, the model's point on it, and the model of the noise that this leaves."""
     row = Row(model.structures, ready.record, ready.inputs, model.input_names)
     if row.count <= row.nuisances:
         raise InvalidArgumentError(f"the record has {row.count} usable samples, a validation needs {row.nuisances + 1}")

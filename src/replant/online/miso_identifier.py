@@ -369,7 +369,7 @@ class RowIdentifier(Shared):
 
     @property
     def begins(self) -> tuple[int, ...]:
-        """Accepted samples before the plant's own, then before those since which a load is another one."""
+        """Accepted samples before the record that the estimate is of, then before each load that was found in it."""
         return self._now.record_began, *self._now.loads
 
     @property

@@ -217,9 +217,8 @@ class RowState:
     def _screened(self, u: FloatArray, y: FloatArray, t: FloatArray | None) -> tuple[BoolArray, dict[str, BoolArray]]:
         """Return which samples (K,) can be used, and which each reason turns away."""
         missing, clock = np.isnan(y), np.zeros(y.size) if t is None else t
-        signals = np.column_stack([u, np.where(missing, 0.0, y)])
-        finite = np.isfinite(signals).all(axis=1) & np.isfinite(clock)
-        small = (np.abs(signals) <= LARGEST).all(axis=1)
+        finite, small = finite_and_small(u, y)
+        finite &= np.isfinite(clock)
         usable, late = finite & small, np.zeros(y.size, bool)
         if t is not None:
             last = self.kept.values[-1, -1] if self.samples else -math.inf
@@ -264,8 +263,7 @@ class RowState:
         """Return the state after the record is solved, where that is possible, and when that is due again."""
         whole, starting = self.length <= len(self.kept.values), self.recursion is None
         later = math.ceil(GROWTH * (self.kept.measured if starting else self.length))
-        is_due = later <= min(RECENT, self.settings.history) or starting
-        new = replace(self, solve_at=self.record_began + later if is_due else 0)
+        new = replace(self, solve_at=self.record_began + later if later <= RECENT or starting else 0)
         if not (self.adapts and whole):
             return new
         ready, row, references = self.record()
@@ -342,6 +340,12 @@ class RowState:
         found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
         verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
         return Newest(ready, row, found, verdict, doubt)
+
+
+def finite_and_small(u: FloatArray, y: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Return which samples (K,) have finite inputs and outputs, missing ones aside, and which have none too large."""
+    signals = np.column_stack([u, np.where(np.isnan(y), 0.0, y)])
+    return np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
 
 
 def _begins(present: RowRecursion | None, row: Row, *, afresh: bool = False) -> Callable[[Autoregression], list[Point]]:

@@ -31,9 +31,10 @@ def test_a_run_is_the_identifier_finished() -> None:
 def test_the_output_behind_a_load_is_that_of_the_load() -> None:
     u = toggling(6, samples=4000)
     y = noisy(6, row_of(u, FAST, SLOW)) + np.where(np.arange(4000) < 2000, 0.0, 3.0)
+    u[100:150:2], y[300:350:2] = np.nan, np.inf  # samples that are turned away
     found = rp.run(u, y, DT, **ASKED)
     assert found.verdict.status == "trusted"
-    left = found.output - y
+    left = (found.output - y)[np.isfinite(y)]
     assert found.noise is not None
     assert np.sqrt(np.nanmean(left**2)) < 1.2 * np.sqrt(found.noise.residual_variance)
 
@@ -61,6 +62,7 @@ def test_stamps_and_references_come_with_the_samples() -> None:
         ({"preprocess": rp.Preprocess()}, "several inputs take no preprocess yet: leave it out"),
         ({"t": DT * np.arange(7)}, "t has 7 rows and y 1200 samples: give one row for each"),
         ({"reference": U[:9]}, "reference has 9 rows and y 1200 samples: give one row for each"),
+        ({"t": DT * np.r_[0:600, 599:1199]}, r"t must be finite and strictly increasing; t\[600\]"),
         ({"poles": (1, 1, 1)}, "poles has 3 entries"),
     ],
 )

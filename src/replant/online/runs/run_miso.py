@@ -11,10 +11,12 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import RowRecord
 from replant.fitting.miso_fit import RowFit, columns_of, structures_of
-from replant.fitting.miso_model import over
+from replant.fitting.miso_model import evaluated
 from replant.fitting.samples import Samples
 from replant.numerics.arguments import vector
+from replant.numerics.limits import increasing
 from replant.online.miso_identifier import RowIdentifier
+from replant.online.miso_state import finite_and_small
 
 CHUNK = 8192  # samples taken between two marks of progress [samples]
 
@@ -33,11 +35,12 @@ def run_row(
     """Return the row that a `RowIdentifier` makes of a record; ``orders`` are poles, zeros and delay of each input."""
     if given.begins:
         raise InvalidArgumentError("a pass over several inputs takes one log: give one, or use fit for several")
-    u, y, t = columns_of(given.inputs), vector("y", given.y), given.t
+    u, y = columns_of(given.inputs), vector("y", given.y)
     structures_of(u.shape[1], **orders)
-    for name, signal in (("u", u), ("t", t), ("reference", given.reference)):
+    for name, signal in (("u", u), ("t", given.t), ("reference", given.reference)):
         if signal is not None and len(signal) != y.size:
             raise InvalidArgumentError(f"{name} has {len(signal)} rows and y {y.size} samples: give one row for each")
+    t = None if given.t is None else increasing(given.t, y.size)
     first = first_model(y.size) if startup is None else startup
     ident = RowIdentifier(
         dt=given.dt, startup=first, input_hold=given.input_hold, input_names=given.input_names, **orders
@@ -52,9 +55,9 @@ def run_row(
     names = ident.request.input_names
     model = ident.model.of_log(names, given.output_name, given.source, given.sha256)
     none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
-    taken = np.flatnonzero(np.isfinite(u).all(axis=1))
+    taken = np.flatnonzero(np.logical_and(*finite_and_small(u, y)))
     began, *loads = (int(taken[each]) for each in ident.begins)
     ready = RowRecord.of(u, y, given.dt, t, given.input_hold, (began, *loads))
-    output = ready.simulated(*over(model, ready))
-    output[:began] = np.nan  # another plant's
+    output = ready.simulated(*evaluated(model, ready))
+    output[:began] = np.nan  # what the estimate is not of
     return RowFit(model, output, none, none, missing)
