@@ -88,3 +88,17 @@ def test_chunks_do_not_matter_to_it() -> None:
     for k in range(0, 2000, 61):
         chunks.update_many(u[k : k + 61], y[k : k + 61])
     assert state(whole) == state(chunks)
+
+
+@every("seed", range(3), quick=1)
+def test_a_step_behind_a_dead_time_is_found(seed: int) -> None:
+    """Suppositions that leave out the samples at which the output steps take it for coloured noise."""
+    rng = np.random.default_rng(seed)
+    plant, u = rp.TransferFunction([2.0], [1.0, 4.0, 3.0], delay=10 * DT), rng.choice([-1.0, 1.0], 500).repeat(10)
+    clean = plant.simulate(u, DT)
+    load = np.where(np.arange(u.size) >= 3017, 1.5 * clean.std(), 0.0)
+    ident = rp.Identifier(rp.Structure(2, 0, delay=plant.delay), DT)
+    ident.update_many(u, clean + load + 0.1 * clean.std() * rng.standard_normal(u.size))
+    assert abs(ident._state.changed_at - 3017) <= 20  # twice the dead time
+    assert ident.assess().status == "trusted"
+    assert np.abs(ident.parameters / true_parameters(plant, 0) - 1.0).max() < 0.05
