@@ -38,7 +38,7 @@ class Workbench:
         """Wait until something holds; what a page evaluates for itself its own policy forbids."""
         end = time.monotonic() + PATIENCE
         while not holds():
-            assert time.monotonic() < end, f"the page never got there; it says {self.text('notice')!r}"
+            assert time.monotonic() < end, f"the page never got there; it says {self.text('notice')!r}; {self.cards()}"
             self.page.wait_for_timeout(30)
 
     def text(self, name: str) -> str:
@@ -76,6 +76,11 @@ class Workbench:
         self.page.fill("#delay", delay)
         self.page.click("#fit")
         self.until(lambda: self.done() == wanted)
+
+    def cards(self) -> list[str]:
+        """Return title and state of each card."""
+        found = self.page.locator(".card").all()
+        return [f"{each.locator('.title').text_content()}: {each.get_attribute('data-state')}" for each in found]
 
     def done(self) -> int:
         return self.page.locator(".card[data-state=done]").count()

@@ -10,13 +10,15 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from threading import Event
 
 import pytest
 
 import replant as rp
-from replant.workbench.app import opened
+from replant.workbench.app import ACTIONS, opened
 from support.browsing import TEXTS, contrast
 from support.cases import every
+from support.waiting import PATIENCE
 from support.workbench_pages import Workbench
 
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
@@ -99,6 +101,40 @@ def test_a_search_an_online_pass_and_a_stop(browser, motor: Path) -> None:
         other.close()
         at.close()
         assert at.complaints == []
+
+
+@pytest.mark.slow
+def test_what_was_typed_is_not_undone_by_a_state_from_before(browser, motor: Path, monkeypatch) -> None:
+    arrived, answered, wish = Event(), Event(), ACTIONS["wish"]
+
+    def held(*given) -> None:
+        arrived.set()
+        answered.wait(PATIENCE)
+        wish(*given)
+
+    monkeypatch.setitem(ACTIONS, "wish", held)
+    with opened([motor]) as served:
+        at = Workbench(browser, served.url)
+        at.is_read()
+        at.page.fill("#poles", "5")
+        at.page.keyboard.press("Tab")
+        at.until(arrived.is_set)
+        other = Workbench(browser, served.url)
+        other.add("leave_out", "10", "12")
+        at.until(lambda: at.page.locator("#stretches li").count() == 1)  # from a state without the five poles
+        assert at.page.input_value("#poles") == "5"
+        at.page.get_by_label("leave out to, in s").fill("14")
+        at.page.get_by_label("leave out from, in s").fill("11")  # before the session knows of either
+        at.page.keyboard.press("Enter")
+        answered.set()
+        other.until(lambda: other.page.input_value("#poles") == "5")
+        other.until(lambda: other.page.get_by_label("leave out from, in s").input_value() == "11")
+        assert other.page.locator("#stretches li").count() == 1
+        assert other.page.get_by_label("leave out to, in s").input_value() == "14"
+        other.page.fill("#poles", "2")
+        other.page.keyboard.press("Tab")
+        at.until(lambda: at.page.input_value("#poles") == "2")
+        assert at.complaints == other.complaints == []
 
 
 @pytest.mark.slow

@@ -179,15 +179,20 @@ def _word(given: Given, name: str) -> str:
 
 
 def _role(session: Session, given: Given) -> None:
-    log, role = session.log(_word(given, "log")), _word(given, "role")
+    role, column = _word(given, "role"), _word(given, "column")
     if role not in ("time", "input", "output", "reference", ""):
         raise InvalidArgumentError("a column is time, input, output, reference or unused")
-    session.choose(log.name, with_role(log, _word(given, "column"), role))
+    session.choose(_word(given, "log"), lambda log: with_role(log, column, role))
 
 
 def _setup(session: Session, given: Given) -> None:
-    log = session.log(_word(given, "log"))
-    session.choose(log.name, log.setup.changed(_object(given, "setup")))
+    changes = _object(given, "setup")
+    session.choose(_word(given, "log"), lambda log: log.setup.changed(changes))
+
+
+def _stretch(session: Session, given: Given) -> None:
+    kind, before, after = _word(given, "kind"), given.get("before"), given.get("after")
+    session.choose(_word(given, "log"), lambda log: log.setup.with_stretch(kind, before, after))
 
 
 def _wish(session: Session, given: Given) -> None:
@@ -213,6 +218,7 @@ ACTIONS: dict[str, Callable[[Session, Given], Given | None]] = {
     "read-again": lambda session, given: session.log(_word(given, "log")).read_again(),
     "role": _role,
     "setup": _setup,
+    "stretch": _stretch,
     "wish": _wish,
     "fit": _fit,
     "stop": lambda session, given: session.jobs.stop(session.card(_word(given, "card")).name),
@@ -302,8 +308,7 @@ def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
             return PlainTextResponse("There is no action of that name.\n", 404)
         given = await _body(request)
         found = await asyncio.to_thread(action, session, given)
-        session.changed()
-        return JSONResponse(found or {})
+        return JSONResponse({**(found or {}), "revision": session.changed()})
 
     async def upload(request: Request) -> Response:
         with Upload(session, request.query_params.get("name", "")) as coming:

@@ -27,7 +27,7 @@ ROLES = ("input", "output", "reference")
 class Opened:
     """A log with what is known of it and what was chosen for it."""
 
-    def __init__(self, name: str, path: Path, work: Work, changed: Callable[[], None]) -> None:
+    def __init__(self, name: str, path: Path, work: Work, changed: Callable[[], object]) -> None:
         self.name, self.path = name, path
         self.setup, self.wish = Setup(), Wish()
         self.look: dict[str, Any] = {}

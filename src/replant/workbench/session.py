@@ -87,20 +87,23 @@ class Session:
         self.active, self.order, self.shown = "", "made", list[str]()
         self.lock = threading.RLock()
         self._number, self._closed, self._grown = 0, False, set[str]()
+        self._revision = 0  # how often the pages were told
         self._timer: threading.Timer | None = None
 
     # --- what the pages see ---
 
-    def changed(self) -> None:
-        """Tell all pages, and keep the session soon."""
+    def changed(self) -> int:
+        """Tell all pages, and keep the session soon; return the revision of what they are told."""
         with self.lock:
             if self._closed:
-                return
+                return self._revision
+            self._revision += 1
             self._publish(self.view())
             if self._timer is None and self.kept_in is not None:
                 self._timer = threading.Timer(SAVING, self._keep)
                 self._timer.daemon = True
                 self._timer.start()
+            return self._revision
 
     def view(self) -> dict[str, Any]:
         """Return the state of the session for the pages."""
@@ -108,7 +111,7 @@ class Session:
             cards = in_order(list(self.cards.values()), self.order)
             return {
                 "logs": [each.view() for each in self.logs.values()], "cards": [each.view() for each in cards],
-                "active": self.active, "order": self.order, "shown": self.shown,
+                "active": self.active, "order": self.order, "shown": self.shown, "revision": self._revision,
             }  # fmt: skip
 
     def log(self, name: str) -> Opened:
@@ -157,11 +160,12 @@ class Session:
             if self.active == name:
                 self.active = next(reversed(self.logs), "")
 
-    def choose(self, name: str, setup: Setup) -> None:
+    def choose(self, name: str, change: Callable[[Opened], Setup]) -> None:
         """Take what was chosen for a log; inspect it anew where that depends on it."""
         with self.lock:
             log = self.log(name)
-            before, log.setup = log.setup, setup
+            before, log.setup = log.setup, change(log)
+            setup = log.setup
         roles = ("input", "output", "reference", "time", "dt")
         if any(getattr(before, each) != getattr(setup, each) for each in roles):
             log.refresh()

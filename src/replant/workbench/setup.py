@@ -73,6 +73,13 @@ class Setup:
         known = {field.name for field in fields(self)}
         return dataclasses.replace(self, **{name: _checked(name, given[name]) for name in known & set(given)})
 
+    def with_stretch(self, kind: str, before: Any, after: Any) -> Self:
+        """Return the setup with a stretch in place of another; None: in place of none, or none in its place."""
+        if kind not in STRETCHES:
+            raise InvalidArgumentError(f"a stretch is one of {', '.join(STRETCHES)}, not {shown(kind)}")
+        left = [each for each in getattr(self, kind) if before is None or each != Stretch.of(before)]
+        return self.changed({kind: [(each.begin, each.end) for each in left] + ([] if after is None else [after])})
+
     def check(self) -> None:
         """Raise where no model can be asked for yet."""
         if not (self.input and self.output):

@@ -1,5 +1,5 @@
 // The view of the data: columns with their roles, all signals over time, what the inspection found, and conditioning.
-import { act, ask, at, choose, element, fill, keep, kept, keyed, later, log, say, write } from "./page.js";
+import { act, ask, at, check, choose, element, fill, keep, kept, keyed, later, log, say, write } from "./page.js";
 import { addStretch, drawStretches, nice, shaded, typed } from "./marks.js";
 import { merged, strokes, timeAxis } from "./curves.js";
 import { chart, extent, labelled, line, seen, steady, unlabelled, zoomed, zoomKeys } from "/assets/chart.js";
@@ -20,7 +20,7 @@ function drawColumns({ columns, name }) {
     return element("li", {}, element("span", { class: "name", title: each.name }, each.name || "(no name)"), select, element("small", {}));
   }, (row, each) => {
     const select = row.querySelector("select");
-    if (document.activeElement !== select || select.value !== each.role) select.value = each.role;
+    fill(select, each.role);
     row.dataset.role = each.role;
     const about = each.problem ? "no numbers" : `${number(each.min, 4)} … ${number(each.max, 4)}`;
     const more = [each.missing && !each.problem ? `${count(each.missing)} missing` : "", each.quantised ? `steps of ${number(each.step, 3)}` : ""].filter(Boolean);
@@ -176,7 +176,7 @@ export function drawData() {
   drawStretches(opened.setup);
   at("clock").hidden = opened.setup.dt === null;
   fill(at("dt"), opened.setup.dt === null ? "" : String(opened.setup.dt));
-  at("detrend").checked = opened.setup.detrend;
+  check(at("detrend"), opened.setup.detrend);
   fill(at("decimate"), opened.setup.decimate === null ? "" : String(opened.setup.decimate));
   fill(at("resample"), opened.setup.resample === null ? "" : String(opened.setup.resample));
   if (now !== asked) { asked = now; refine(); }

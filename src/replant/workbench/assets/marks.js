@@ -1,5 +1,5 @@
 // Stretches of time that are used, left out, or validated on: marked on the plots, listed, typed.
-import { at, choose, element, fill, keyed, log, say } from "./page.js";
+import { act, at, element, fill, isCurrent, keyed, log, say } from "./page.js";
 import { number, tick } from "/assets/format.js";
 
 export const KINDS = { use: ["use", "good"], leave_out: ["leave out", "bad"], validate_on: ["validate on", "accent"] };
@@ -15,18 +15,9 @@ export function shaded(setup, end) {
   return Object.entries(KINDS).flatMap(([kind, [, role]]) => setup[kind].map(([from, to]) => [from, to ?? end, role]));
 }
 
-export function addStretch(kind, begin, end) {
-  const setup = log().setup;
-  return choose({ [kind]: [...setup[kind], [begin, end]] });
-}
-
-function remove(kind, index) {
-  return choose({ [kind]: log().setup[kind].filter((_, i) => i !== index) });
-}
-
-function change(kind, index, ends) {
-  return choose({ [kind]: log().setup[kind].map((each, i) => (i === index ? ends : each)) });
-}
+/** Have a stretch in place of another; null: in place of none, or none in its place.  The server knows all the others. */
+const change = (kind, before, after) => act("stretch", { log: log().name, kind, before, after });
+export const addStretch = (kind, begin, end) => change(kind, null, [begin, end]);
 
 /** A time as it is typed: 12.5, or 1:05; NaN where it is none. */
 export function typed(text) {
@@ -56,13 +47,21 @@ export function drawStretches(setup) {
   keyed(at("stretches"), items, item => `${item.kind} ${item.index}`, item => {
     const [name] = KINDS[item.kind], begin = element("input", { inputmode: "decimal", "aria-label": `${name} from, in s` });
     const end = element("input", { inputmode: "decimal", "aria-label": `${name} to, in s`, placeholder: "end" });
-    const changed = () => { const found = ends(begin.value, end.value); if (found) change(item.kind, item.index, found); };
+    const row = element("li", { "data-stretch": JSON.stringify(item.stretch) }), shown = () => JSON.parse(row.dataset.stretch);
+    const changed = () => {
+      const before = shown(), found = ends(begin.value, end.value);
+      if (!found) return;
+      row.dataset.stretch = JSON.stringify(found);
+      change(item.kind, before, found);
+    };
     begin.addEventListener("change", changed);
     end.addEventListener("change", changed);
-    return element("li", {}, element("i", { class: `swatch ${item.kind}`, "aria-hidden": "true" }), element("span", { class: "kind" }, name), begin,
+    row.append(element("i", { class: `swatch ${item.kind}`, "aria-hidden": "true" }), element("span", { class: "kind" }, name), begin,
       element("span", { "aria-hidden": "true" }, "–"), end,
-      element("button", { type: "button", class: "small", "aria-label": `Remove: ${name}, stretch ${item.index + 1}`, onclick: () => remove(item.kind, item.index) }, "×"));
+      element("button", { type: "button", class: "small", "aria-label": `Remove: ${name}, stretch ${item.index + 1}`, onclick: () => change(item.kind, shown(), null) }, "×"));
+    return row;
   }, (row, { stretch: [from, to] }) => {
+    if (isCurrent()) row.dataset.stretch = JSON.stringify([from, to]);
     const [begin, end] = row.querySelectorAll("input");
     fill(begin, plain(from));
     fill(end, to === null ? "" : plain(to));

@@ -1,5 +1,5 @@
 // The models: what is asked for, and a card for each.
-import { act, at, element, fill, keep, kept, keyed, log, state, write } from "./page.js";
+import { act, at, check, element, fill, keep, kept, keyed, log, state, write } from "./page.js";
 import { ROLES } from "./curves.js";
 import { drawSign } from "/assets/sign.js";
 import { typeset } from "/assets/model.js";
@@ -34,7 +34,7 @@ export function drawWish() {
   const opened = log();
   if (!opened) return;
   const kind = document.querySelector(`[name=kind][value=${opened.wish.kind}]`);
-  if (!document.activeElement?.closest(".kinds")) kind.checked = true;
+  check(kind, true);
   for (const name of ["poles", "zeros", "delay"]) fill(at(name), opened.wish[name]);
   const chosen = document.querySelector("[name=kind]:checked").value;
   at("zeros").placeholder = chosen === "search" ? "all" : "0";
@@ -107,6 +107,7 @@ function makeCard() {
 }
 
 function updateCard(room, card) {
+  check(room.querySelector("[type=checkbox]"), state.session.shown.includes(card.name));
   const now = JSON.stringify([card, state.session.shown, chosen()]);
   if (told.get(room) === now) return;
   told.set(room, now);
@@ -115,7 +116,6 @@ function updateCard(room, card) {
   room.setAttribute("aria-current", String(chosen() === card.name));
   write(one(".title"), card.title);
   write(one(".tick .unseen"), `Compare ${card.title}`);
-  one("[type=checkbox]").checked = place >= 0;
   one("[type=checkbox]").disabled = !done;
   one(".tint").style.background = place >= 0 ? `var(--${ROLES[place]})` : "";
   const fit = done ? fitOf(card) : null;
@@ -163,7 +163,7 @@ export function drawCards() {
   keyed(at("cards"), cards, card => card.name, makeCard, updateCard);
   const running = cards.filter(card => card.state === "running" || card.state === "waiting").length;
   write(at("count"), cards.length ? `${cards.length} model${cards.length === 1 ? "" : "s"}${running ? `, ${running} being made` : ""}` : "No models yet");
-  if (document.activeElement !== at("order")) at("order").value = order;
+  fill(at("order"), order);
   const last = cards.filter(card => card.state === "done").at(-1);
   write(at("announced"), last ? `${last.title}: fit ${percent(fitOf(last))}, ${gravestOf(last)[1].headline}` : "");
 }

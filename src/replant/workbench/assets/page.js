@@ -4,9 +4,13 @@ const at = id => document.getElementById(id);
 export { at };
 
 export const state = { session: null, open: false };
+let sent = 0, known = 0; // actions that are not answered yet, and the revision of the session that the newest answer told
 const listeners = [];
 /** Have a function called with each new state of the session. */
 export const whenever = listener => listeners.push(listener);
+const draw = () => { for (const listener of listeners) listener(state.session); };
+/** Whether the session that is here knows all that this page has sent: before it does, it must not undo what was chosen. */
+export const isCurrent = () => !sent && state.session.revision >= known;
 
 // --- elements ---
 /** An element with attributes, properties of `on...` and children; texts stay texts. */
@@ -22,8 +26,10 @@ export function element(tag, attributes = {}, ...children) {
 }
 
 export const write = (place, text) => { if (place.textContent !== text) place.textContent = text; };
-/** Set a field, unless somebody is typing there. */
-export const fill = (field, value) => { if (document.activeElement !== field && field.value !== value) field.value = value; };
+/** Set a field, unless somebody is typing there, or what was chosen there is on its way. */
+export const fill = (field, value) => { if (isCurrent() && !(document.activeElement === field && field.type === "text") && field.value !== value) field.value = value; };
+/** Check a box or a circle, or not, unless what was chosen there is on its way. */
+export const check = (box, checked) => { if (isCurrent()) box.checked = checked; };
 
 /** One child of a room for each item, made once by its key and updated with each state.  What has the focus stays where it is, the others move: a field that is moved loses it, and what is typed. */
 export function keyed(room, items, keyOf, make, update) {
@@ -79,11 +85,20 @@ async function answered(path, options) {
   return null;
 }
 
-/** Do something to the session; its new state comes by itself. */
-export async function act(name, given = {}) {
+let last = Promise.resolve();
+/** Do something to the session, after what was asked before; its new state comes by itself. */
+export function act(name, given = {}) {
   say("");
-  const answer = await answered(`/do/${name}`, { method: "POST", body: JSON.stringify(given) });
-  return answer && answer.json();
+  sent += 1;
+  const done = last.then(async () => {
+    const answer = await answered(`/do/${name}`, { method: "POST", body: JSON.stringify(given) }), found = answer && await answer.json();
+    sent -= 1;
+    known = found?.revision ?? known;
+    if (state.session && !sent) draw();
+    return found;
+  });
+  last = done.catch(() => null);
+  return done;
 }
 
 export async function send(path, body) {
@@ -135,10 +150,11 @@ export function connect() {
     if (!state.open) { state.open = true; wait = FIRST; say(""); showLink("connected", "connected"); }
     if (!message.view) return;
     state.session = message.view;
-    for (const listener of listeners) listener(message.view);
+    draw();
   };
   socket.onclose = event => {
     state.open = false;
+    known = 0; // whoever answers next may have been started anew
     if ([1000, 1001, 1012].includes(event.code)) {  // as it closes itself, or as the server does that stops
       showLink("ended", "ended");
       say("The workbench has ended; the session is kept. Start it again with replant open: this page then comes back.");

@@ -1,7 +1,7 @@
 // The page: views, logs that are opened or dropped, and what is drawn when the session changes.
 import { readColours } from "/assets/chart.js";
 readColours();
-const { act, at, connect, element, keep, kept, log, say, send, state, whenever, write } = await import("./page.js");
+const { act, at, connect, element, fill, keep, kept, log, say, send, state, whenever, write } = await import("./page.js");
 const { drawData, repaintData } = await import("./data.js");
 const { drawCards, drawWish, whenLooked } = await import("./models.js");
 const { drawCompare, lookAt, repaintCompare } = await import("./compare.js");
@@ -33,7 +33,7 @@ function drawLogs({ logs, active }) {
     at("logs").dataset.told = told;
     at("logs").replaceChildren(...logs.map(each => element("option", { value: each.name, title: each.path }, each.file)));
   }
-  if (document.activeElement !== at("logs")) at("logs").value = active;
+  fill(at("logs"), active);
   const opened = log();
   document.title = opened ? `${opened.file} – replant workbench` : "replant workbench";
   at("grown").hidden = !opened?.grown || opened.state !== "ready";
