@@ -37,7 +37,6 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import refusal
 from replant.online.identifier import Identifier
-from replant.online.miso_identifier import RowIdentifier
 from replant.verdict.estimate_tests import MOVED_SIGMAS
 
 
@@ -355,10 +354,6 @@ def run(
         )
         if record is not None:
             observer.show(f"replant: cut and fit it meanwhile: {shlex.join(['replant', 'open', str(record)])}")
-        if isinstance(session.identifier, RowIdentifier):
-            observer.show(
-                "replant: of several inputs, a change of the plant is named, and not learned anew: then reset"
-            )
         reached = session.run()
         waits = session.identifier.forced_waits if isinstance(session.identifier, Identifier) else 0
         if waits:
