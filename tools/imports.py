@@ -12,7 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 
-from architecture import Package
+from architecture import Graph, Package, circle
 
 #: Read and write files, and speak to the person at the terminal: these and nothing else.
 OUTSIDE = {
@@ -107,6 +107,25 @@ def of_the_face(package: Package, module: str) -> Iterator[str]:
         yield "imports replant itself: import the module that has the name"
 
 
+def of_circles(package: Package, module: str) -> Iterator[str]:
+    """No module imports itself by way of others, late or for its types: `.importlinter` looks at siblings alone."""
+    graph, ways, seen = _circular(package), [[module]], set[str]()
+    for way in ways if module in graph else ():
+        for name in sorted(graph[way[-1]] & set(graph) - seen):
+            if name == module:
+                yield f"makes a circle: {' -> '.join([*way, name])}"
+                return
+            seen.add(name)
+            ways.append([*way, name])
+
+
+@cache
+def _circular(package: Package) -> Graph:
+    """Return the modules that circles are made of, and those that import them, with their imports."""
+    graph = package.modules()
+    return {module: graph[module] for module in circle(graph)}
+
+
 def of_checks(package: Package, module: str) -> Iterator[str]:
     """What a check returns is used: one called for its exception leaves what the caller passed where it was."""
     for node in ast.walk(package.trees[module]):
@@ -139,6 +158,7 @@ RULES: tuple[Callable[[Package, str], Iterator[str]], ...] = (
     of_the_middle,
     of_declared_packages,
     of_the_face,
+    of_circles,
     of_checks,
     of_long_signatures,
 )

@@ -13,7 +13,7 @@ from replant.cli.live import TIME, address_of, demo_of, looped
 from replant.cli.next_step import _is_step_test
 from replant.cli.option_types import OptimizerChoice, Whole
 from replant.cli.terminal import Choice, did_you_mean, is_quiet, to_ascii
-from replant.estimation.optimizers import AMSGrad
+from replant.estimation.optimizers import OPTIMIZERS, AMSGrad
 from support.cases import every
 
 READ = [
@@ -51,6 +51,16 @@ WORDS = [
 @every("kind, typed, expected", READ)
 def test_options_are_read(kind: Any, typed: str, expected: Any) -> None:
     assert kind.convert(typed, None, None) == expected
+
+
+@every("name", OPTIMIZERS)
+def test_every_optimizer_is_chosen_by_its_name_and_by_its_settings(name: str) -> None:
+    """A setting that is written as Python prints it is read to the bit."""
+    option, suggested = OptimizerChoice(), OPTIMIZERS[name].suggested(0.01, 1000)
+    assert option.convert(name, None, None) == name
+    values = {key: value * 0.9 for key, value in vars(suggested).items() if value is not None}
+    settings = ",".join(f"{key}={value!r}" for key, value in values.items())
+    assert option.convert(f"{name}:{settings}", None, None) == OPTIMIZERS[name](**values)
 
 
 @every("got, expected", WORDS)

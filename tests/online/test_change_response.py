@@ -159,20 +159,44 @@ def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: s
             assert ident.assess().status != "trusted"
 
 
-@every("seed", range(3), quick=1)
-def test_a_gain_that_the_noise_hides_from_the_alarm_is_found(seed: int) -> None:
-    """A third up under noise of a quarter: the power of the residual hides it, its score does not."""
-    u, samples = binary(seed, 3000, 10), 3000
+def a_third_up(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Input and output of 3000 samples, noise of a quarter; the gain is 2, and 2.6 from the middle on."""
+    u = binary(seed, 3000, 10)
     low, high = (rp.TransferFunction([gain], [1.0, 1.0]).simulate(u, 0.1) for gain in (2.0, 2.6))
-    y = np.where(np.arange(samples) < samples // 2, low, high)
-    y = y + 0.25 * high.std() * np.random.default_rng(seed).standard_normal(samples)
+    y = np.where(np.arange(u.size) < u.size // 2, low, high)
+    return u, y + 0.25 * high.std() * np.random.default_rng(seed).standard_normal(u.size)
+
+
+@every("seed", [1, 0, 2], quick=1)  # of record 1 the score alone tells
+def test_a_gain_that_the_noise_hides_from_the_alarm_is_found(seed: int) -> None:
+    """A third up under noise of a quarter: the power of the residual hides it, its score does not.
+
+    Until it is found the estimate lags behind, a tenth and more: from 300 samples after the change it is not trusted.
+    """
+    (u, y), samples = a_third_up(seed), 3000
     ident = rp.Identifier(rp.Structure(1), 0.1)
     looks = round(1500 * GROWTH**2)  # the last look has 375 samples since the change, or more
-    ident.update_many(u[:looks], y[:looks])
-    assert ident.transfer_function.dc_gain == pytest.approx(2.6, rel=0.1)
-    ident.update_many(u[looks:], y[looks:])
+    for begin in range(0, samples, 100):
+        ident.update_many(u[begin : begin + 100], y[begin : begin + 100])
+        if begin + 100 >= 1800 and abs(ident.transfer_function.dc_gain / 2.6 - 1.0) > 0.1:
+            assert begin + 100 < looks
+            assert ident.assess().status != "trusted", begin + 100
     assert ident.transfer_function.dc_gain == pytest.approx(2.6, rel=0.05)
     assert ident.assess().status == "trusted"
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, reason="one look in twenty is trusted, between others that are refused")
+@every("seed", [6, 8, 17])
+def test_no_look_at_a_gain_that_the_noise_hides_is_trusted(seed: int) -> None:
+    """As above with a look each 20 samples, on three of the five records of the first 24 that are trusted 20 % off."""
+    u, y = a_third_up(seed)
+    ident = rp.Identifier(rp.Structure(1), 0.1)
+    ident.update_many(u[:1780], y[:1780])
+    for begin in range(1780, 1900, 20):
+        ident.update_many(u[begin : begin + 20], y[begin : begin + 20])
+        off = abs(ident.transfer_function.dc_gain / 2.6 - 1.0)
+        assert off < 0.1 or ident.assess().status != "trusted", begin + 20
 
 
 @every("seed", range(4), quick=1)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError
@@ -15,6 +16,7 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.kernels.schema import LARGEST
 from replant.online.ensemble import Ensemble
 from support.cases import every
+from support.loops import closed_loop
 
 DT, STARTUP, SAMPLES = 0.05, 100, 1000
 PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 0.5]), rp.Structure(1)
@@ -235,6 +237,23 @@ def test_other_shapes_and_types_touch_nothing(r: Any, kind: type[Exception], wor
         ident.update(1.0, 1.0, "a", 1.0)  # type: ignore[arg-type]
     assert ident.to_bytes() == before
     ident.update(1.0, 1.0)
+
+
+def test_an_unstable_plant_that_is_learned_is_trusted_with_a_reference_alone() -> None:
+    """1/(s - 1) under a gain of three and a load that wanders."""
+    generator = np.random.default_rng(0)
+    r = np.repeat(generator.uniform(-1.0, 1.0, 200), 20)
+    load = 0.1 * lfilter([1.0], [1.0, -0.95], generator.standard_normal(r.size))
+    u, y = closed_loop([1.0], [1.0, -1.0], (3.0, 0.0), DT, r, load, np.zeros(r.size))
+    alone, ident = rp.Identifier(STRUCTURE, DT), rp.Identifier(STRUCTURE, DT)
+    alone.update_many(u, y)
+    ident.update_many(u, y, r=r)
+    assert ident.assess().status == "trusted"
+    assert ident.uncertainty is not None
+    assert (np.abs(ident.parameters - [-1.0, 1.0]) < 3.5 * ident.uncertainty.std).all()
+    assert (ident.uncertainty.std < 0.06).all()
+    assert alone.assess().status == "inconsistent"
+    assert "only a reference can show" in " ".join(alone.assess().reasons)
 
 
 def test_an_ensemble_refuses_it_by_name() -> None:

@@ -32,12 +32,18 @@ def closed_loop(
     return u, y
 
 
-def loaded_loop(samples: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """1/(s^2 + 1.4 s + 1) under a PI controller and a load that wanders: input, output and reference."""
+def loaded_loop(
+    samples: int, seed: int = 0, *, load: float = 0.05, sensor: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """1/(s^2 + 1.4 s + 1) under a PI controller and a load that wanders: input, output and reference.
+
+    The load is an autoregression of coefficient 0.95 with innovations of this size, the sensor's noise is white.
+    """
     generator = np.random.default_rng(seed)
     r = np.repeat(generator.uniform(-1, 1, samples // 30 + 1), 30)[:samples]
-    load = 0.05 * lfilter([1.0], [1.0, -0.95], generator.standard_normal(samples))
-    u, y = closed_loop([1.0], [1.0, 1.4, 1.0], (2.0, 1.0), DT, r, load, np.zeros(samples))
+    wandering = load * lfilter([1.0], [1.0, -0.95], generator.standard_normal(samples))
+    noise = sensor * generator.standard_normal(samples)
+    u, y = closed_loop([1.0], [1.0, 1.4, 1.0], (2.0, 1.0), DT, r, wandering, noise)
     return u, y, r
 
 

@@ -40,6 +40,8 @@ FAULTY = [
         "from replant.numerics.arguments import positive\npositive(1)",
         "line 2: keep() what positive() returns",
     ),
+    ("online.b", "def f():\n    from replant.report import c", "makes a circle: online.b -> report.c -> online.b"),
+    ("report.c", "import replant.report", "makes a circle: report.c -> report -> report.c"),
     ("online.b", f"def f({', '.join(f'a{k}' for k in range(13))}): ...", "line 1: f takes more than 12"),
 ]
 RIGHT = {
@@ -50,8 +52,8 @@ RIGHT = {
     "kernels.a": "import math\nimport numpy as np\n",
     "online.__init__": "",
     "online.b": "import numpy\ndef f():\n    import scipy\n    x = positive(1)\n    keep(x)\n",
-    "report.__init__": "",
-    "report.c": "from pathlib import Path\nprint(Path())\n",
+    "report.__init__": "from replant.report import c",
+    "report.c": "from pathlib import Path\nimport replant.online.b\nprint(Path())\n",
     "sklearn": "import sklearn\n",
 }
 
