@@ -50,12 +50,6 @@ def test_no_compiler_warns(made: tuple[Path, list[str]], compiler: str, file: st
 
 
 @pytest.mark.slow
-def test_cppcheck_finds_nothing(made: tuple[Path, list[str]]) -> None:
-    looked_for = "--enable=warning,performance,portability"
-    look(made, "cppcheck", "--quiet", "--std=c99", looked_for, "--error-exitcode=1", "-D__GNUC__=12", *FILES)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("file", FILES)
 def test_the_analyzer_of_clang_finds_nothing(made: tuple[Path, list[str]], file: str) -> None:
     options = ["--analyzer-output", "text", "-Xclang", "-analyzer-werror", "-std=c99"]
