@@ -116,19 +116,11 @@ def test_a_process_may_import_the_package_twice() -> None:
 
 
 @pytest.mark.slow
-def test_threads_that_begin_at_once_make_the_library_once(clone: Path, quick_compiler: dict[str, str]) -> None:
-    shutil.rmtree(clone / "src/replant/kernels/compiled")
-    done = use(clone, IN_THREADS, **quick_compiler)
-    assert done.stdout == "[2.0, 2.0, 2.0, 2.0]\n"
-    assert len(done.stderr.splitlines()) == 1
-
-
-@pytest.mark.slow
 def test_processes_that_begin_at_once_all_work(clone: Path, quick_compiler: dict[str, str]) -> None:
     shutil.rmtree(clone / "src/replant/kernels/compiled")
-    with ThreadPoolExecutor(3) as pool:
-        done = list(pool.map(lambda _: use(clone, **quick_compiler), range(3)))
-    assert [one.stdout for one in done] == ["[2.]\n"] * 3
+    with ThreadPoolExecutor(2) as pool:
+        done = list(pool.map(lambda _: use(clone, **quick_compiler), range(2)))
+    assert [one.stdout for one in done] == ["[2.]\n"] * 2
     assert any("is not compiled yet: compiling it" in one.stderr for one in done)
     assert [path.name for path in (clone / "src/replant/kernels/compiled").iterdir()] == [native.LIBRARY.name]
 

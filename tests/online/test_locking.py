@@ -85,13 +85,13 @@ def given_by_threads(ident: rp.Identifier, u: FloatArray, y: FloatArray) -> None
 
 def test_no_sample_is_lost_however_many_threads_give_them() -> None:
     given_by_threads(rp.Identifier(poles=2, dt=DT, startup=100), *record(300))
-    for _ in range(5):
+    for _ in range(2):
         given_by_threads(adapting(1e-3), *record(600))
 
 
 @pytest.mark.slow
 def test_no_sample_is_lost_in_many_runs() -> None:
-    for seed in range(4):
+    for seed in range(2):
         given_by_threads(rp.Identifier(poles=2, dt=DT, startup=100), *record(500, seed))
 
 

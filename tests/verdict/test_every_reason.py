@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import re
 from collections.abc import Callable
 from dataclasses import replace
@@ -165,16 +166,44 @@ def after(sample: int, size: float, until: int = 4000) -> Array:
     return np.where((index >= sample) & (index < until), size, 0.0)
 
 
+@functools.cache
+def right() -> Verdict:
+    """The verdict on a model of the right structure, of the right record."""
+    return run(U, out(U))
+
+
+@functools.cache
+def rested() -> Verdict:
+    """The verdict on a right model after its input has come to rest."""
+    return run(then(U, 10_500), out(then(U, 10_500)))
+
+
+@functools.cache
+def constant() -> Verdict:
+    return run(np.ones(SAMPLES), noise(1))
+
+
+@functools.cache
+def coarse_of_twelve() -> Verdict:
+    return run(U, coarse(out(U, part=0.0), 12))
+
+
+@functools.cache
+def two_poles() -> Verdict:
+    """The verdict on one pole where there are two."""
+    return run(U, out(U, SLOW))
+
+
 Pair = tuple[Callable[[], Verdict], Callable[[], Verdict]]
 #: By the row: a record where it is the cause, and one that looks alike.
 PAIRS: dict[str, Pair] = {
     "the input is constant": (
-        lambda: run(np.ones(SAMPLES), noise(1)),
-        lambda: run(then(U, 10_500), out(then(U, 10_500))),
+        constant,
+        rested,
     ),
     "the input has rested for the last": (
-        lambda: run(then(U, 10_500), out(then(U, 10_500))),
-        lambda: run(np.ones(SAMPLES), noise(1)),
+        rested,
+        constant,
     ),
     "the input hardly moves any more": (
         lambda: run(then(U, 6000, 1e-3), out(then(U, 6000, 1e-3))),
@@ -214,7 +243,7 @@ PAIRS: dict[str, Pair] = {
     ),
     "than the model says": (
         lambda: run(U, out(np.append(0.0, U)[:SAMPLES])),
-        lambda: run(U, out(U, SLOW)),
+        two_poles,
     ),
     "the loop is closed, and either its disturbances have more colour": (
         lambda: of_loop(loop(1, echo=0.9)),
@@ -242,7 +271,7 @@ PAIRS: dict[str, Pair] = {
         lambda: of_loop(loop(4), loop(4).r),
     ),
     "the input could explain another x % of the output's power": (
-        lambda: run(U, out(U, SLOW)),
+        two_poles,
         lambda: run(U, out(U, part=0.5)),
     ),
     "explains x % of what is left": (
@@ -275,11 +304,11 @@ PAIRS: dict[str, Pair] = {
     ),
     "the output is constant to the bit": (
         lambda: run(U, stuck(out(U), 200)),
-        lambda: run(U, coarse(out(U, part=0.0), 12)),
+        coarse_of_twelve,
     ),
     ": a stuck or saturated sensor, a cable off, or friction": (
         lambda: run(U, stuck(out(U), 400)),
-        lambda: run(U, coarse(out(U, part=0.0), 12)),
+        coarse_of_twelve,
     ),
     "no output has arrived": (
         lambda: run(U, without(out(U), 200)),
@@ -303,11 +332,11 @@ PAIRS: dict[str, Pair] = {
     ),
     "too few to test it on": (
         lambda: run(U[:540], out(U[:540])),
-        lambda: run(U, out(U)),
+        right,
     ),
     "the estimate has used every sample: none is left": (
         lambda: run(U[:500], out(U[:500])),
-        lambda: run(U, out(U)),
+        right,
     ),
     "samples for the first model": (lambda: run(U[:90], out(U[:90])), lambda: run(U[:700], out(U[:700]))),
     "too few raw samples are kept to solve the record again, and to check": (
@@ -319,10 +348,10 @@ PAIRS: dict[str, Pair] = {
         lambda: run(U, out(U), history=0),
     ),
     "the model was trusted when the input came to rest": (
-        lambda: run(then(U, 10_500), out(then(U, 10_500))),
+        rested,
         lambda: run(then(U[:300], 10_500), out(then(U[:300], 10_500), part=3.0)),
     ),
-    "the model fits the output to x %": (lambda: run(U, out(U)), lambda: run(U, noise(5))),
+    "the model fits the output to x %": (right, lambda: run(U, noise(5))),
     "the samples do not tell a held input from one that runs straight between its samples": (
         lambda: run(sines(), out(sines(), BUMP, part=0.1), rp.Structure(2, 1)),
         lambda: run(sines(), out(sines(), BUMP, part=0.003), rp.Structure(2, 1)),
