@@ -19,7 +19,7 @@ from replant.online import second_process
 from support.waiting import PATIENCE, wait_until
 
 DT = 0.1
-CHANGE, SAMPLES = 1200, 2400
+CHANGE, SAMPLES = 900, 1600
 SLOW = (
     "import sys; sys.path += sys.argv[1:]; import time; from replant.online import background; "
     "real = background.outcome; background.outcome = lambda *given: (time.sleep(1.0), real(*given))[1]; "
@@ -35,7 +35,7 @@ def record() -> tuple[np.ndarray, np.ndarray]:
         rp.TransferFunction([gain], [1.0, pole]).simulate(u, DT) for gain, pole in ((2.0, 0.5), (3.0, 0.8))
     )
     y = np.where(np.arange(SAMPLES) < CHANGE, before, after) + 0.05 * rng.standard_normal(SAMPLES)
-    y[700], y[705], y[1260], u[740] = 40.0, np.nan, np.nan, np.inf  # an outlier, some that are missing, a rejected one
+    y[700], y[705], y[960], u[740] = 40.0, np.nan, np.nan, np.inf  # an outlier, some that are missing, a rejected one
     return u, y
 
 

@@ -46,7 +46,7 @@ def estimate(seed: int, noise: float = 0.1, colour: float = 0.0, **arguments: An
 
 @every("method", METHODS, quick=1)
 @every("colour", [0.9, 0.0], quick=1)
-@every("runs", [6, 24], quick=1)
+@every("runs", [6, 12], quick=1)
 def test_estimates_scatter_as_the_covariance_says(method: str, colour: float, runs: int) -> None:
     """The mean of chi-square over its P degrees of freedom is 1, within 5 / sqrt(P runs / 2) of it below and above.
 
