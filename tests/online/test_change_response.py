@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from typing import Any
 
 import numpy as np
@@ -29,12 +28,12 @@ def afloat(kind: str, scale: float, samples: int) -> np.ndarray:
     return scale * (noise if kind == "noise" else 0.05 * np.cumsum(noise))
 
 
-# each optimizer with each kind, and each plant with both
 CABLES = [
-    (optimizer, plant, *floating)
-    for (optimizer, floating), plant in zip(
-        itertools.product(OPTIMIZERS, [("noise", 1.0), ("noise", 0.3), ("walk", 1.0)]), itertools.cycle([PLANT, LIGHT])
-    )
+    ("default", PLANT, "noise", 1.0),
+    ("default", LIGHT, "noise", 0.3),
+    ("default", LIGHT, "walk", 1.0),
+    ("forgetting", PLANT, "noise", 0.3),
+    ("tracking", PLANT, "walk", 1.0),
 ]
 
 
@@ -43,20 +42,20 @@ def test_a_cable_that_floats_teaches_nothing(
     optimizer: str, plant: rp.TransferFunction, kind: str, size: float
 ) -> None:
     """The parameters hold within 10 % for as long as it lasts; back on, it learns on and is trusted again."""
-    u = binary(1, 5000, 8)
+    u = binary(1, 4000, 8)
     y = plant.simulate(u, DT)
     scale = float(y.std())
-    y += 0.03 * scale * np.random.default_rng(0).standard_normal(5000)
-    y[1500:3500] = afloat(kind, size * scale, 2000)
+    y += 0.03 * scale * np.random.default_rng(0).standard_normal(4000)
+    y[1500:2500] = afloat(kind, size * scale, 1000)
     ident = rp.Identifier(rp.Structure(2), DT, optimizer=OPTIMIZERS[optimizer])
     ident.update_many(u[:1500], y[:1500])
     true = true_parameters(plant, 0)
-    for k in range(1500, 3500, 500):
+    for k in range(1500, 2500, 500):
         trace = ident.update_many(u[k : k + 500], y[k : k + 500])
         assert np.abs(trace.parameters / true - 1.0).max() < 0.1
         assert ident.assess().status != "trusted"
     assert ident._state.alarm == Alarm.FLOATS
-    ident.update_many(u[3500:], y[3500:])
+    ident.update_many(u[2500:], y[2500:])
     assert ident._state.alarm == Alarm.NONE
     assert np.abs(ident.parameters / true - 1.0).max() < 0.05
     assert ident.assess().status == "trusted"
@@ -132,25 +131,25 @@ CHANGES: dict[str, tuple[list[float], list[float], float, int]] = {
 
 @pytest.mark.slow
 @every("change", CHANGES)
-@every("seed", range(3))
+@every("seed", range(2))
 def test_no_model_off_by_a_tenth_is_trusted_640_samples_after_a_change(change: str, seed: int) -> None:
-    """Three records each, noise of 7 %, looks from 640 samples on at which the estimate is nearly another one.
+    """Two records each, noise of 7 %, looks from 640 samples on at which the estimate is nearly another one.
 
     Abs G of a trusted model is known to a thirtieth at each frequency that the input excites.  Over n + 1 = 3
-    independent coefficients and three records an error of a tenth, three standard deviations, has a chance of at most
-    9 * 0.27 % at the first look at which it can be trusted, and less at each one after.
+    independent coefficients and two records an error of a tenth, three standard deviations, has a chance of at most
+    6 * 0.27 % at the first look at which it can be trusted, and less at each one after.
     """
     before, after, factor, hold = CHANGES[change]
     dt, long = 1.0 / 64.0, 5000
     old = rp.TransferFunction([before[-1]], before)
     plant = rp.TransferFunction([factor * after[-1]], after)
     rng = np.random.default_rng(seed)
-    u = np.repeat(rng.uniform(-1.0, 1.0, (long + 6400) // hold + 1), hold)[: long + 6400]
+    u = np.repeat(rng.uniform(-1.0, 1.0, (long + 3200) // hold + 1), hold)[: long + 3200]
     joined = [old.simulate(u, dt)[:long], plant.simulate(u, dt)[long:]]
     y = np.concatenate(joined) + 0.07 * joined[0].std() * rng.standard_normal(u.size)
     ident = rp.Identifier(rp.Structure(len(before) - 1), dt)
     begin = 0
-    for look in (0, 640, 800, 1000, 1250, 1600, 2000, 2500, 3200, 4000, 5000, 6400):
+    for look in (0, 640, 800, 1000, 1250, 1600, 2000, 2500, 3200):
         ident.update_many(u[begin : long + look], y[begin : long + look])
         begin = long + look
         if look == 0:
@@ -199,7 +198,7 @@ def test_no_look_at_a_gain_that_the_noise_hides_is_trusted(seed: int) -> None:
         assert off < 0.1 or ident.assess().status != "trusted", begin + 20
 
 
-@every("seed", range(4), quick=1)
+@every("seed", range(3), quick=1)
 def test_a_gain_that_toggles_is_followed_each_time(seed: int) -> None:
     """One model for both is no explanation: neither the samples before the first change, nor those since, are its."""
     plant, rng = rp.TransferFunction([2.0], [1.0, 2.0]), np.random.default_rng(seed)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -81,25 +80,18 @@ def test_single_samples_and_chunks_of_any_size_give_the_same_bits(stamped: bool)
     assert whole.to_bytes() == loop.to_bytes() == parts.to_bytes()
 
 
-@every("samples", [521, 0, 50, 300, 503, 601, 702, 999], quick=1)
+@every("samples", [601, 50, 300], quick=1)
 def test_a_checkpoint_continues_to_the_bit(samples: int) -> None:
-    """During the start-up, between two solutions, and while a sample is held back."""
+    """While a sample is held back, during the start-up, and between two solutions."""
     u, y, t, r = garbled()
     begun = made()
     begun.update_many(u[:samples], y[:samples], t[:samples], r[:samples])
     saved = begun.to_bytes()
     later = rp.Identifier.from_bytes(saved)
     assert later.to_bytes() == saved
-    later.update_many(u[samples:], y[samples:], t[samples:], r[samples:])
-    assert later.to_bytes() == whole_garbled()
-
-
-@functools.cache
-def whole_garbled() -> bytes:
-    """The state after the whole record."""
-    ident = made()
-    ident.update_many(*garbled())
-    return ident.to_bytes()
+    for each in (begun, later):
+        each.update_many(u[samples:], y[samples:], t[samples:], r[samples:])
+    assert later.to_bytes() == begun.to_bytes()
 
 
 def test_every_sample_keeps_its_own() -> None:

@@ -316,6 +316,7 @@ def test_an_input_that_moves_late_is_learned() -> None:
     assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
 
 
+@pytest.mark.slow
 def test_inputs_that_move_very_late_are_learned() -> None:
     u = toggling(5, samples=20_000)
     u[:11_000] = 0.0
@@ -406,15 +407,16 @@ def test_behind_a_load_the_record_goes_on(seed: int) -> None:
     assert distance(ident, np.array([1.0, 2.0, 0.4, 0.2])) < chi2_quantile(0.9999, 4)
 
 
+@pytest.mark.slow
 def test_a_load_behind_more_samples_than_are_kept_is_learned() -> None:
-    u = toggling(3, samples=24_000)
+    u = toggling(3, samples=18_000)
     y = noisy(3, row_of(u, FAST, SLOW))
-    y[15_000:] += 1.0
+    y[12_000:] += 1.0
     ident = begun(history=10_000)
     ident.update_many(u, y)
     assert ident._now.record_began > 0
     (load,) = ident._now.loads
-    assert abs(load - 15_000) <= 50
+    assert abs(load - 12_000) <= 50
     assert ident.assess().status == "trusted"
     assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
+from scipy.stats import chi2
 
 import replant as rp
 from replant.signals import prbs
@@ -48,7 +48,7 @@ def estimate(seed: int, noise: float = 0.1, colour: float = 0.0, **arguments: An
 @every("colour", [0.9, 0.0], quick=1)
 @every("runs", [6, 12], quick=1)
 def test_estimates_scatter_as_the_covariance_says(method: str, colour: float, runs: int) -> None:
-    """The mean of chi-square over its P degrees of freedom is 1, within 5 / sqrt(P runs / 2) of it below and above.
+    """The sum of P squares of each run is a chi-square of P runs degrees of freedom: one in a million is beyond.
 
     Optimizers of the first order also wander about their solution and add that to what they say: below alone.
     """
@@ -60,11 +60,10 @@ def test_estimates_scatter_as_the_covariance_says(method: str, colour: float, ru
             ident.covariance,
         )
         size = away.size
-        total += float(away @ np.linalg.solve(covariance[:4, :4], away)) / (runs * size)
-    bound = 5 / math.sqrt(runs * size / 2)
-    assert total < 1 + bound
+        total += float(away @ np.linalg.solve(covariance[:4, :4], away))
+    assert total < chi2.isf(1e-6, runs * size)
     if method != "buffered AMSGrad":
-        assert total > 1 - bound
+        assert total > chi2.ppf(1e-6, runs * size)
 
 
 @every("method", [method for method in METHODS if method != "buffered AMSGrad"])
