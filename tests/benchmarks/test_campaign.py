@@ -87,13 +87,13 @@ def test_the_table_of_reasons_counts_each_of_good_and_of_bad_models() -> None:
 @pytest.mark.slow
 def test_the_special_families_are_carried_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each family makes some model wrong; no more models are trusted than are wrong."""
-    quick = {name: actuators.ACTUATORS[name] for name in ("saturates", "asymmetric gain")}  # alarms are few
+    quick = {"asymmetric gain": actuators.ACTUATORS["asymmetric gain"]}  # alarms are few
     monkeypatch.setattr(actuators, "ACTUATORS", quick)
-    behind, toggles, smooth = actuators.behind_actuators(7, 1), actuators.toggling(7, 2), actuators.smooth_inputs(7, 2)
-    for found, most in ((behind, len(quick)), (toggles, 120), (smooth, 2)):
+    behind, toggles, smooth = actuators.behind_actuators(7, 1), actuators.toggling(7, 2), actuators.smooth_inputs(7, 1)
+    for found, most in ((behind, len(quick)), (toggles, 120), (smooth, 1)):
         assert 0 <= found.trusted <= found.wrong <= most
         assert found.wrong > 0
-    assert 0 <= actuators.surplus_poles(7, 2) <= 2
+    assert 0 <= actuators.surplus_poles(7, 1) <= 1
 
 
 def test_the_table_counts() -> None:

@@ -18,6 +18,7 @@ from replant.kernels import native
 from replant.kernels.filters.bank import whole_power
 from replant.kernels.filters.series import fill_play, play
 from support.cases import every
+from support.compilers import without_optimization
 from support.places import ROOT
 
 USE = "import numpy as np; from replant.kernels.filters.series import play; print(play(np.array([3.0]), 1.0))"
@@ -36,14 +37,7 @@ def clone(tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Return what lets the compiler leave out what takes it long: optimization."""
-    given = os.environ.get("CC", "cc")
-    if sys.platform == "win32" or shutil.which(given) is None:
-        return {}
-    script = tmp_path_factory.mktemp("compiler") / "quick"
-    script.write_text(f'#!/bin/sh\nexec {given} "$@" -O0\n')
-    script.chmod(0o755)
-    return {"CC": str(script)}
+    return without_optimization(tmp_path_factory.mktemp("compiler"))
 
 
 IN_THREADS = """

@@ -308,8 +308,8 @@ def test_a_record_begins_afresh_where_something_is_found_against_its_model(
 
 
 def test_an_input_that_moves_late_is_learned() -> None:
-    u = toggling(1, samples=6000)
-    u[:3500, 1] = 0.0
+    u = toggling(1, samples=3500)
+    u[:2000, 1] = 0.0
     ident = begun()
     ident.update_many(u, noisy(1, row_of(u, FAST, SLOW), 0.9))
     assert ident.assess().status == "trusted"

@@ -29,8 +29,8 @@ def test_a_run_is_the_identifier_finished() -> None:
 
 
 def test_the_output_behind_a_load_is_that_of_the_load() -> None:
-    u = toggling(6, samples=2000)
-    y = noisy(6, row_of(u, FAST, SLOW)) + np.where(np.arange(2000) < 1000, 0.0, 3.0)
+    u = toggling(6, samples=1000)
+    y = noisy(6, row_of(u, FAST, SLOW)) + np.where(np.arange(1000) < 500, 0.0, 3.0)
     u[100:150:2], y[300:350:2] = np.nan, np.inf  # samples that are turned away
     found = rp.run(u, y, DT, **ASKED)
     assert found.verdict.status == "trusted"
