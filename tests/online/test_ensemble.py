@@ -98,7 +98,7 @@ REPLAY = rp.Replay(capacity=60, batch_size=5, warmup=6)
 
 
 @every("replay", [None, REPLAY], ids=["plain", "replay"])
-@every("optimizer", GRADIENTS)
+@every("optimizer", GRADIENTS, quick=3)
 def test_every_optimizer_in_a_block_gives_the_same_bits(optimizer: str, replay: rp.Replay | None) -> None:
     ensemble = check_twins(lambda: sweep(optimizer, replay), *streams(MEMBERS))
     assert [block.members for block in ensemble._blocks] == [LANES, LEAST]

@@ -120,7 +120,7 @@ def test_with_any_sample_missing_the_estimate_stays_near() -> None:
 
     The default holds within two percent, as is asked for under noise; taken for regular the record gives nonsense.
     """
-    u, y, t = irregular_record(PLANT, 6, 4000, DT, jitter=0.2, dropped=0.1, hold=8)
+    u, y, t = irregular_record(PLANT, 6, 2500, DT, jitter=0.2, dropped=0.1, hold=8)
     ident, ignoring = rp.Identifier(STRUCTURE, DT), rp.Identifier(STRUCTURE, DT)
     ident.update_many(u, y, t)
     ignoring.update_many(u, y)

@@ -14,5 +14,5 @@ def results() -> dict[str, TableResult]:
 
 @pytest.fixture(scope="session")
 def actuator() -> Actuator:
-    """Return the experiment on the first 4 s of the rig."""
-    return reproduce_actuator(measure_rig(4_000))
+    """Return the experiment on the first 3 s of the rig."""
+    return reproduce_actuator(measure_rig(3_000))

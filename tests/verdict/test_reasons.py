@@ -272,7 +272,7 @@ def set_points(seed: int, *, jumps: bool) -> tuple[np.ndarray, np.ndarray, np.nd
 
 
 @pytest.mark.slow
-@every("seed", range(6))
+@every("seed", range(3))
 @every("jumps", [False, True])
 @every("late", [0, 1])  # samples by which the logger is late with the set-point
 def test_a_few_set_points_follow_no_disturbance(seed: int, late: int, *, jumps: bool) -> None:

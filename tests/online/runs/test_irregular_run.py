@@ -81,8 +81,7 @@ def test_the_fits_of_a_run_are_those_of_the_model(make) -> None:
 
 
 @pytest.mark.slow
-@every("make", [with_gaps, noisy])
-@every("size", [100, 777])
+@every(("make", "size"), [(with_gaps, 100), (noisy, 777)])
 def test_of_a_record_too_long_to_be_held_the_result_is_the_same(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, make, size: int
 ) -> None:
