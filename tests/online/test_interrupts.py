@@ -17,7 +17,7 @@ from support.cases import examples
 from support.interrupts import interrupt
 
 DT = 0.1
-SAMPLES = examples(600, 480)
+SAMPLES = examples(480, 400)
 CONFIRMS = SAMPLES // 3 + 1  # the sample that confirms a leap of the input
 FIXED = {"filter": rp.StateVariableFilter(cutoff=1.0), "instruments": False, "startup": 20}
 

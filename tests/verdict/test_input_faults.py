@@ -13,7 +13,7 @@ from support.builders import DT, binary
 from support.cases import every
 
 PLANT, STRUCTURE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2)
-SAMPLES = 4000
+SAMPLES = 6000
 ACTUATORS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     "saturate": lambda u: np.clip(u, -0.4, 0.4),
     "dead zone": lambda u: np.sign(u) * np.maximum(np.abs(u) - 0.4, 0.0),
