@@ -2,22 +2,49 @@
 
 import json
 import sys
+from functools import cache
 
 import pytest
 
 from replant.cli import main
-from replant.paper import actuator
+from replant.paper import actuator, figures, reproduction
 from replant.paper.figures import NAMES
 from support.cases import every
 
+REPRODUCE = actuator.reproduce_actuator
 PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@cache
+def short_run():
+    """The actuator's experiment on 0.8 s: three tests draw what it gives."""
+    with pytest.MonkeyPatch.context() as patch:
+        shorten(patch)
+        return REPRODUCE()
+
+
+@cache
+def table(wanted):
+    """A table of the article: the tests that show it share its runs."""
+    return reproduction.reproduce(wanted)
+
+
+def shorten(patch):
+    whole = actuator.measure_rig
+    patch.setattr(actuator, "measure_rig", lambda samples=0, seed=0: whole(800, seed))
 
 
 @pytest.fixture
 def short(monkeypatch):
-    """Let the actuator's record be 1.5 s long."""
-    whole = actuator.measure_rig
-    monkeypatch.setattr(actuator, "measure_rig", lambda samples=0, seed=0: whole(1500, seed))
+    """Let the actuator's record be 0.8 s long."""
+    shorten(monkeypatch)
+
+
+@pytest.fixture
+def run_before(monkeypatch):
+    """Have each experiment run once, the actuator's on a short record."""
+    monkeypatch.setattr(actuator, "reproduce_actuator", lambda on_run: short_run())
+    monkeypatch.setattr(figures, "reproduce", lambda wanted, **_: table(wanted))
 
 
 def fails(capsys, *arguments):
@@ -45,7 +72,7 @@ def assert_pictures(folder, *names):
 
 
 @pytest.mark.slow
-def test_json_of_the_tables_is_one_object_and_nothing_else(capsys):
+def test_json_of_the_tables_is_one_object_and_nothing_else(capsys, run_before):
     main(["reproduce", "table1", "table2", "table3", "table4", "--json"])
     captured = capsys.readouterr()
     tables = json.loads(captured.out)
@@ -59,7 +86,7 @@ def test_json_of_the_tables_is_one_object_and_nothing_else(capsys):
 
 
 @pytest.mark.slow
-def test_without_names_everything_is_reproduced(capsys, tmp_path, monkeypatch, short):
+def test_without_names_everything_is_reproduced(capsys, tmp_path, monkeypatch, run_before):
     monkeypatch.chdir(tmp_path)
     main(["reproduce", "--json"])
     captured = capsys.readouterr()
@@ -115,7 +142,7 @@ def test_figure_6_needs_no_online_run(capsys, tmp_path, monkeypatch, short):
 
 
 @pytest.mark.slow  # the same pictures as of everything
-def test_figures_7_and_8_bring_the_table_and_both_filters(capsys, tmp_path, short):
+def test_figures_7_and_8_bring_the_table_and_both_filters(capsys, tmp_path, run_before):
     main(["reproduce", "fig8", "--out", str(tmp_path)])
     assert "The actuator: twelve online runs" in capsys.readouterr().out
     assert_pictures(tmp_path, "fig8", "fig8-exact")
@@ -123,7 +150,7 @@ def test_figures_7_and_8_bring_the_table_and_both_filters(capsys, tmp_path, shor
 
 
 @pytest.mark.slow  # the same pictures as above, under another command
-def test_the_demo_in_full_is_the_actuator_experiment(capsys, tmp_path, short):
+def test_the_demo_in_full_is_the_actuator_experiment(capsys, tmp_path, run_before):
     main(["demo", "--full", "--out", str(tmp_path)])
     assert "The actuator: twelve online runs" in capsys.readouterr().out
     assert_pictures(tmp_path, "fig6", "fig7", "fig7-exact", "fig8", "fig8-exact")

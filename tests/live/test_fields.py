@@ -43,7 +43,7 @@ VALUES: dict[str, Any] = {
 #: When: the very first sample, in the start-up, just after it, later.
 TIMES = (0, 47, STARTUP + 5, 248)
 #: With REPLANT_LONG each value comes at all times and with all columns, else all columns come in one format alone, and
-#: each value at each time in one of the cases, by turns; in `make slow` in seven.
+#: each value at each time in one of the cases, by turns; in `make slow` in three.
 LONG = "REPLANT_LONG" in os.environ
 
 #: The columns that a stream may have: input and output, each of the others or not.
@@ -186,7 +186,7 @@ CASES = [
 ]
 
 
-@pytest.mark.parametrize("period", [144, pytest.param(8, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("period", [144, pytest.param(18, marks=pytest.mark.slow)])
 @every(("form", "columns", "field"), CASES, ids=[f"{form}-{''.join(names)}-{field}" for form, names, field in CASES])
 def test_a_number_that_is_misread_once_ends_nothing(
     form: str, columns: tuple[str, ...], field: str, period: int

@@ -90,7 +90,7 @@ MAKERS = [
     (csv_file, ".csv"),
     (lambda: csv_file().decode().encode("utf-16"), ".csv"),
 ]
-TRIES = 3  # of each; 30 in `make slow`
+TRIES = 3  # of each; 12 in `make slow`
 
 
 @pytest.fixture(scope="module")
@@ -99,7 +99,7 @@ def forks() -> Iterator[Forks]:
         yield process
 
 
-@pytest.mark.parametrize("tries", [TRIES, pytest.param(30, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("tries", [TRIES, pytest.param(12, marks=pytest.mark.slow)])
 @every(("make", "suffix"), MAKERS)
 def test_a_damaged_file(make: Callable[[], bytes], suffix: str, tries: int, tmp_path: Path, forks: Forks) -> None:
     """In forks, as a parser may crash; the fuzz's mutants of every format are tried in `test_fuzz`."""

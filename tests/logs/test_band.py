@@ -43,11 +43,13 @@ def test_signals_outside_of_the_band_go_and_those_within_stay() -> None:
 
 @pytest.mark.parametrize("counted", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_drift_that_would_spoil_the_model_is_taken_away(counted: bool) -> None:
-    """In `make slow` beside the model that it spoils, which takes ten times as long to find."""
+    """In `make slow` beside the model that it spoils, of a third of the record: it takes ten times as long to find."""
     drift = 10.0 * np.sin(2.0 * np.pi * 0.005 * DT * np.arange(U.size))  # a twentieth of the edge: 1/400 of it stays
     drifting = rp.Log(U, LOG.output + drift + white_noise(U.size, 0.01, seed=1), DT)
     straight = rp.fit(rp.bandpass(drifting, 0.1), poles=2)
-    assert not counted or rp.fit(drifting, poles=2).simulation.fit < 20.0
+    if counted:
+        spoilt = rp.fit(drifting.input[:2000], drifting.output[:2000], DT, poles=2)
+        assert (np.abs(spoilt.parameters / TRUE - 1.0) > 0.5).all()
     assert straight.simulation.fit > 95.0
     np.testing.assert_allclose(straight.parameters, TRUE, rtol=0.02)
 

@@ -10,12 +10,21 @@ from fuzz.files import run_file
 from fuzz.seeds_of_files import FORMATS
 from support.cases import every
 
-TRIES = 2  # ten times as many in `make slow`, and as many as one likes in `make fuzz`
+TRIES, MORE = 2, 5  # in `make test` and in `make slow`; as many as one likes in `make fuzz`
 
 
-@pytest.mark.parametrize("tries", [TRIES, pytest.param(5 * TRIES, marks=pytest.mark.slow)])
-@every("name", FORMATS, quick=6)
-def test_mutants_of_a_format(name: str, tries: int, capsys: pytest.CaptureFixture[str]) -> None:
+@every("name", [*FORMATS][:: len(FORMATS) // 5])
+def test_mutants_of_some_formats(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    mutants(name, TRIES, capsys)
+
+
+@pytest.mark.slow
+@every("name", FORMATS)
+def test_mutants_of_a_format(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    mutants(name, MORE, capsys)
+
+
+def mutants(name: str, tries: int, capsys: pytest.CaptureFixture[str]) -> None:
     for package in FORMATS[name][2]:
         if importlib.util.find_spec(package.partition(".")[0]) is None:
             pytest.skip(f"{package} is not installed")

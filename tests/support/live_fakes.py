@@ -115,13 +115,14 @@ class JudgingObserver(FakeObserver):
     """Has a verdict on every state that it is handed, at once: what a real one finds, without its delay."""
 
     def hand_over(self, identifier: rp.Identifier, info: SessionInfo, *, learned: bool) -> bool:
-        assessment = identifier.assess()
-        self.view = self.last = SimpleNamespace(
-            verdict=assessment.status,
-            excited=assessment.excited,
-            parameters=identifier.parameters,
-            std=identifier.uncertainty.std,
-        )
+        if learned or self.view is None:  # else it is the state that it was
+            assessment = identifier.assess()
+            self.view = self.last = SimpleNamespace(
+                verdict=assessment.status,
+                excited=assessment.excited,
+                parameters=identifier.parameters,
+                std=identifier.uncertainty.std,
+            )
         return super().hand_over(identifier, info, learned=learned)
 
 

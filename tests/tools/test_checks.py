@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -20,6 +21,13 @@ import docstrings
 import imports
 import pages
 from architecture import Package, circle, levels, reduced
+
+
+@cache
+def whole() -> Package:
+    """The package under test: to parse it takes seconds."""
+    return Package.read()
+
 
 # --- imports
 
@@ -78,7 +86,6 @@ def test_each_fault_of_a_module_is_found(module: str, text: str, fault: str, tmp
 
 
 def test_the_reader_of_imports_sees_every_kind() -> None:
-    whole = Package.read()
     tree = ast.parse(
         "import numpy as np, scipy.signal\nfrom replant.kernels import schema as at\n"
         "from replant.estimation import settings\n"
@@ -88,15 +95,15 @@ def test_the_reader_of_imports_sees_every_kind() -> None:
     )
     early = ["numpy", "scipy.signal", "replant.kernels.schema", "replant.estimation.settings", "replant"]
     early += ["sympy", "pandas", "typing"]
-    assert list(whole.imports(tree, "online.identifier", late=False)) == early
-    assert set(whole.imports(tree, "online.identifier")) == {*early, "control", "pyarrow"}
+    assert list(whole().imports(tree, "online.identifier", late=False)) == early
+    assert set(whole().imports(tree, "online.identifier")) == {*early, "control", "pyarrow"}
     relative = ast.parse("from . import stages\nfrom .stages import step\nfrom ..schema import PAST")
-    assert list(whole.imports(relative, "kernels.step.ensemble")) == [
+    assert list(whole().imports(relative, "kernels.step.ensemble")) == [
         "replant.kernels.step.stages",
         "replant.kernels.step.stages",
         "replant.kernels.schema",
     ]
-    assert list(whole.imports(ast.parse("from .step import stages"), "kernels")) == ["replant.kernels.step.stages"]
+    assert list(whole().imports(ast.parse("from .step import stages"), "kernels")) == ["replant.kernels.step.stages"]
 
 
 def test_levels_and_arrows_of_a_small_graph() -> None:
@@ -114,10 +121,9 @@ def test_the_picture_changes_with_the_folders(tmp_path: Path) -> None:
 
 def test_the_package_that_is_looked_at_is_the_one_under_test_and_has_checks_whose_results_count() -> None:
     """Else the checks of `make lint` would find no fault because they look at nothing."""
-    whole = Package.read()
     assert Path(replant.__file__).parent == architecture.SOURCE
-    assert {"online.identifier", "kernels", "kernels.step"} <= set(whole.files)
-    assert {"positive", "finite", "record"} <= imports._checks(whole)
+    assert {"online.identifier", "kernels", "kernels.step"} <= set(whole().files)
+    assert {"positive", "finite", "record"} <= imports._checks(whole())
 
 
 # --- pages
