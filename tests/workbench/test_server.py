@@ -167,7 +167,6 @@ def test_a_log_that_cannot_be_read_is_said_on_its_page(tmp_path: Path) -> None:
         session.close()
 
 
-@pytest.mark.usefixtures("unrendered")
 def test_a_session_is_saved_to_one_file_and_opened_again(motor: Path, tmp_path: Path) -> None:
     with client(motor) as page:
         page.is_read()
@@ -184,9 +183,6 @@ def test_a_session_is_saved_to_one_file_and_opened_again(motor: Path, tmp_path: 
         assert kept["cards"][0]["model"] == made["model"]
         assert kept["logs"][0]["setup"]["validate_on"] == [[40.0, None]]
         assert page.send("GET", "/models/m2/model.json")[1].decode() == made["model"]
-        report = page.send("POST", "/models/m2/report")
-        assert report[0] == 200
-        assert b"<!doctype html>" in report[1][:40].lower()
         beside = page.ask("compared?log=log1&part=0")["models"]["m2"]
         assert beside["fit"] == pytest.approx(made["found"]["validations"][0]["fit"]["simulated"])
         unseen = made["found"]["validations"][0]["verdict"]["reasons"]
@@ -195,6 +191,19 @@ def test_a_session_is_saved_to_one_file_and_opened_again(motor: Path, tmp_path: 
         assert [each["text"] for each in over_all] == made["found"]["verdict"]["reasons"]  # it has seen them
         assert page.ask("responses")["models"]["m2"]["poles"]
         assert page.ask("conditioned?log=log1&points=50")["samples"] == 4093
+
+
+@pytest.mark.slow
+def test_the_report_of_a_card_is_a_page(motor: Path) -> None:
+    with client(motor) as page:
+        page.is_read()
+        page.do("role", log="log1", column="a", role="input")
+        page.do("role", log="log1", column="b", role="output")
+        page.do("fit", log="log1", wish={"poles": "1", "delay": "0.01"})
+        made = page.card("done")
+        status, report = page.send("POST", f"/models/{made['name']}/report")
+        assert status == 200
+        assert b"<!doctype html>" in report[:40].lower()
 
 
 WHOLE = {"replant_session": 1, "number": 1, "active": "", "order": "made", "shown": [], "logs": [], "cards": []}
