@@ -55,10 +55,11 @@ docs-serve: docs ## the same on http://127.0.0.1:8000
 slow: $(READY)   ## the tests that take longer: the cases that `make test` leaves out, Dask, kills, the built site
 	$(BIN)/pytest -n 4 --dist worksteal -m "slow or hypothesis"
 
-lint: $(READY)   ## style, format, spelling, imports, docstrings, pages; seconds
+lint: $(READY)   ## style, format, spelling, workflow, imports, docstrings, pages; seconds
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/typos docs/ src *.md
+	$(BIN)/zizmor --offline --quiet --no-progress .github
 	$(BIN)/lint-imports --no-cache --no-logo
 	$(BIN)/python tools/imports.py
 	$(BIN)/python tools/docstrings.py
