@@ -7,6 +7,7 @@ import itertools
 import platform
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ sys.path.insert(0, str(ROOT / "tools"))
 from translator.border import VARIANTS
 from translator.library import INSTRUCTIONS, LANES_FLAGS, X86, BuildError, compiler
 
+CPU = Path("/proc/cpuinfo")
 LANES, VALUES = 16, [np.nan, np.inf, -np.inf, 0.0, -0.0, 1.0, -1.0, 2.5]
 #: What is done with lanes, and with doubles, a and b; the lanes a lie at p.
 OPERATIONS = {
@@ -31,8 +33,9 @@ OPERATIONS = {
 SOURCE = f"""
 #include "prelude.h"
 #include "lanes.h"
-#if defined(FEATURE)
-EXPORTED int is_there(void) {{ __builtin_cpu_init(); return __builtin_cpu_supports(FEATURE) != 0; }}
+#if defined(SERVES)
+#include "processor.h"
+EXPORTED int is_there(void) {{ return SERVES(); }}
 #endif
 EXPORTED int within(const double *p, double limit) {{ return all_within(*(const lanes *)p, limit); }}
 EXPORTED void done(const double *p, const double *q, double *of_lanes, double *of_doubles)
@@ -54,9 +57,8 @@ def libraries(tmp_path_factory: pytest.TempPathFactory) -> dict[str, ctypes.CDLL
     """Return what is compiled for each instruction set of this processor."""
     folder, found = tmp_path_factory.mktemp("lanes"), {}
     (folder / "made.c").write_text(SOURCE, "utf-8")
-    features = VARIANTS["lanes"] if platform.machine() in X86 else {}
-    for variant in ("plain", *features):
-        more = [f'-DFEATURE="{features[variant]}"'] if variant in features else []
+    for variant in ("plain", *(VARIANTS["lanes"] if platform.machine() in X86 else ())):
+        more = [] if variant == "plain" else [f"-DSERVES=serves_{variant}"]
         flags = [*LANES_FLAGS, *INSTRUCTIONS[variant], f"-DLANES={LANES}", f"-I{ROOT / 'tools' / 'translator'}", *more]
         made = folder / f"{variant}.so"
         try:
@@ -79,6 +81,13 @@ def library_of(libraries: dict[str, ctypes.CDLL], variant: str) -> ctypes.CDLL:
 def bits(numbers: np.ndarray) -> list[list[int]]:
     """Return the bits of doubles; of what is no number they are not told apart."""
     return np.where(np.isnan(numbers), np.nan, numbers).view(np.int64).tolist()
+
+
+@pytest.mark.skipif(not CPU.exists(), reason="no /proc/cpuinfo: the system does not say what the processor has")
+def test_the_processor_has_what_the_system_says_it_has(libraries: dict[str, ctypes.CDLL]) -> None:
+    """Whichever compiler has built the library; some answer no for every processor."""
+    said = CPU.read_text("ascii").split()
+    assert ("avx2" in libraries, "avx512" in libraries) == ("avx2" in said, "avx512f" in said)
 
 
 @every("variant", INSTRUCTIONS)

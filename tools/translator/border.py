@@ -15,8 +15,8 @@ from translator.program import Program, entry_kinds
 from translator.records import BESIDE
 
 HERE = Path(__file__).parent
-#: The instruction sets for which each file is compiled beside "plain", and what the compiler asks the processor for.
-VARIANTS = {"kernels": {"avx2": "avx2"}, "lanes": {"avx2": "avx2", "avx512": "avx512f"}}
+#: The instruction sets for which each file is compiled beside "plain"; ``processor.h`` asks for each.
+VARIANTS = {"kernels": ("avx2",), "lanes": ("avx2", "avx512")}
 STEP = r"step\.\w+\.step"  # the kernels that take one sample
 TAKER = "typedef double (*taker)(State *, double, double, double, double);"
 #: What Python gives for a state, and what is made of it.
@@ -116,10 +116,10 @@ def choice() -> str:
         kind = "taker" if name == "takers" else "runner"
         lines.append(f"extern const {kind} {', '.join(f'{name}_{variant}[]' for variant in ('plain', *wider))};")
         lines.append(f"static const {kind} *{name} = {name}_plain;")
-        for variant, feature in wider.items():
-            body.append(f'    if (__builtin_cpu_supports("{feature}"))\n        {name} = {name}_{variant};')
-    guarded = ["#if defined(WITH_VARIANTS)", "    __builtin_cpu_init();", *body, "#endif"]
-    return "\n".join([*lines, "", "static void choose(void)", "{", *guarded, "}"])
+        body += [f"    if (serves_{variant}())\n        {name} = {name}_{variant};" for variant in wider]
+    begin, end = "#if defined(WITH_VARIANTS)", "#endif"
+    asked = [begin, (HERE / "processor.h").read_text("utf-8") + end]
+    return "\n".join([*asked, *lines, "", "static void choose(void)", "{", begin, *body, end, "}"])
 
 
 def sources(package: str, root: Path, kernels: list[Any]) -> dict[str, str]:
