@@ -43,6 +43,8 @@ def test_a_fleet_is_identified_reported_and_compared(
     assert len(list((out / "reports").glob("*.html"))) == 2
     page = (out / "report.html").read_text()
     assert page.count('"reports/') == 2
+    code, _, errors = call(capsys, logs, "--by", "file", *COLUMNS, "--out", out, "--reports", "1")  # beside those
+    assert (code, errors) == (0, "")
     code, _, _ = call(capsys, logs, "--by", "file", *COLUMNS, "--out", tmp_path / "new", "--compare", out)
     assert code == 0
     assert "3 rigs were trusted in" in (tmp_path / "new" / "report.html").read_text()
