@@ -4,7 +4,7 @@ const at = id => document.getElementById(id);
 export { at };
 
 export const state = { session: null, open: false };
-let sent = 0, known = 0; // actions that are not answered yet, and the revision of the session that the newest answer told
+let sent = 0, known = 0; // actions that are not answered yet; revision of the session that the newest answer told, of this connection
 const listeners = [];
 /** Have a function called with each new state of the session. */
 export const whenever = listener => listeners.push(listener);
@@ -91,11 +91,14 @@ export function act(name, given = {}) {
   say("");
   sent += 1;
   const done = last.then(async () => {
-    const answer = await answered(`/do/${name}`, { method: "POST", body: JSON.stringify(given) }), found = answer && await answer.json();
-    sent -= 1;
-    known = found?.revision ?? known;
-    if (state.session && !sent) draw();
-    return found;
+    try {
+      const answer = await answered(`/do/${name}`, { method: "POST", body: JSON.stringify(given) }), found = answer && await answer.json();
+      known = found?.revision ?? known;
+      return found;
+    } finally {  // also where the server dies within its answer
+      sent -= 1;
+      if (state.session && !sent) draw();
+    }
   });
   last = done.catch(() => null);
   return done;
@@ -147,14 +150,13 @@ export function connect() {
   socket = new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/live`);
   socket.onmessage = event => {
     const message = JSON.parse(event.data);
-    if (!state.open) { state.open = true; wait = FIRST; say(""); showLink("connected", "connected"); }
+    if (!state.open) { state.open = true; known = 0; wait = FIRST; say(""); showLink("connected", "connected"); }
     if (!message.view) return;
     state.session = message.view;
     draw();
   };
   socket.onclose = event => {
     state.open = false;
-    known = 0; // whoever answers next may have been started anew
     if ([1000, 1001, 1012].includes(event.code)) {  // as it closes itself, or as the server does that stops
       showLink("ended", "ended");
       say("The workbench has ended; the session is kept. Start it again with replant open: this page then comes back.");
