@@ -136,6 +136,19 @@ def test_watchers_leave_room_for_others(hub: Hub) -> None:
         assert ask(served.port, line, *handshake, f"Origin: http://127.0.0.1:{served.port}")[0] == 403
 
 
+def test_a_newcomer_takes_the_place_of_the_oldest_who_does_not_watch(hub: Hub) -> None:
+    with serve(hub) as served, watch(served.port) as watcher:
+        until(watcher, 0)
+        with crowd(served.port, MOST - 1) as (oldest, *others), crowd(served.port, 1):
+            assert is_cut_off(oldest)
+            hub.publish(numbered(1))
+            until(watcher, 1)  # older still, and at work
+            for wire in others:
+                wire.setblocking(False)
+                with pytest.raises(BlockingIOError):  # nothing to read, no end
+                    wire.recv(1)
+
+
 def test_wrong_tokens_do_not_heap_up(hub: Hub, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(security, "MOST_WAITING", 3)
     monkeypatch.setattr(security, "PAUSE", 1.0)
