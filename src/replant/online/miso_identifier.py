@@ -281,7 +281,7 @@ class RowIdentifier(Shared):
         """
         now = self._now
         if now.kept.measured:
-            done = now.solved()
+            done = now.solved(afresh=True)
             # it is solved again when it would have been, or sooner where this was the first model
             self._now = done if now.recursion is None else replace(done, solve_at=now.solve_at, look_at=now.look_at)
 

@@ -20,7 +20,7 @@ import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
-from replant.estimation.solver.miso_change import find_change
+from replant.estimation.solver.miso_change import Judge, find_change
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.estimation.solver.srivc_steps import SOONEST
 from replant.fitting.miso_references import with_outside
@@ -45,6 +45,9 @@ Sensitivity: see origin; halved, it takes twice the time.
 
 # as often as it is solved again, and once in between
 LOOK = math.sqrt(GROWTH)  # growth of the record, as far as it is looked at, after which a change is looked for [ratio]
+
+# the oldest of them is of half of the record
+JUDGES = math.ceil(math.log(2.0) / math.log(GROWTH))  # solutions that judge whether there is a change [count]
 
 REASONS = "not finite", "too large", "not later", "no output"
 ROOM = 256  # rows that there is room for at first [samples]
@@ -127,6 +130,7 @@ class RowState:
     stamped: bool | None = None  # whether samples come with a time stamp; None before the first
     adapts: bool = True
     recursion: RowRecursion | None = None  # None before the first model
+    judges: tuple[Judge, ...] = ()  # the last solutions of the record, the newest last
     findings: tuple[Finding, ...] = ()  # of the last solution
     of_references: tuple[Finding, ...] = ()  # likewise
 
@@ -241,7 +245,7 @@ class RowState:
         doubt = suspected(ready.record, ready.inputs)
         if doubt.any():
             row = Row(row.structures, leaving_out(row.record, doubt), row.inputs, row.names)
-        change = find_change(row, self.parameters)
+        change = find_change(row, self.parameters, self.judges)
         if change is None:
             return new
         at = self.samples - ready.used.size + int(np.flatnonzero(ready.used)[change.begin])
@@ -250,7 +254,7 @@ class RowState:
             loads = (*(each for each in self.loads if each > began), at)
             changed = replace(new, record_began=began, loads=loads).solved()
         else:
-            changed = replace(new, record_began=at, loads=(), afresh_at=0).solved()
+            changed = replace(new, record_began=at, loads=(), afresh_at=0, judges=()).solved()
         if changed.recursion is self.recursion:  # no model was found with it
             return new
         return replace(changed, look_at=changed._next_look)
@@ -259,8 +263,11 @@ class RowState:
     def _next_look(self) -> int:
         return self.samples + max(math.ceil((LOOK - 1.0) * min(self.length, RECENT)), SOONEST)
 
-    def solved(self) -> RowState:
-        """Return the state after the record is solved, where that is possible, and when that is due again."""
+    def solved(self, *, afresh: bool = False) -> RowState:
+        """Return the state after the record is solved, where that is possible, and when that is due again.
+
+        It begins at the present estimate, and ``afresh``, or where something is found against that, at a start, too.
+        """
         whole, starting = self.length <= len(self.kept.values), self.recursion is None
         later = math.ceil(GROWTH * (self.kept.measured if starting else self.length))
         new = replace(self, solve_at=self.record_began + later if later <= RECENT or starting else 0)
@@ -272,7 +279,8 @@ class RowState:
         known, settings = self.recursion, self.settings
         present = known if known is not None and row.is_stable(known.parameters) else None
         solve = partial(solve_with, settings.structures, ready, references, settings.input_names)
-        done, afresh = solve(partial(_begins, present)), present is None
+        afresh = afresh or present is None
+        done = solve(partial(_begins, present, afresh=afresh))
         if not afresh and self.afresh_at <= self.length and not _is_settled(done[1]):
             done, afresh = solve(partial(_begins, present, afresh=True)), True
         new = replace(new, afresh_at=2 * self.length) if afresh else new
@@ -284,6 +292,7 @@ class RowState:
         return replace(
             new, recursion=self._behind(ready, solution.row, solution.found), findings=solution.found.findings,
             of_references=of_references, look_at=new.look_at or self._next_look,
+            judges=(*self.judges, Judge(solution.found.point.theta, solution.found.noise))[-JUDGES:],
         )  # fmt: skip
 
     def _behind(self, ready: RowRecord, row: Row, found: RowEstimate) -> RowRecursion:

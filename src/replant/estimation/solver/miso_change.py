@@ -1,15 +1,20 @@
 """Search for a change within a record of several inputs: of a load, or of the plant.
 
 The scores since each sample tell where one model fits the record worst (`replant.estimation.solver.change_search`): of
-the offset for a load, of the coefficients for the plant.  Since the samples found suppositions then compete, over the
-same outputs and with one noise model:
+the offset for a load, of the coefficients for the plant.  A model that was solved with the change is a bad judge: a
+slow branch follows a load, and an autoregression takes it for noise.  Those that were solved while the record was
+shorter, or of parts of it, judge, too.  Since the samples found suppositions then compete, over the same outputs:
 
     NOTHING   one model, with one offset and one initial state of each branch
-    LOAD      one model; offset and initial states are new since the sample
-    PLANT     a model before and another one since
+    LOAD      one model; since the sample there is a step at the output or at one input, or whatever makes offset and
+              initial states new
+    PLANT     one branch is another one since the sample, or there is a model before and another one since
 
 Each fitted number costs ln(K) / 2 (Bayes' criterion), and either change -ln `ALPHA`: the odds against it before any
-sample.
+sample.  The noise is that of before; NOTHING and a load may have one of their own, as a drift is noise to both.
+
+Whether a load was a load is asked again at each look, as long as it is the newest one: the samples since may tell that
+the plant has changed with it.
 """
 
 from __future__ import annotations
@@ -17,10 +22,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from replant.estimation.simulation.miso import Point, Row, noise_of
+from replant.estimation.simulation.miso import Point, Row, evaluate, noise_of
 from replant.estimation.solver.change_contest import HARMLESS
 from replant.estimation.solver.change_search import worst_begin
 from replant.estimation.solver.known_before import dispersion_of, weighed
@@ -35,6 +41,13 @@ from replant.numerics.linear_algebra import least_norm, quiet
 from replant.numerics.projections import WEAKEST
 
 
+class Judge(NamedTuple):
+    """A model of the record while it was shorter, or of a part of it."""
+
+    theta: FloatArray  # (P,)
+    noise: Autoregression  # what it left
+
+
 @dataclass(frozen=True)
 class Change:
     """What has changed, and how many samples of the row were before."""
@@ -45,8 +58,8 @@ class Change:
 
 
 @quiet
-def find_change(row: Row, theta: FloatArray) -> Change | None:
-    """Return what has changed within the last stretch of a row since it had a model; None where that explains it.
+def find_change(row: Row, theta: FloatArray, judges: Sequence[Judge] = ()) -> Change | None:
+    """Return what has changed within the last stretch of a row, or with its begin; None where one model explains that.
 
     Nor does one say what has changed where references move inputs.
     """
@@ -55,62 +68,181 @@ def find_change(row: Row, theta: FloatArray) -> Change | None:
         return None
     first = row.stretches[-1].rows.start
     newest = row.last(end - first) if first else row
-    found = _likeliest(newest, theta)
-    if found is None or (found.supposition is Supposition.PLANT and _changes_on(newest, found.begin, theta)):
+    found = likeliest_change(newest, theta, judges)
+    if found is None:
+        return plant_change(row, first, theta, judges) if first else None
+    if found.supposition is Supposition.PLANT and _changes_on(newest, found.begin, theta):
         return None
     return replace(found, begin=first + found.begin)
 
 
-def _likeliest(row: Row, theta: FloatArray) -> Change | None:
-    """Return what is surest to have changed in a row of one stretch; None where nothing is."""
-    model = _Fitted.of(row, theta)
-    begins = {model.worst(model.noise(), of_plant=True)}
-    begins = (begins | {model.worst(noise, of_plant=False) for noise in model.noise_of_halves()}) - {0}
+def likeliest_change(
+    row: Row, theta: FloatArray, judges: Sequence[Judge], *, of_any_noise: bool = True
+) -> Change | None:
+    """Return what is surest to have changed in a row of one stretch; None where nothing is.
+
+    Where there may be several changes, what one of them explains is told beside the noise of before alone: any other
+    one takes the rest of them for noise.
+    """
+    begins = set(_suspected(row, theta, judges)) - {0}
     first = _parts(row, min(begins))[0] if begins else row
     if not begins or first.count <= row.nuisances + theta.size:
         return None
-    models, before, noise = _judges(first, theta)
+    before, noise = _model_before(first, theta, judges)
     begins |= {_Fitted.of(row, before).worst(noise, of_plant=False)} - {0}
-    known = _without_unknown(row, begins)
-    claims = [claim for begin in sorted(begins) for claim in _claims(known, begin, models, noise)]
-    if not claims:
+    known = without_unknown(row, begins)
+    found = _surest(known, begins, [theta, before], noise, of_any_noise)
+    if found is None:
         return None
+    # one model may explain all, but be far from these
+    models = [theta, before, *(each.theta for each in start(row.structures, known.record, row.inputs, noise))]
+    return _surest(known, {found.begin}, models, noise, of_any_noise)
+
+
+def _surest(
+    row: Row, begins: set[int], models: list[FloatArray], noise: Autoregression, of_any_noise: bool = True
+) -> Change | None:
+    """Return what is surest to have changed at one of some samples; None where nothing is sure to."""
+    claims = [claim for begin in sorted(begins) for claim in _claims(row, begin, models, noise, of_any_noise)]
     load, plant = (
-        max((each for each in claims if each.supposition is what), key=lambda each: each.evidence)
+        max((each for each in claims if each.supposition is what), key=lambda each: each.evidence, default=None)
         for what in (Supposition.LOAD, Supposition.PLANT)
     )
-    base, part = max(load.evidence, 0.0), _parts(known, plant.begin)[0]
+    if load is None or plant is None:
+        return None
+    base, part = max(load.evidence, 0.0), _parts(row, plant.begin)[0]
     more = weighed(plant.evidence - base, *_dispersion(part, models, noise, row.record.u.size - plant.begin))
-    best = replace(plant, evidence=base + more) if more > 0.0 else load
-    return best if best.evidence > -math.log(ALPHA) else None
+    odds = -math.log(ALPHA)
+    # what a load explains nearly as well is one: it is asked again
+    best = replace(plant, evidence=base + more) if more > (odds if base > odds else 0.0) else load
+    return best if best.evidence > odds else None
 
 
-def _judges(before: Row, theta: FloatArray) -> tuple[list[FloatArray], FloatArray, Autoregression]:
-    """Return where to look for models, the best one of the samples before a change, and the noise that this leaves.
+def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> Iterator[int]:
+    """Yield since when models fit worst; 0 where that may be chance."""
+    model = _Fitted.of(row, theta)
+    yield model.worst(model.noise(), of_plant=True)
+    for noise in model.noise_of_halves():
+        yield model.worst(noise, of_plant=False)
+    for judge in judges:
+        yield model.worst(judge.noise, of_plant=True)
+        yield _Fitted.of(row, judge.theta).worst(judge.noise, of_plant=False)
+
+
+def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge] = ()) -> Change | None:
+    """Return that the plant has changed where a stretch begins; None where the samples on both sides do not tell it."""
+    before, since = parts = _parts(row, begin)
+    if not (before.stretches and since.stretches):
+        return None
+    noise = noise_of(before, evaluate(before, theta, Autoregression.white(1.0, before.count)))
+    least = 0.5 * min(each.size for each in row.structures) * math.log(row.count) - math.log(ALPHA)
+    if sum(_explained_by_a_step(part, theta, noise) for part in parts) < least:
+        return None
+    known, noise = _model_before(before, theta, judges)
+    together, *apart = (_best(each, [theta, known], noise).cost for each in (row, before, since))
+    if all(0.0 < cost < math.inf for cost in (together, *apart)):
+        evidence = 0.5 * row.count * math.log(together / sum(apart)) - 0.5 * theta.size * math.log(row.count)
+        if evidence > -math.log(ALPHA):
+            return Change(Supposition.PLANT, begin, evidence)
+    if begin not in row.record.begins:  # but behind a gap, which a branch cannot be followed over
+        return None
+    first = max(each.rows.start for each in row.stretches if each.rows.start < begin)
+    end = min(each.rows.stop for each in row.stretches if each.rows.stop > begin)
+    record = replace(row.record.part(slice(first, end)), begins=())
+    joined = without_unknown(Row(row.structures, record, row.inputs[first:end], row.names), {begin - first})
+    found = _surest(joined, {begin - first}, [theta, known], noise)
+    return replace(found, begin=begin) if found is not None and found.supposition is Supposition.PLANT else None
+
+
+def _explained_by_a_step(row: Row, theta: FloatArray, noise: Autoregression) -> float:
+    """Return how much likelier one step from a model makes a row, to first order."""
+    point = evaluate(row, theta, noise)
+    told = np.sum([phi.T @ error for phi, error in zip(point.phi, point.error, strict=True)], axis=0)
+    return 0.5 * row.count * float(told @ least_norm(point.information, told, WEAKEST)[0]) / point.cost
+
+
+def _model_before(before: Row, theta: FloatArray, judges: Sequence[Judge]) -> tuple[FloatArray, Autoregression]:
+    """Return the best model of the samples before a change, and the noise that it leaves.
 
     A model that the change has led astray is no judge of it, nor is its noise: it takes the change for noise.
     """
-    models, noise = [theta], Autoregression.white(1.0, before.count)
+    models, noise = [theta, *(judge.theta for judge in judges)], Autoregression.white(1.0, before.count)
     for _ in range(2):
-        models += [each.theta for each in start(before.structures, before.record, before.inputs, noise)[:1]]
+        if not judges:
+            models += [each.theta for each in start(before.structures, before.record, before.inputs, noise)[:1]]
         point = _best(before, models, noise)
         noise = noise_of(before, point)
-    return models, point.theta, noise
+    return point.theta, noise
 
 
-def _claims(row: Row, begin: int, models: list[FloatArray], noise: Autoregression) -> Iterator[Change]:
+def _claims(
+    row: Row, begin: int, models: list[FloatArray], noise: Autoregression, of_any_noise: bool
+) -> Iterator[Change]:
     """Yield what a load and another plant since a sample explain, where the samples tell."""
     parts, numbers = _parts(row, begin), row.nuisances + models[0].size
     if any(part.count <= numbers for part in parts):
         return
     broken = Row(row.structures, replace(row.record, begins=(begin,)), row.inputs, row.names)
-    before, since, nothing, load = (_best(each, models, noise).cost for each in (*parts, row, broken))
-    if not all(0.0 < cost < math.inf for cost in (nothing, load, before + since)):
-        return
-    fitted = (Supposition.LOAD, load, row.nuisances), (Supposition.PLANT, before + since, numbers)
+    before, since, load = (_best(each, models, noise) for each in (*parts, broken))
+    nothing = _best(row, [*models, load.theta, since.theta], noise)
+    fitted = [
+        (Supposition.LOAD, load.cost, row.nuisances),
+        (Supposition.LOAD, _cost_of_step(row, begin, load.theta, noise), 1),
+        (Supposition.PLANT, before.cost + since.cost, numbers),
+        *((Supposition.PLANT, *each) for each in _costs_of_branches(row, begin, nothing.theta, noise)),
+    ]
+    usual = nothing.cost
+    if of_any_noise:
+        usual, _ = _with_own_noise(row, nothing, noise)
+        shifted, own = _with_own_noise(broken, load, noise)
+        step = _cost_of_step(row, begin, load.theta, own) * worth_of_lags(row, own, noise)
+        fitted += [(Supposition.LOAD, shifted, row.nuisances), (Supposition.LOAD, step, 1)]
     for supposition, cost, count in fitted:
-        evidence = 0.5 * row.count * math.log(nothing / cost) - 0.5 * count * math.log(row.count)
-        yield Change(supposition, begin, evidence)
+        if 0.0 < cost < math.inf and 0.0 < usual < math.inf:
+            evidence = 0.5 * row.count * math.log(usual / cost) - 0.5 * count * math.log(row.count)
+            yield Change(supposition, begin, evidence)
+
+
+def _with_own_noise(row: Row, point: Point, noise: Autoregression) -> tuple[float, Autoregression]:
+    """Return the cost of a model with the noise that it leaves, where that is less, and this noise."""
+    own = noise_of(row, point)
+    return min(point.cost, refine(row, point.theta, own, point).cost * worth_of_lags(row, own, noise)), own
+
+
+def worth_of_lags(row: Row, own: Autoregression, noise: Autoregression) -> float:
+    """Return by how many times a noise model with more lags than another one must make a cost less."""
+    return float(row.count ** (max(own.order - noise.order, 0) / row.count))
+
+
+def _cost_of_step(row: Row, begin: int, theta: FloatArray, noise: Autoregression) -> float:
+    """Return the cost of a model whose load is a step since a sample: at the output, or at one input."""
+    (stretch,) = row.stretches
+    model = _Fitted.of(row, theta)
+    columns, error = model.whitened(noise)
+    step = (np.arange(error.size) >= begin).astype(float)
+    driven = Row(row.structures, row.record, np.repeat(step[:, None], len(row.structures), axis=1))
+    answers = driven.signals(theta, driven.stretches[0], np.zeros(row.nuisances - 1))[0]
+    steps, free = row.whitened(noise, np.column_stack([step, answers]), stretch), columns[:, model.size :]
+    left = np.column_stack([steps, error])
+    left = left - free @ least_norm(free, left, WEAKEST)[0]
+    steps, error = left[:, :-1], left[:, -1]
+    lengths = np.einsum("kt,kt->t", steps, steps)
+    explained = (error @ steps) ** 2 / np.where(lengths > 0.0, lengths, np.inf)
+    return float(error @ error - explained.max())
+
+
+def _costs_of_branches(row: Row, begin: int, theta: FloatArray, noise: Autoregression) -> Iterator[tuple[float, int]]:
+    """Yield the cost of another branch since a sample, and how many numbers it has, for each of the branches.
+
+    An input moves the old branch until then, and the new one since; what the old one has kept dies out as it does.
+    """
+    centred = row.inputs - row.inputs.mean(axis=0)
+    is_since = np.arange(len(centred)) >= begin
+    for number, (structure, branch) in enumerate(zip(row.structures, row.branches(theta), strict=True)):
+        inputs = np.column_stack([centred, np.where(is_since, centred[:, number], 0.0)])
+        inputs[is_since, number] = 0.0
+        both = Row((*row.structures, structure), row.record, inputs)
+        yield refine(both, np.concatenate([theta, branch]), noise).cost, structure.size + structure.poles
 
 
 def _dispersion(before: Row, models: Sequence[FloatArray], noise: Autoregression, length: int) -> tuple[float, float]:
@@ -191,7 +323,7 @@ def _parts(row: Row, begin: int) -> tuple[Row, Row]:
     return before, row.last(row.record.u.size - begin)
 
 
-def _without_unknown(row: Row, begins: set[int]) -> Row:
+def without_unknown(row: Row, begins: set[int]) -> Row:
     """Return the row without outputs that answer, since some samples, to inputs before these.
 
     A stretch begun at any of them has none of these; so all suppositions are told by the same outputs.

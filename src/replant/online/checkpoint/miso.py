@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 from replant.errors import DamagedCheckpointError
 from replant.estimation.simulation.branches import Branches
 from replant.estimation.simulation.exogenous import Law
+from replant.estimation.solver.miso_change import Judge
 from replant.kernels.schema import LAGS, LAGUERRE
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of
@@ -17,7 +19,7 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import duration
 from replant.online.checkpoint.encoding import ARRAYS, ROW, described
 from replant.online.miso_recursion import Instruments, RowRecursion
-from replant.online.miso_state import RowHistory, RowSettings, RowState
+from replant.online.miso_state import JUDGES, RowHistory, RowSettings, RowState
 from replant.verdict.verdict import STATUSES, Finding
 
 #: The fields of a recursion that are arrays, and those that are numbers.
@@ -46,15 +48,20 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
     if known is not None:
         arrays |= {name: getattr(known, name) for name in VECTORS}
         arrays["numbers"] = np.array([getattr(known, name) for name in NUMBERS])
-        arrays |= {f"noise.{name}": getattr(known.noise, name) for name in OF_NOISE}
-        arrays["noise"] = np.array([known.noise.power, known.noise.count])
-        arrays |= _of_branches(known.models)
+        arrays |= _of_noise(known.noise) | _of_branches(known.models)
         if (made := known.instruments) is not None:
             arrays |= {f"instruments.{name}": getattr(made, name) for name in OF_INSTRUMENTS}
             arrays["instruments.is_moved"] = made.is_moved.astype(np.int64)
             arrays |= {f"law.{name}": getattr(made.law, name) for name in OF_LAW}
             arrays |= _of_branches(made.models, "instruments.")
+    for number, judge in enumerate(state.judges):
+        arrays |= {f"judges.{number}.theta": judge.theta} | _of_noise(judge.noise, f"judges.{number}.")
     return plain, arrays
+
+
+def _of_noise(noise: Autoregression, before: str = "") -> dict[str, Any]:
+    fields = {f"{before}noise.{name}": getattr(noise, name) for name in OF_NOISE}
+    return {**fields, f"{before}noise": np.array([noise.power, noise.count])}
 
 
 def _findings(plain: list[list[Any]]) -> tuple[Finding, ...]:
@@ -104,6 +111,7 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
         stamped=plain["stamped"], adapts=bool(plain["adapts"]), **{name: plain[name] for name in COUNTS}, loads=loads,
         findings=_findings(findings["findings"]), of_references=_findings(findings["of_references"]),
         recursion=_recursion(structures, hold, references, arrays) if arrays else None,
+        judges=tuple(_judges(structures, arrays)),
     )  # fmt: skip
 
 
@@ -111,29 +119,46 @@ def _recursion(
     structures: tuple[Structure, ...], hold: str, references: int, arrays: dict[str, FloatArray]
 ) -> RowRecursion:
     coefficients, states = sum(each.size for each in structures), 1 + sum(each.poles for each in structures)
-    size, lags = coefficients + states, LAGS + 1
+    size = coefficients + states
     shapes = {
         "theta": (coefficients,), "weights": (states,), "scale": (coefficients,), "origin": (len(structures),),
         "tail": (LAGS, size + 1), "delta": (size,), "factor": (size, size), "diagonal": (size,), "counts": (3,),
-        "squares": (1,), "numbers": (len(NUMBERS),), "noise.models": (lags, lags), "noise.powers": (lags,),
-        "noise.sums": (lags, lags), "noise": (2,),
+        "squares": (1,), "numbers": (len(NUMBERS),),
     }  # fmt: skip
     for name, shape in shapes.items():
         _check(name, arrays[name], shape)
     if arrays["counts"].dtype.kind != "i" or not 0 <= arrays["counts"][0] <= LAGS:
         raise DamagedCheckpointError("its counts are not valid")
-    order = arrays["noise.coefficients"].size - 1
-    if not 0 <= order <= LAGS or not (arrays["diagonal"] >= 0.0).all():
+    if not (arrays["diagonal"] >= 0.0).all():
         raise DamagedCheckpointError("its numbers are not valid")
     numbers = dict(zip(NUMBERS, arrays["numbers"].tolist(), strict=True))
     models = _branches(structures, numbers["dt"], hold, arrays)
-    power, count = arrays["noise"].tolist()
-    noise = Autoregression(power=power, count=count, **{name: arrays[f"noise.{name}"] for name in OF_NOISE})
     fields: dict[str, Any] = {**numbers, **{name: arrays[name] for name in VECTORS}}
     instruments = None
     if "instruments.tail" in arrays:
         instruments = _instruments(structures, numbers["dt"], hold, references, arrays, size)
-    return RowRecursion(noise=noise, models=models, instruments=instruments, **fields)
+    return RowRecursion(noise=_noise(arrays), models=models, instruments=instruments, **fields)
+
+
+def _noise(arrays: dict[str, FloatArray], before: str = "") -> Autoregression:
+    noise, lags = {name: arrays[f"{before}noise.{name}"] for name in OF_NOISE}, LAGS + 1
+    order = noise["coefficients"].size - 1
+    shapes = {"coefficients": (order + 1,), "models": (lags, lags), "powers": (lags,), "sums": (lags, lags)}
+    for name, shape in shapes.items():
+        _check(f"{before}noise.{name}", noise[name], shape)
+    numbers = arrays[f"{before}noise"]
+    _check(f"{before}noise", numbers, (2,))
+    if not 0 <= order <= LAGS:
+        raise DamagedCheckpointError("its numbers are not valid")
+    return Autoregression(power=float(numbers[0]), count=float(numbers[1]), **noise)
+
+
+def _judges(structures: tuple[Structure, ...], arrays: dict[str, FloatArray]) -> Iterator[Judge]:
+    for number in range(JUDGES):  # checkpoints of before have none
+        theta = arrays.get(f"judges.{number}.theta")
+        if theta is not None:
+            _check("judges", theta, (sum(each.size for each in structures),))
+            yield Judge(theta, _noise(arrays, f"judges.{number}."))
 
 
 def _branches(
