@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -11,8 +11,9 @@ from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.fitting.fields import Provenance
 from replant.fitting.miso_model import RowModel, one_step_percent
+from replant.fitting.miso_parted import solve_parted
 from replant.fitting.miso_references import held, references_of
-from replant.fitting.miso_solve import RowEstimate, solve_with
+from replant.fitting.miso_solve import RowEstimate
 from replant.fitting.miso_verdict import judged
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
@@ -46,6 +47,8 @@ class RowFit:
         plant answers to inputs from before the record or a gap.
     outliers, stuck, missing : (N,) arrays of int
         Outputs that were left out: outliers, those of a sensor that is stuck or at its limit, those that are NaN.
+    loads : (N,) array of int
+        Samples since which another load acts: offset and initial states are other ones.
     """
 
     model: RowModel
@@ -53,6 +56,7 @@ class RowFit:
     outliers: IntArray
     stuck: IntArray
     missing: IntArray
+    loads: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
     def transfer_functions(self) -> tuple[TransferFunction, ...]:
@@ -157,7 +161,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     ready, structures, references = ready_row(given, poles, zeros, delay)
     columns, output, dt = columns_of(given.inputs), vector("y", given.y), duration("dt", given.dt)
     names = given.input_names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
-    ready, solution, of_references = solve_with(structures, ready, references, names)
+    ready, solution, findings, loads = solve_parted(structures, ready, references, names)
     if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
     row, found, _ = solution
@@ -167,7 +171,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
     others = [
         *found.findings,
-        *of_references,
+        *findings,
         *left_out(row, found.point, found.noise, rest),
         *left_out_finding(stuck.size),
     ]
@@ -178,7 +182,8 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     model = row_model(row, ready, found, dt, given.output_name, fits, verdict, made)
     rejected = screen(np.abs(columns).max(axis=1), output)[1] | {"outlier": outliers.size, "stuck": stuck.size}
     missing = np.flatnonzero((doubt == Doubt.MISSING) & ready.used)
-    return RowFit(replace(model, rejected=tuple(rejected.items())), simulated, outliers, stuck, missing)
+    begins = np.flatnonzero(ready.used)[list(loads)]
+    return RowFit(replace(model, rejected=tuple(rejected.items())), simulated, outliers, stuck, missing, begins)
 
 
 def row_model(

@@ -37,7 +37,7 @@ from replant.verdict.evidence import LEAST_POWER, RESTING, Evidence, Runs
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
 from replant.verdict.loop_tests import COLOURED, Loop, Reference, unexplained_by_reference
 from replant.verdict.score_test import NEGLIGIBLE, unexplained, unexplained_before
-from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, duration, percent
+from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, percent
 
 POOREST_FIT = 10.0  # simulated fit below which the input explains next to nothing: noise has four times its power [%]
 WORST_FIT = -1000.0  # simulated fit below which fits are not told apart in words [%]
@@ -147,8 +147,7 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
         evidence.undecided,
     )
     if evidence.since_change:
-        reason = f"the plant seems to have changed {duration(evidence.seconds(evidence.since_change))} before the end"
-        findings.append(Finding("inconsistent", f"{reason}: identify the parts before and since by themselves"))
+        findings.append(record_tests.changed_finding(evidence.seconds(evidence.since_change)))
     return findings
 
 

@@ -196,6 +196,19 @@ def stuck_finding(
     return []
 
 
+def changed_finding(seconds: float) -> Finding:
+    """Return the finding that no one model explains a record, so long before its end."""
+    reason = f"the plant seems to have changed {duration(seconds)} before the end"
+    return Finding("inconsistent", f"{reason}: identify the parts before and since by themselves")
+
+
+def load_finding(seconds: list[float]) -> list[Finding]:
+    """Return what a solution says of loads that were found so long after the first sample."""
+    after = ", ".join(duration(each) for each in seconds)
+    reason = f"another load acts since {after} after the first sample: offset and initial state are new there"
+    return [Finding("trusted", reason)] if seconds else []
+
+
 def left_out_finding(samples: int) -> list[Finding]:
     """Return what a solution says of so many outputs that it was made without, because the sensor gave none."""
     if not samples:

@@ -1,0 +1,134 @@
+"""Several inputs: loads that come again and again, and a change of one branch that looks like a load at first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import chi2_quantile
+from support.cases import every
+
+DT, SAMPLES = 0.05, 5000
+FAST, SLOW = rp.TransferFunction([10.0], [1.0, 11.0, 10.0]), rp.TransferFunction([0.1], [1.0, 0.1], delay=0.3)
+TRUE = np.array([11.0, 10.0, 10.0, 0.1, 0.1])
+LOADS, SIZES = (1150, 2700, 4000), (1.0, -1.0, 0.8)
+NEAR, TOGGLED = 60, 300  # samples that tell a load from the noise, and in which the slow input toggles thrice
+
+
+def inputs(seed: int) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    return np.column_stack([rng.choice([-1.0, 1.0], SAMPLES // hold).repeat(hold) for hold in (20, 100)])
+
+
+def answer(u: FloatArray, slow: rp.TransferFunction = SLOW) -> FloatArray:
+    return np.asarray(FAST.simulate(u[:, 0].copy(), DT) + slow.simulate(u[:, 1].copy(), DT))
+
+
+def noisy(seed: int, y: FloatArray, pole: float) -> FloatArray:
+    noise = np.random.default_rng([seed, 1]).standard_normal(y.size)
+    for k in range(1, y.size):
+        noise[k] = pole * noise[k - 1] + np.sqrt(1.0 - pole**2) * noise[k]
+    return y + 0.3 * noise
+
+
+def identified(u: FloatArray, y: FloatArray) -> Any:
+    ident = rp.Identifier(poles=(2, 1), delay=(0.0, 0.3), dt=DT)
+    ident.update_many(u, y)
+    return ident
+
+
+def distance(ident: Any, true: FloatArray) -> float:
+    error = ident.parameters - true
+    return float(error @ np.linalg.solve(ident.covariance, error))
+
+
+def steps() -> FloatArray:
+    """What the loads add to the output."""
+    return np.asarray(
+        np.sum([size * (np.arange(SAMPLES) >= at) for size, at in zip(SIZES, LOADS, strict=True)], axis=0)
+    )
+
+
+def changed_at(u: FloatArray, at: int) -> FloatArray:
+    """The output where the pole of one branch is doubled, its gain kept."""
+    y = answer(u)
+    y[at:] = answer(u, rp.TransferFunction([0.2], [1.0, 0.2], delay=0.3))[at:]
+    return y
+
+
+def finds(loads: Sequence[int], begins: Sequence[int]) -> bool:
+    return len(loads) == len(begins) and all(abs(a - b) <= NEAR for a, b in zip(loads, begins, strict=True))
+
+
+@every("seed", range(4), quick=1)
+def test_each_of_several_loads_is_found(seed: int) -> None:
+    """A slow branch follows a load that it was solved with, so that later ones are missed, and the pole is wrong."""
+    u = inputs(seed)
+    ident = identified(u, noisy(seed, answer(u) + steps(), 0.0))
+    assert finds(LOADS, ident.begins[1:])
+    assert distance(ident, TRUE) < chi2_quantile(0.9999, TRUE.size)
+    assert ident.assess().status == "trusted"
+
+
+@pytest.mark.slow
+def test_a_load_at_an_input_is_found() -> None:
+    u = inputs(5)
+    load = np.where(np.arange(SAMPLES) >= 2500, 0.8, 0.0)
+    ident = identified(u, noisy(5, answer(u) + SLOW.simulate(load, DT), 0.9))
+    assert len(ident.begins) == 2
+    assert distance(ident, TRUE) < chi2_quantile(0.9999, TRUE.size)
+
+
+@every("seed", range(8), quick=1)
+def test_one_branch_that_changes_is_learned_anew(seed: int) -> None:
+    """The first samples since are explained by a load as well."""
+    u, at = inputs(seed), 2100
+    ident = identified(u, noisy(seed, changed_at(u, at), 0.0))
+    (begin,) = ident.begins
+    assert abs(begin - at) <= TOGGLED
+    assert distance(ident, np.array([11.0, 10.0, 10.0, 0.2, 0.2])) < chi2_quantile(0.9999, TRUE.size)
+    assert ident.assess().status == "trusted"
+
+
+@pytest.mark.slow
+def test_a_load_that_was_one_stays_one() -> None:
+    u = inputs(6)
+    y = noisy(6, answer(u) + np.where(np.arange(SAMPLES) >= 1500, 1.0, 0.0), 0.0)
+    ident = identified(u, y)
+    assert finds((1500,), ident.begins[1:])
+    assert ident.parameters == pytest.approx(TRUE, rel=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_fit_parts_a_record_at_its_loads(seed: int) -> None:
+    u = inputs(seed)
+    y = noisy(seed, answer(u) + steps(), 0.0)
+    fitted = rp.fit(u, y, DT, poles=(2, 1), delay=(0.0, 0.3))
+    assert finds(LOADS, fitted.loads)
+    assert distance(fitted, TRUE) < chi2_quantile(0.9999, TRUE.size)
+    assert fitted.verdict.status == "trusted"
+    assert any(reason.startswith("another load acts since 57.") for reason in fitted.verdict.reasons)
+    left = y - fitted.output
+    assert np.nanstd(left) < 1.1 * np.sqrt(fitted.noise.residual_variance)
+
+
+@every("seed", range(3), quick=1)
+def test_fit_says_that_the_plant_has_changed(seed: int) -> None:
+    u, at = inputs(seed), 2100
+    fitted = rp.fit(u, noisy(seed, changed_at(u, at), 0.0), DT, poles=(2, 1), delay=(0.0, 0.3))
+    assert fitted.verdict.status == "inconsistent"
+    assert any("the plant seems to have changed" in reason for reason in fitted.verdict.reasons)
+
+
+@every("seed", range(4), quick=1)
+def test_a_record_without_a_change_is_not_parted(seed: int) -> None:
+    u = inputs(seed)
+    fitted = rp.fit(u, noisy(seed, answer(u), [0.0, 0.9][seed % 2]), DT, poles=(2, 1), delay=(0.0, 0.3))
+    assert not fitted.loads.size
+    assert not any("load" in reason or "changed" in reason for reason in fitted.verdict.reasons)
