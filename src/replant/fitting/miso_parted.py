@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 from replant.estimation.simulation.miso import RowRecord
-from replant.estimation.solver.miso_breaks import MOST, are_sure, find_break, find_plant_change
+from replant.estimation.solver.miso_breaks import PARTS, are_sure, find_break, find_plant_change
 from replant.estimation.solver.miso_change import Judge
-from replant.fitting.miso_solve import RowSolution, solve_with
+from replant.fitting.miso_solve import RowSolution, begun_at, solve_with
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.verdict.record_tests import changed_finding, load_finding
@@ -29,14 +30,20 @@ def solve_parted(
 ) -> Parted:
     """Return the estimate of a record, see `solve_with`, and what has changed within it."""
     whole = found = Parted(*solve_with(structures, ready, references, names), ())
-    while found.solution is not None and len(found.loads) < MOST:
+    without: set[tuple[int, int]] = set()
+    while found.solution is not None:
         row, estimate, _ = found.solution
-        change = find_break(row, estimate.point.theta, estimate.noise)
+        change = find_break(row, estimate.point.theta, estimate.noise, without)
         if change is None:
             break
+        if len(found.loads) == PARTS:
+            return whole
         loads = tuple(sorted((*found.loads, change.begin)))
         record = replace(ready.record, begins=tuple(sorted({*ready.record.begins, *loads})))
-        found = Parted(*solve_with(structures, replace(ready, record=record), references, names), loads)
+        begins = partial(begun_at, estimate.point.theta)
+        found = Parted(*solve_with(structures, replace(ready, record=record), references, names, begins), loads)
+    if found.loads:
+        found = Parted(*solve_with(structures, found.ready, references, names), found.loads)
     if not found.loads or found.solution is None or whole.solution is None:
         return whole
     kept = found if _are_sure(found.solution, whole.solution, found.loads) else whole

@@ -91,6 +91,11 @@ def started(row: Row) -> Callable[[Autoregression], list[Point]]:
     return partial(start, row.structures, row.record, row.from_outside.inputs)
 
 
+def begun_at(theta: FloatArray, row: Row) -> Callable[[Autoregression], list[Point]]:
+    """Return what begins with a row at a model."""
+    return lambda noise: [evaluate(row.from_outside, theta, noise)]
+
+
 def solve_record(
     structures: tuple[Structure, ...], ready: RowRecord, names: tuple[str, ...], begins_of: Begins = started
 ) -> RowSolution | None:
@@ -103,7 +108,7 @@ def solve_record(
     as_it_came = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
     for _ in range(solve.ROUNDS):
         row = Row(structures, solve.leaving_out(record, doubt), ready.inputs, names, ready.outside)
-        again = begins_of(row) if solution is None else partial(_at, row, solution.found.point.theta)
+        again = begins_of(row) if solution is None else begun_at(solution.found.point.theta, row)
         begins = [begin for begin in again(white) if math.isfinite(begin.cost)] if row.record.count else []
         if not begins and (doubt != as_it_came).any() and solution is None:
             doubt = as_it_came
@@ -142,10 +147,6 @@ def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -
     """Return the `Doubt` in each output (J,) of a record by a model of it."""
     modelled = ready.simulated(row, point, noise)[ready.used] - ready.level
     return solve.doubted(ready.record, modelled, noise.coefficients, ready.inputs)
-
-
-def _at(row: Row, theta: FloatArray, noise: Autoregression) -> list[Point]:
-    return [evaluate(row.from_outside, theta, noise)]
 
 
 def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> RowEstimate:

@@ -98,29 +98,35 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
 
 
 def worst_begin(score: FloatArray, white: FloatArray, size: int, fewest: int, count: int) -> int:
-    """Return the sample since which ``size`` entries of a model fit worst; 0 where that may be chance.
+    """Return the sample since which ``size`` entries of a model fit worst; 0 where that may be chance."""
+    return surest_begin(score, white, size, fewest, count)[0]
+
+
+def surest_begin(score: FloatArray, white: FloatArray, size: int, fewest: int, count: int) -> tuple[int, float]:
+    """Return the sample since which ``size`` entries of a model fit worst, and how sure that is; 0 where it is chance.
 
     ``score`` (K, T) has their whitened slopes, then those of the nuisances, ``white`` (K,) the whitened residual of so
     many outputs.  At least ``fewest`` samples are before and since.
     """
     if white.size < 3 * fewest:
-        return 0
+        return 0, 0.0
     lengths = np.sqrt(np.einsum("kt,kt->t", score, score))
     variance = float(white @ white) / max(count - score.shape[1], 1)
     if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
-        return 0
+        return 0, 0.0
     units = np.where(lengths > 0.0, lengths, 1.0)
     begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))
     largest, begin = _worst(score, white, units, size, begins)
     limit = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance
     if not largest > limit:  # the scatter of blocks only raises the limit
-        return 0
-    if not largest > limit * _scatter(score[:, :size] / units[:size] * white[:, None] / math.sqrt(variance), begin):
-        return 0
+        return 0, 0.0
+    limit *= _scatter(score[:, :size] / units[:size] * white[:, None] / math.sqrt(variance), begin)
+    if not largest > limit:
+        return 0, 0.0
     step = int(begins[1] - begins[0])
     ends = max(begin - step, fewest), min(begin + step, white.size - fewest)
     nearer = np.unique(np.linspace(*ends, BEGINS).astype(int))
-    return _worst(score, white, units, size, nearer)[1]
+    return _worst(score, white, units, size, nearer)[1], largest / limit
 
 
 def _scatter(products: FloatArray, begin: int) -> float:

@@ -26,20 +26,25 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
 
-MOST = 8  # loads of a record: what changes more often is a drift [count]
-PARTS = 4  # parts of a stretch whose models judge it: one has no load in it, unless there are as many [count]
+# with more loads than parts no model may be without one, and what changes so often is a drift
+PARTS = 4  # parts of a stretch whose models judge it [count]
 
 
 @quiet
-def find_break(row: Row, theta: FloatArray, noise: Autoregression) -> Change | None:
+def find_break(row: Row, theta: FloatArray, noise: Autoregression, whole: set[tuple[int, int]]) -> Change | None:
     """Return what is surest to have changed within a stretch of a row; None where one model explains each of them.
 
-    Nor does one say what has changed where references move inputs.
+    Nor does one say what has changed where references move inputs.  Stretches in which nothing has are added to
+    ``whole``, and not looked into again.
     """
-    if row.outside is not None:
-        return None
-    found = (_within(_cut(row, stretch.rows), stretch.rows.start, theta, noise) for stretch in row.stretches)
-    return max((each for each in found if each is not None), key=lambda each: each.evidence, default=None)
+    found = []
+    for begin, end in ((each.rows.start, each.rows.stop) for each in row.stretches if row.outside is None):
+        change = None if (begin, end) in whole else _within(_cut(row, slice(begin, end)), begin, theta, noise)
+        if change is None:
+            whole.add((begin, end))
+        else:
+            found.append(change)
+    return max(found, key=lambda each: each.evidence, default=None)
 
 
 @quiet

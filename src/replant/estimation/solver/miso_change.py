@@ -28,10 +28,10 @@ import numpy as np
 
 from replant.estimation.simulation.miso import Point, Row, evaluate, noise_of
 from replant.estimation.solver.change_contest import HARMLESS
-from replant.estimation.solver.change_search import worst_begin
+from replant.estimation.solver.change_search import surest_begin
 from replant.estimation.solver.known_before import dispersion_of, weighed
 from replant.estimation.solver.miso_start import start
-from replant.estimation.solver.miso_steps import refine
+from replant.estimation.solver.miso_steps import ends_of, path, refine
 from replant.estimation.solver.srivc_steps import SOONEST
 from replant.kernels.schema import Supposition
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -39,6 +39,9 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import least_norm, quiet
 from replant.numerics.projections import WEAKEST
+
+# of 12 records with three loads each 2 to 9 of them serve alike, those of a place once alone worse
+SUSPECTED = 3  # samples since which suppositions compete, where the scores do [count]
 
 
 class Judge(NamedTuple):
@@ -81,10 +84,10 @@ def likeliest_change(
 ) -> Change | None:
     """Return what is surest to have changed in a row of one stretch; None where nothing is.
 
-    Where there may be several changes, what one of them explains is told beside the noise of before alone: any other
-    one takes the rest of them for noise.
+    Where there may be several changes, what one of them explains is told beside the noise of before alone, near the
+    models at hand: what no change leaves would take the others for noise.  They are asked for together, then.
     """
-    begins = set(_suspected(row, theta, judges)) - {0}
+    begins = set(_suspected(row, theta, judges))
     first = _parts(row, min(begins))[0] if begins else row
     if not begins or first.count <= row.nuisances + theta.size:
         return None
@@ -92,11 +95,11 @@ def likeliest_change(
     begins |= {_Fitted.of(row, before).worst(noise, of_plant=False)} - {0}
     known = without_unknown(row, begins)
     found = _surest(known, begins, [theta, before], noise, of_any_noise)
-    if found is None:
-        return None
+    if found is None or not of_any_noise:
+        return found
     # one model may explain all, but be far from these
     models = [theta, before, *(each.theta for each in start(row.structures, known.record, row.inputs, noise))]
-    return _surest(known, {found.begin}, models, noise, of_any_noise)
+    return _surest(known, {found.begin}, models, noise)
 
 
 def _surest(
@@ -118,15 +121,19 @@ def _surest(
     return best if best.evidence > odds else None
 
 
-def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> Iterator[int]:
-    """Yield since when models fit worst; 0 where that may be chance."""
+def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> list[int]:
+    """Return since when models fit worst, the surest first, at most `SUSPECTED` of them."""
     model = _Fitted.of(row, theta)
-    yield model.worst(model.noise(), of_plant=True)
-    for noise in model.noise_of_halves():
-        yield model.worst(noise, of_plant=False)
+    found = [model.surest(model.noise(), of_plant=True)]
+    found += [model.surest(noise, of_plant=False) for noise in model.noise_of_halves()]
     for judge in judges:
-        yield model.worst(judge.noise, of_plant=True)
-        yield _Fitted.of(row, judge.theta).worst(judge.noise, of_plant=False)
+        found.append(model.surest(judge.noise, of_plant=True))
+        found.append(_Fitted.of(row, judge.theta).surest(judge.noise, of_plant=False))
+    begins: list[int] = []
+    for begin, _ in sorted(found, key=lambda each: -each[1]):
+        if begin and begin not in begins:
+            begins.append(begin)
+    return begins[:SUSPECTED]
 
 
 def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge] = ()) -> Change | None:
@@ -255,7 +262,7 @@ def _dispersion(before: Row, models: Sequence[FloatArray], noise: Autoregression
 
 def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression) -> Point:
     """Return the point of least cost that steps from some models lead to."""
-    return min((refine(row, theta, noise) for theta in models), key=lambda point: point.cost)
+    return min(ends_of(row, (path(row, theta, noise) for theta in models)), key=lambda point: point.cost)
 
 
 def _changes_on(row: Row, begin: int, theta: FloatArray) -> bool:
@@ -307,14 +314,18 @@ class _Fitted:
 
     def worst(self, noise: Autoregression, *, of_plant: bool) -> int:
         """Return the sample since which coefficients or offset fit worst; 0 where that may be chance."""
+        return self.surest(noise, of_plant=of_plant)[0]
+
+    def surest(self, noise: Autoregression, *, of_plant: bool) -> tuple[int, float]:
+        """Return the same, and how sure it is."""
         (stretch,) = self.row.stretches
         if float(np.std(self.error)) < HARMLESS * float(np.std(stretch.y[stretch.measured])):
-            return 0
+            return 0, 0.0
         score, white = self.whitened(noise)
         if not of_plant:
             score = np.ascontiguousarray(score[:, self.size : self.size + 1])
         fewest = _fewest(self.row, self.size)
-        return worst_begin(score, white, self.size if of_plant else 1, fewest, self.row.count)
+        return surest_begin(score, white, self.size if of_plant else 1, fewest, self.row.count)
 
 
 def _parts(row: Row, begin: int) -> tuple[Row, Row]:
