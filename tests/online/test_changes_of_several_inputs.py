@@ -65,7 +65,8 @@ def finds(loads: Sequence[int], begins: Sequence[int]) -> bool:
     return len(loads) == len(begins) and all(abs(a - b) <= NEAR for a, b in zip(loads, begins, strict=True))
 
 
-@every("seed", range(4), quick=1)
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
 def test_each_of_several_loads_is_found(seed: int) -> None:
     """A slow branch follows a load that it was solved with, so that later ones are missed, and the pole is wrong."""
     u = inputs(seed)
@@ -118,7 +119,8 @@ def test_fit_parts_a_record_at_its_loads(seed: int) -> None:
     assert np.nanstd(left) < 1.1 * np.sqrt(fitted.noise.residual_variance)
 
 
-@every("seed", range(3), quick=1)
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
 def test_fit_says_that_the_plant_has_changed(seed: int) -> None:
     u, at = inputs(seed), 2100
     fitted = rp.fit(u, noisy(seed, changed_at(u, at), 0.0), DT, poles=(2, 1), delay=(0.0, 0.3))
