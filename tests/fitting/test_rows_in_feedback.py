@@ -21,6 +21,7 @@ from support.cases import every
 from support.rows_in_feedback import ASKED, DT, PLANT, SAMPLES, TRUE, distance, looped
 
 
+@pytest.mark.slow
 @every("load, pole", [(False, 0.0), (False, 0.9), (True, 0.95)])
 def test_with_a_reference_the_estimate_is_right_under_any_noise(load: bool, pole: float) -> None:
     u, y, r = looped(0, load=load, pole=pole)

@@ -51,6 +51,7 @@ def test_the_joint_covariance_is_that_of_the_errors(pole: float, correlation: fl
     assert least < total < 1.33 * most
 
 
+@pytest.mark.slow
 def test_lost_outputs_inputs_and_a_gap_cost_what_they_told() -> None:
     u = toggling(2)
     y = noisy(2, row_of(u, FAST, SLOW))
@@ -124,6 +125,7 @@ def test_the_text_names_each_input_and_the_verdict() -> None:
     assert "u2: 0.2 / (s + 0.1) exp(-0.3 s)" in text
 
 
+@pytest.mark.slow
 def test_each_of_several_logs_has_an_offset_and_initial_states_of_its_own() -> None:
     logs = []
     for seed in range(4):
