@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from replant.estimation.simulation.miso import Row, RowRecord
-from replant.estimation.solver.miso_change import find_change
+from replant.estimation.solver.miso_change import find_change, plant_change
 from replant.estimation.solver.miso_start import start
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
@@ -74,3 +74,10 @@ def test_too_few_samples_since_tell_of_no_change() -> None:
     assert find_change(row, np.array([5.0, 20.0, 3.0, 10.0])) is None
     empty = Row(STRUCTURES, ready.record.first(3), ready.inputs[:3])
     assert find_change(empty, np.array([0.5, 2.0, 3.0, 1.0])) is None
+
+
+def test_of_outputs_that_a_model_explains_to_the_bit_nothing_has_changed() -> None:
+    u = np.random.default_rng(0).choice([-1.0, 1.0], (30, 2)).repeat(10, axis=0)
+    ready = RowRecord.of(u, np.zeros(300), DT, begins=(150,))
+    row = Row(STRUCTURES, ready.record, ready.inputs)
+    assert plant_change(row, 150, np.array([0.5, 0.0, 3.0, 0.0])) is None

@@ -52,7 +52,7 @@ def are_sure(parted: Row, judge: Judge, whole: Row, other: Judge, loads: tuple[i
     """Return whether a row that is parted at loads is surely likelier than the whole, each with a model of its own."""
     whole = without_unknown(whole, set(loads))
     cost, usual = (evaluate(row, *each).cost for row, each in ((parted, judge), (whole, other)))
-    if not (0.0 < cost < math.inf and usual < math.inf):
+    if not (0.0 < cost < math.inf and 0.0 < usual < math.inf):
         return False
     cost *= worth_of_lags(parted, judge.noise, other.noise)
     price = 0.5 * parted.nuisances * math.log(parted.count) - math.log(ALPHA)

@@ -165,7 +165,8 @@ def _explained_by_a_step(row: Row, theta: FloatArray, noise: Autoregression) -> 
     """Return how much likelier one step from a model makes a row, to first order."""
     point = evaluate(row, theta, noise)
     told = np.sum([phi.T @ error for phi, error in zip(point.phi, point.error, strict=True)], axis=0)
-    return 0.5 * row.count * float(told @ least_norm(point.information, told, WEAKEST)[0]) / point.cost
+    explained = float(told @ least_norm(point.information, told, WEAKEST)[0])
+    return 0.5 * row.count * explained / point.cost if point.cost > 0.0 else 0.0
 
 
 def _model_before(before: Row, theta: FloatArray, judges: Sequence[Judge]) -> tuple[FloatArray, Autoregression]:
