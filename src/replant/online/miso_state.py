@@ -263,6 +263,7 @@ class RowState:
     def _next_look(self) -> int:
         return self.samples + max(math.ceil((LOOK - 1.0) * min(self.length, RECENT)), SOONEST)
 
+    @quiet
     def solved(self, *, afresh: bool = False) -> RowState:
         """Return the state after the record is solved, where that is possible, and when that is due again.
 
