@@ -8,15 +8,21 @@
 #if defined(__AVX__)
 #include <immintrin.h>
 #endif
+#define TWO(of) of(0), of(1)
+#define FOUR(of) TWO(of), of(2), of(3)
+#define EIGHT(of) FOUR(of), of(4), of(5), of(6), of(7)
 #if defined(__AVX512F__)
 #define WIDTH 8
-#define PARTS(of) of(0), of(1)
+#define EACH EIGHT
+#define PARTS TWO
 #elif defined(__AVX__)
 #define WIDTH 4
-#define PARTS(of) of(0), of(1), of(2), of(3)
+#define EACH FOUR
+#define PARTS FOUR
 #else
 #define WIDTH 2
-#define PARTS(of) of(0), of(1), of(2), of(3), of(4), of(5), of(6), of(7)
+#define EACH TWO
+#define PARTS EIGHT
 #endif
 typedef double few __attribute__((vector_size(8 * WIDTH), aligned(8), may_alias));
 typedef int64_t few_bits __attribute__((vector_size(8 * WIDTH), aligned(8), may_alias));
@@ -27,6 +33,12 @@ typedef struct __attribute__((may_alias)) { few part[LANES / WIDTH]; } lanes;
 #error PARTS names those of sixteen
 #endif
 
+/* One by one: the processors' own instruction takes longer. */
+#define PLACED(i) p[places[i]]
+INLINE few few_gathered(const double *p, const int64_t *places)
+{
+    return (few){ EACH(PLACED) };
+}
 INLINE few few_equal(double a) { return a - (few){0}; } /* less nought: a negative nought stays one */
 INLINE few few_abs(few a) { return (few)((few_bits)a & INT64_MAX); }
 #if defined(__AVX512F__)
@@ -38,10 +50,6 @@ INLINE few few_if_at_most(few a, few b, few c, few d) { return CHOOSE(a, _CMP_LE
 INLINE few few_max(few a, few b) { return _mm512_max_pd(b, a); }
 INLINE few few_min(few a, few b) { return _mm512_min_pd(b, a); }
 INLINE few few_root(few a) { return _mm512_sqrt_pd(a); }
-INLINE few few_gathered(const double *p, const int64_t *places)
-{
-    return _mm512_i64gather_pd(_mm512_loadu_si512(places), p, 8);
-}
 INLINE bool few_within(few a, double limit)
 {
     return _mm512_cmp_pd_mask(_mm512_abs_pd(a), _mm512_set1_pd(limit), _CMP_LE_OQ) == 255;
@@ -53,10 +61,6 @@ INLINE few few_if_at_most(few a, few b, few c, few d) { return CHOOSE(a, _CMP_LE
 INLINE few few_max(few a, few b) { return _mm256_max_pd(b, a); }
 INLINE few few_min(few a, few b) { return _mm256_min_pd(b, a); }
 INLINE few few_root(few a) { return _mm256_sqrt_pd(a); }
-INLINE few few_gathered(const double *p, const int64_t *places)
-{
-    return (few){ p[places[0]], p[places[1]], p[places[2]], p[places[3]] };
-}
 INLINE bool few_within(few a, double limit)
 {
     return _mm256_movemask_pd(_mm256_cmp_pd(few_abs(a), _mm256_set1_pd(limit), _CMP_LE_OQ)) == 15;
@@ -82,7 +86,6 @@ INLINE few few_root(few a)
     memcpy(&a, each, sizeof each);
     return a;
 }
-INLINE few few_gathered(const double *p, const int64_t *places) { return (few){ p[places[0]], p[places[1]] }; }
 INLINE bool few_within(few a, double limit)
 {
     const few_bits within = few_abs(a) <= few_equal(limit);
