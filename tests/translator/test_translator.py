@@ -167,7 +167,11 @@ def test_names_comments_and_docstrings_stay(tmp_path: Path) -> None:
 
 def test_passes_side_by_side_have_variables_of_their_own(tmp_path: Path) -> None:
     source = "def f(x: Reals):\n    for i in side_by_side(x.size):\n        g = 2.0 * x[i]\n        x[i] = g + g * g"
-    assert "SIDE_BY_SIDE_APART(private(g))\n    for (int64_t i = 0" in text_of(source, tmp_path)
+    text = text_of(source, tmp_path)
+    assert "SIDE_BY_SIDE\n    for (int64_t i = 0" in text
+    assert "double g = 2.0 * x.p[i];\n" in text
+    with pytest.raises(UnsupportedError, match=r"g is used outside of the passes side by side"):
+        text_of(source + "\n    x[0] = g", tmp_path)
 
 
 def test_what_is_written_is_known_through_parts_and_calls(tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ linked with no Python, so that one serves every version.
   the conditions in the brackets what must hold of their lengths. The library checks both before the kernel runs.
 * `@inlined` melts a small function into its callers, where a call would cost more than it does. `@short_loops` keeps
   gcc from computing several passes of a loop at once where there are a few only; `for i in side_by_side(P)` asks any
-  compiler for it, as each pass has its own elements: of the optimizers that take roots and divide.
+  compiler for it, as each pass has its own elements: of the optimizers that take roots and divide. `in_turn(1, P)`
+  keeps clang from it.
 * After an edit of a kernel `make build` makes the library anew. Where that was forgotten, the first call says so and
   does it: the library carries the hash of all that it was made from.
 * `tests/kernels/test_compiled.py` holds C and Python equal to the bit, on every function. Each product and each sum

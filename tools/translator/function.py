@@ -53,6 +53,7 @@ class Function(Expressions):
             self.out: list[str] = []
             self.hoisted: dict[str, Kind] = {}
             self.declared: set[str] = set()
+            self.own: dict[str, int] = {}  # the depth of the block that declares a variable, if that is no function's
             self.aliases = {}
             self.depth, self.temporaries, self.line, self.commented = 1, 0, 0, 0
             try:
@@ -201,7 +202,7 @@ class Function(Expressions):
 
     def of_statement_For(self, node: ast.For) -> None:
         over = ast.unparse(node.iter.func) if isinstance(node.iter, ast.Call) else ""
-        if over not in ("range", "side_by_side") or not isinstance(node.target, ast.Name):
+        if over not in ("range", "side_by_side", "in_turn") or not isinstance(node.target, ast.Name):
             self._unrolled(node)
             return
         assert isinstance(node.iter, ast.Call)
@@ -226,16 +227,25 @@ class Function(Expressions):
         change = {"1": f"{name}++", "-1": f"{name}--"}.get(step, f"{name} += {step}")
         sign = ">" if step.startswith("-") else "<"
         if over == "side_by_side":
-            own = f"private({', '.join(sorted(written))})" if written else ""
-            inside = self.program.how(self.tree) == "INLINE"
-            self.emit(f"SIDE_BY_SIDE{'' if inside else '_APART'}({own})")
+            self._own_variables(node, written)
+            self.emit("SIDE_BY_SIDE")
         elif self.program.how(self.tree).startswith("SHORT_LOOPS"):
             self.emit("SHORT_LOOP")
         self.emit(f"for (int64_t {name} = {first}{keep}; {name} {sign} {stop}; {change}) {{")
         self.block(node.body)
+        if over == "in_turn":
+            self.emit("IN_TURN;")
         self.emit("}")
         if kept is not None:
             self.kinds[name] = kept
+
+    def _own_variables(self, loop: ast.For, written: set[str]) -> None:
+        """Let each pass of a loop declare its variables: a compiler sees that no pass needs another one's."""
+        inside = {id(part) for part in ast.walk(loop)}
+        for part in ast.walk(self.tree):
+            if isinstance(part, ast.Name) and part.id in written and id(part) not in inside:
+                raise UnsupportedError(f"{part.id} is used outside of the passes side by side that assign it")
+        self.own |= dict.fromkeys(written, self.depth + 1)
 
     def _unrolled(self, node: ast.For) -> None:
         """Translate a loop over the parts of a tuple that is known: once for each."""
@@ -348,7 +358,7 @@ class Function(Expressions):
         text = bare(self.cast(value, own))
         if name in self.parameters or name in self.declared or name in self.hoisted:
             self.emit(f"{name} = {text};")
-        elif self.depth == 1:
+        elif self.depth == self.own.get(name, 1):
             self.declared.add(name)
             self.emit(f"{self.program.type_of(own)} {name} = {text};")
         else:

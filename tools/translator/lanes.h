@@ -1,8 +1,6 @@
 #define lanes_LANES LANES
 #undef SIDE_BY_SIDE /* members are already */
-#undef SIDE_BY_SIDE_APART
-#define SIDE_BY_SIDE(own)
-#define SIDE_BY_SIDE_APART(own)
+#define SIDE_BY_SIDE
 
 /* Vectors of the processor, which lie wherever a double may lie: of wider ones gcc keeps each in the memory. */
 #if defined(__AVX__)

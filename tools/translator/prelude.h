@@ -10,25 +10,26 @@
 /* No function: gcc takes one that only fetches for one that does nothing, and leaves it out. */
 #define fetch_early(...) __builtin_prefetch(__VA_ARGS__)
 #define PRAGMA(text) _Pragma(#text)
-#define SIDE_BY_SIDE(own) PRAGMA(omp simd own)
+#define SIDE_BY_SIDE PRAGMA(omp simd)
 #else
 #define INLINE static inline
 #define fetch_early(...) (void)(__VA_ARGS__)
-#define SIDE_BY_SIDE(own)
+#define SIDE_BY_SIDE
 #endif
 /* Which loops are made of vectors.  gcc chooses better by itself, except in kernels of short loops: there only those
    that say SIDE_BY_SIDE.  clang follows SIDE_BY_SIDE, and leaves the other loops of such a kernel scalar. */
 #if defined(__GNUC__) && !defined(__clang__) && __GNUC__ > 10
-#define SIDE_BY_SIDE_APART(own)
 #define SHORT_LOOPS __attribute__((optimize("vect-cost-model=very-cheap")))
 #else
-#define SIDE_BY_SIDE_APART(own) SIDE_BY_SIDE(own)
 #define SHORT_LOOPS
 #endif
 #if defined(__clang__)
 #define SHORT_LOOP _Pragma("clang loop vectorize(disable)")
+/* Else clang hands what one loop has stored over to the next one, and makes no vectors of the first. */
+#define IN_TURN __asm__ volatile ("")
 #else
 #define SHORT_LOOP
+#define IN_TURN
 #endif
 
 #if defined(_WIN32)

@@ -113,6 +113,11 @@ def side_by_side(end: int) -> range:
     return range(end)
 
 
+def in_turn(first: int, end: int) -> range:
+    """Return the passes of a loop that wait for what was done just before: several at once would wait longer."""
+    return range(first, end)
+
+
 @contextmanager
 def interpreted() -> Iterator[None]:
     """Run kernels as the Python functions that they are, a thousand times as slow: for tests."""

@@ -17,7 +17,7 @@ had.  `MEMORY` declares what lies in the memory of each optimizer; a loop gets a
 import math
 
 from replant.kernels.lanes import prefetch
-from replant.kernels.native import inlined, side_by_side
+from replant.kernels.native import in_turn, inlined, short_loops, side_by_side
 from replant.kernels.optimizers.memory import MATRIX, NOTHING, ONE, VECTOR, Memory, block, place
 
 VANISHED = 1e-100
@@ -67,8 +67,8 @@ def telling_part(algorithm, P, memory):
 @inlined
 def normalized_error(P, theta, row):
     """Return epsilon_I of (13): (y - theta' phi) / m^2."""
-    prediction = 0.0
-    for i in range(P):
+    prediction = theta[0] * row[0]  # not from nought on: each sum waits for the one before
+    for i in in_turn(1, P):
         prediction += theta[i] * row[i]
     return (row[P] - prediction) * row[P + 1]
 
@@ -81,7 +81,7 @@ def gradient(theta, memory, settings, buffer, rows, batch, direction):
         phi = buffer[rows[k]]
         along = phi[direction:]
         step = gain * normalized_error(P, theta, phi)
-        for i in range(P):
+        for i in in_turn(0, P):
             theta[i] += step * along[i]  # (17)
 
 
@@ -108,6 +108,7 @@ def adam(theta, memory, settings, buffer, rows, batch, direction):
     memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)] = power1, power2
 
 
+@short_loops
 def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
     """Algorithm 2, no bias correction; settings [alpha, beta1, beta2, epsilon], memory `LARGEST_MOMENT`."""
     P = theta.size
@@ -125,6 +126,7 @@ def amsgrad(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * m[i] / (math.sqrt(largest[i]) + epsilon)
 
 
+@short_loops
 def adagrad(theta, memory, settings, buffer, rows, batch, direction):
     """Sum of squared gradients; settings [alpha, epsilon], memory `SQUARES`."""
     P, alpha, epsilon = theta.size, settings[0], settings[1]
@@ -138,6 +140,7 @@ def adagrad(theta, memory, settings, buffer, rows, batch, direction):
             theta[i] -= alpha * g / (math.sqrt(memory[i]) + epsilon)
 
 
+@short_loops
 def rmsprop(theta, memory, settings, buffer, rows, batch, direction):
     """Moving mean of squared gradients; settings [alpha, rho, epsilon], memory `SQUARES`."""
     P, alpha, rho, epsilon = theta.size, settings[0], settings[1], settings[2]
@@ -175,6 +178,7 @@ def nadam(theta, memory, settings, buffer, rows, batch, direction):
     memory[place(AT_POWER1, P)], memory[place(AT_POWER2, P)] = power1, power2
 
 
+@short_loops
 def adadelta(theta, memory, settings, buffer, rows, batch, direction):
     """Steps in the unit of theta; settings [alpha, rho, epsilon], memory `SQUARES_AND_STEPS`."""
     P = theta.size
