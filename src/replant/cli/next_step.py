@@ -196,7 +196,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"than the model says", _dead_time),
     (r"the reference (stands still|is a copy|explains nothing|follows)", _no_reference),
     (r"either its disturbances have more colour|only a reference|give its reference|answers to dist", _reference),
-    (r"the plant seems to have changed|its response differs", _part),
+    (r"the plant seems to have changed|its response differs|another load may act", _part),
     (r"another load acts since", _look),
     (r"to the bit|stuck|extreme of the output|no output has arrived|output is constant|left out", _sensor),
     (r"noise biases an estimate|left the range of float64", _default),

@@ -13,11 +13,15 @@ from replant.estimation.engine.record import Record
 from replant.estimation.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.estimation.settings import AUTO, Request
 from replant.estimation.simulation.model_run import prediction_error, runs_away
+from replant.estimation.solver.change_contest import NOTICED
 from replant.estimation.solver.least_squares import choose_filter, least_squares, regressors
+from replant.estimation.solver.refined import without_nuisances
 from replant.estimation.solver.solve import Solution, solve
+from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.matrix import MatrixFit, fit_matrix, is_matrix
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
+from replant.fitting.parted import solve_parted
 from replant.fitting.samples import RawRecord, Samples
 from replant.kernels.schema import Doubt
 from replant.model.interop import in_our_words
@@ -194,7 +198,8 @@ def fit_samples(
             solution = _solution(raw, None)
         if solution is not None:
             use = None if use is None else use.concluded(structure, solution.found)
-            return _with_record(_refined_result(raw, solution, rejected, use), raw, given, solution.record)
+            whole = _with_record(_refined_result(raw, solution, rejected, use), raw, given, solution.record)
+            return whole if given.begins or whole.reference is not None else _parted(whole, raw, solution, given)
         if method == "srivc" or stamps is not None:  # least squares needs a regular clock
             raise InvalidArgumentError(
                 "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
@@ -209,6 +214,30 @@ def fit_samples(
     raw = RawRecord(structure, dt, preprocess, u, y, None, chosen.input_hold)
     result = _least_squares_result(raw, chosen, rejected, use)
     return _with_record(result, raw, given, raw.made_ready(raw.y, None))
+
+
+def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples) -> FitResult:
+    """Return the fit of a record that is parted at its loads where that is surely right, else the one given.
+
+    Where that may be right, and G(s) another one then, the one given may not be trusted.
+    """
+    found = solve_parted(raw, solution, lambda raw: _solution(raw, None))
+    if not found.loads or found.solution is None:
+        return whole
+    rejected = {name: count for name, count in whole.rejected.items() if name not in ("outlier", "stuck")}
+    raw, solution = dataclasses.replace(raw, loads=found.loads), found.solution
+    parted = _with_record(_refined_result(raw, solution, rejected, None), raw, given, solution.record)
+    if found.is_sure and parted.verdict.status == "trusted":
+        return parted
+    return dataclasses.replace(whole, rival=parted) if _differ(whole, parted) else whole
+
+
+def _differ(whole: FitResult, other: FitResult) -> bool:
+    """Return whether the outputs that two G(s) make of a record's input differ by what is noticed."""
+    assert whole.record is not None
+    problem, models = Problem(whole.structure, whole.record), (whole.parameters, other.parameters)
+    own, others = (problem.run_whole(without_nuisances(whole.structure, each)).output for each in models)
+    return not float(np.std(own - others)) < NOTICED * float(np.std(own))
 
 
 def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Record) -> FitResult:
@@ -296,6 +325,7 @@ def _refined_result(
         stuck,
         np.flatnonzero((doubt == Doubt.MISSING) & raw.made_use_of),
         disagreement=found.disagreement,
+        loads=np.array(raw.loads, np.int64),
     )
 
 

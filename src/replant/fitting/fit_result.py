@@ -12,8 +12,9 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.filters import Filter, StateVariableFilter
-from replant.estimation.solver.change_contest import Claim
+from replant.estimation.simulation.miso import Row
 from replant.estimation.solver.change_search import find_change
+from replant.estimation.solver.miso_breaks import find_plant_change
 from replant.estimation.solver.refined import Refined, without_nuisances
 from replant.fitting import notation
 from replant.fitting.fields import Identified, Provenance, has_rest
@@ -30,6 +31,7 @@ from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.loop_tests import COPIED, IDLE, Reference, fault_of
 from replant.verdict.other_columns import OtherColumn, other_columns, with_other_columns
+from replant.verdict.record_tests import loads_act, loads_may_act
 
 WITHOUT = "the fit does without it"
 
@@ -76,6 +78,10 @@ class FitResult(Identified):
         Indices of the outputs that were left out because the sensor was stuck, or at its limit.
     missing : (N,) array of int
         Indices of the samples without an output, whose input was used.
+    loads : (N,) array of int
+        Indices of the samples since which another load acts: offset and initial state are other ones.
+    rival : FitResult or None
+        Another G(s), with loads, that explains the record better, but not surely.
     record : Record or None
         The record made ready, with the model's outputs where they are missing or outliers: what the verdict looks at.
     means : tuple of two floats
@@ -109,6 +115,8 @@ class FitResult(Identified):
     outliers: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     stuck: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
     missing: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    loads: IntArray = field(default_factory=lambda: np.zeros(0, np.int64))
+    rival: FitResult | None = None
     record: Record | None = None
     means: tuple[float, float] = (0.0, 0.0)
     disagreement: float = 0.0
@@ -127,7 +135,6 @@ class FitResult(Identified):
     @cached_property
     def verdict(self) -> Assessment:
         """Whether to trust the model, why in plain words, and the figures behind it."""
-        change = self._change if self.method == "srivc" else None
         verdict = assess_record(
             self.structure,
             self.parameters,
@@ -138,11 +145,16 @@ class FitResult(Identified):
             usual_interval=self.usual_interval,
             disagreement=self.disagreement,
             left_out=self.stuck.size,
-            since_change=0 if change is None else change.contest.since.u.size,
+            since_change=self._since_change if self.method == "srivc" else 0,
         )
         if self.method == "srivc" and is_asked_for(verdict, self.structure):
             verdict = with_fewer_poles(verdict, self.structure, self.parameters, self._kept)
         verdict = with_other_columns(verdict, self.other_columns)
+        if self.loads.size:
+            verdict = replace(verdict, reasons=(*verdict.reasons, loads_act(self._after)))
+        if self.rival is not None and verdict.status == "trusted":
+            reasons = loads_may_act(self.rival._after), *verdict.reasons
+            verdict = replace(verdict, status="converging", reasons=reasons)
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
             return verdict
@@ -154,10 +166,20 @@ class FitResult(Identified):
         return other_columns(self.structure, self.parameters, self._kept, self.dt, self.others)
 
     @property
-    def _change(self) -> Claim | None:
-        """What has changed of the plant within the samples that the verdict looks at."""
+    def _after(self) -> list[float]:
+        """How long after the first sample other loads act, in s."""
+        return [self._kept.first(begin + 1).span for begin in self._kept.begins]
+
+    @property
+    def _since_change(self) -> int:
+        """The samples since the plant has changed, of those that the verdict looks at; 0 where it has not."""
         model = without_nuisances(self.structure, self.parameters)
-        return find_change(self.structure, self._kept.last(MOST_SAMPLES), model)
+        if self.loads.size:
+            row = Row.of_one(self.structure, self._kept)
+            change = find_plant_change(row, model[: self.structure.coefficients])
+            return 0 if change is None else self._kept.u.size - change.begin
+        claim = find_change(self.structure, self._kept.last(MOST_SAMPLES), model)
+        return 0 if claim is None else claim.contest.since.u.size
 
     @cached_property
     def model(self) -> Model:

@@ -11,10 +11,10 @@ from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.fitting.fields import Provenance
 from replant.fitting.miso_model import RowModel, one_step_percent
-from replant.fitting.miso_parted import solve_parted
 from replant.fitting.miso_references import held, references_of
 from replant.fitting.miso_solve import RowEstimate
 from replant.fitting.miso_verdict import judged
+from replant.fitting.parted import solve_parted_row
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
 from replant.logs.log import Log
@@ -161,7 +161,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     ready, structures, references = ready_row(given, poles, zeros, delay)
     columns, output, dt = columns_of(given.inputs), vector("y", given.y), duration("dt", given.dt)
     names = given.input_names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
-    ready, solution, findings, loads = solve_parted(structures, ready, references, names)
+    (ready, solution, findings), loads = solve_parted_row(structures, ready, references, names)
     if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
     row, found, _ = solution

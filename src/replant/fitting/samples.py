@@ -154,6 +154,7 @@ class RawRecord:
     stamps: FloatArray | None  # time stamps in s; None for a regular clock
     input_hold: str
     begins: tuple[int, ...] = ()  # samples at which another record begins, whose offset and initial state are its own
+    loads: tuple[int, ...] = ()  # samples since which another load acts: the same, but of one record
 
     @cached_property
     def mapped(self) -> FloatArray:
@@ -179,19 +180,21 @@ class RawRecord:
     def made_ready(self, y: FloatArray, r: FloatArray | None) -> Record:
         """Return the record with another output (K,), and a reference (K,) or None."""
         ready = ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, self.input_hold, r)
-        if not self.begins:
+        if not self._parts[1:]:
             return ready
-        places = np.searchsorted(np.flatnonzero(self.made_use_of), self.begins)
+        places = np.searchsorted(np.flatnonzero(self.made_use_of), [part.start for part in self._parts])
         begins = tuple(sorted({int(place) for place in places if 0 < place < ready.u.size}))
         return replace(ready, begins=begins).levelled
 
     def levelled(self, y: FloatArray) -> FloatArray:
         """Return an output (K,) less the mean of each record: what the model is to explain of them."""
-        return np.concatenate([y[rows] - self._mean(y[rows]) for rows in self._records])
+        records = [slice(*rows) for rows in pairwise([0, *self.begins, self.u.size])]
+        return np.concatenate([y[rows] - self._mean(y[rows]) for rows in records])
 
     @property
-    def _records(self) -> list[slice]:
-        return [slice(*rows) for rows in pairwise([0, *self.begins, self.u.size])]
+    def _parts(self) -> list[slice]:
+        """The rows whose offset and initial state are their own."""
+        return [slice(*rows) for rows in pairwise([0, *sorted({*self.begins, *self.loads}), self.u.size])]
 
     @staticmethod
     def _mean(y: FloatArray) -> float:
@@ -201,9 +204,9 @@ class RawRecord:
     def simulated(self, model: TransferFunction, y: FloatArray) -> Simulation:
         """Return a model run from the input, offset and initial state fitted to the outputs (K,) that are not NaN."""
         linear_input = np.where(self.known, self.mapped - float(self.preprocess.input_offset), np.nan)
-        if not self.begins:
+        if not self._parts[1:]:
             return simulate(model, linear_input, y, self.dt, input_hold=self.input_hold, t=self.stamps)
-        runs = [(rows, FittedRun(model, self.dt, self.input_hold)) for rows in self._records]
+        runs = [(rows, FittedRun(model, self.dt, self.input_hold)) for rows in self._parts]
         stamps = self.stamps
         parts = [run.take(linear_input[k], y[k], None if stamps is None else stamps[k]) for k, run in runs]
         output, known = (np.concatenate(signals) for signals in zip(*parts, strict=True))

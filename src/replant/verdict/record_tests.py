@@ -202,11 +202,19 @@ def changed_finding(seconds: float) -> Finding:
     return Finding("inconsistent", f"{reason}: identify the parts before and since by themselves")
 
 
-def load_finding(seconds: list[float]) -> list[Finding]:
-    """Return what a solution says of loads that were found so long after the first sample."""
-    after = ", ".join(duration(each) for each in seconds)
-    reason = f"another load acts since {after} after the first sample: offset and initial state are new there"
-    return [Finding("trusted", reason)] if seconds else []
+def loads_act(seconds: list[float]) -> str:
+    """Return what is said of loads that were found so long after the first sample."""
+    return f"another load acts since {_after(seconds)}: offset and initial state are new there"
+
+
+def loads_may_act(seconds: list[float]) -> str:
+    """Return what is said where a record may be parted at such loads, and G(s) be another one then."""
+    reason = f"another load may act since {_after(seconds)}, and G(s) would be another one then"
+    return f"{reason}: cut the record there, or record longer"
+
+
+def _after(seconds: list[float]) -> str:
+    return f"{', '.join(duration(each) for each in seconds)} after the first sample"
 
 
 def left_out_finding(samples: int) -> list[Finding]:

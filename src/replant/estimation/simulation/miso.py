@@ -68,6 +68,11 @@ class Row:
         self.stretches = tuple(self._stretches())
         self._ends = np.cumsum([each.size for each in structures])[:-1].tolist()
 
+    @classmethod
+    def of_one(cls, structure: Structure, record: Record) -> Row:
+        """Return the row of one input, the record's."""
+        return cls((replace(structure, bias=False),), record, record.u[:, None])
+
     def _stretches(self) -> Iterator[Stretch]:
         for rows in self.record.parts:
             part = self.record.part(rows)

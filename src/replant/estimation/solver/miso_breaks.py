@@ -1,4 +1,4 @@
-"""Every change within a whole record of several inputs.
+"""Every change within a whole record, of one input or several.
 
 It is parted where something has changed, and solved again, until one model explains each stretch: of several changes
 each hides the others.  Whether they are changes, and no drift, is asked when all are known: what they explain together
@@ -8,13 +8,18 @@ beside the noise that either model leaves.  So is where the plant has changed, a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
+from typing import Generic, NamedTuple, TypeVar
 
 from replant.estimation.simulation.miso import Row, evaluate, noise_of
+from replant.estimation.solver.known_before import weighed
 from replant.estimation.solver.miso_change import (
     Change,
     Judge,
+    dispersion_before,
+    is_suspect,
     likeliest_change,
     plant_change,
     without_unknown,
@@ -30,33 +35,96 @@ from replant.numerics.linear_algebra import quiet
 PARTS = 4  # parts of a stretch whose models judge it [count]
 
 
+Solved = TypeVar("Solved")
+
+
+class Modelled(NamedTuple):
+    """A row, and a model of it."""
+
+    row: Row
+    judge: Judge
+
+
+class Parted(NamedTuple, Generic[Solved]):
+    """The likeliest solution of a record: of the whole, or parted at loads, since these samples of it."""
+
+    solution: Solved
+    tried: Solved  # the one parted where anything may have changed, though it be no likelier
+    loads: tuple[int, ...] = ()
+    is_sure: bool = True  # though a model that is only nearly right fits each stretch differently
+
+
 @quiet
-def find_break(row: Row, theta: FloatArray, noise: Autoregression, whole: set[tuple[int, int]]) -> Change | None:
+def may_have_loads(row: Row, theta: FloatArray) -> bool:
+    """Return whether what a model leaves of a row looks as if another load acted in it, which takes a moment to say."""
+    windows = (part for stretch in row.stretches for _, part in _windows(_cut(row, stretch.rows)))
+    return any(is_suspect(part, theta) for part in windows if part.stretches)
+
+
+@quiet
+def parted(
+    whole: Solved,
+    model_of: Callable[[Solved], Modelled | None],
+    solved: Callable[[tuple[int, ...], FloatArray | None], Solved],
+) -> Parted[Solved]:
+    """Return the solution of a record that is parted at each load; ``whole`` where that is no likelier.
+
+    ``solved`` gives the solution of a record with loads, begun at a model, or afresh at None.
+    """
+    found, loads, without = whole, tuple[int, ...](), set[tuple[int, int]]()
+    while (model := model_of(found)) is not None:
+        change = _find_break(*model, without)
+        if change is None:
+            break
+        if len(loads) == PARTS:
+            return Parted(whole, whole)
+        loads = tuple(sorted((*loads, change.begin)))
+        found = solved(loads, model.judge.theta)
+    if loads:
+        found = solved(loads, None)
+        models = model_of(found), model_of(whole)
+        if models[0] is not None and models[1] is not None:
+            more, least = _explained(models[0], models[1], loads)
+            if more > least:
+                return Parted(found, found, loads, weighed(more, *_dispersion(*models[0])) > least)
+    return Parted(whole, found)
+
+
+def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change | None:
     """Return what is surest to have changed within a stretch of a row; None where one model explains each of them.
 
-    Nor does one say what has changed where references move inputs.  Stretches in which nothing has are added to
-    ``whole``, and not looked into again.
+    Nor does one say what has changed where references move inputs.  Stretches ``without`` a change are not looked into
+    again, and are added to.
     """
     found = []
     for begin, end in ((each.rows.start, each.rows.stop) for each in row.stretches if row.outside is None):
-        change = None if (begin, end) in whole else _within(_cut(row, slice(begin, end)), begin, theta, noise)
+        change = None if (begin, end) in without else _within(_cut(row, slice(begin, end)), begin, judge)
         if change is None:
-            whole.add((begin, end))
+            without.add((begin, end))
         else:
             found.append(change)
     return max(found, key=lambda each: each.evidence, default=None)
 
 
-@quiet
-def are_sure(parted: Row, judge: Judge, whole: Row, other: Judge, loads: tuple[int, ...]) -> bool:
-    """Return whether a row that is parted at loads is surely likelier than the whole, each with a model of its own."""
-    whole = without_unknown(whole, set(loads))
-    cost, usual = (evaluate(row, *each).cost for row, each in ((parted, judge), (whole, other)))
+def _explained(parted: Modelled, whole: Modelled, loads: tuple[int, ...]) -> tuple[float, float]:
+    """Return how much likelier a row is that is parted at loads, and how much it has to be to be surely likelier."""
+    models = parted, whole._replace(row=without_unknown(whole.row, set(loads)))
+    cost, usual = (evaluate(row, *judge).cost for row, judge in models)
     if not (0.0 < cost < math.inf and 0.0 < usual < math.inf):
-        return False
-    cost *= worth_of_lags(parted, judge.noise, other.noise)
-    price = 0.5 * parted.nuisances * math.log(parted.count) - math.log(ALPHA)
-    return 0.5 * parted.count * math.log(usual / cost) > len(loads) * price
+        return 0.0, math.inf
+    row, judge = parted
+    cost *= worth_of_lags(row, judge.noise, whole.judge.noise)
+    price = 0.5 * row.nuisances * math.log(row.count) - math.log(ALPHA)
+    return 0.5 * row.count * math.log(usual / cost), len(loads) * price
+
+
+def _dispersion(row: Row, judge: Judge) -> tuple[float, float]:
+    """Return by how much a model fits stretches of a row differently, and by how many numbers that is known."""
+    parts = (_cut(row, stretch.rows) for stretch in row.stretches)
+    found = [dispersion_before(part, [judge.theta], judge.noise, part.record.u.size) for part in parts]
+    known = [(dispersion, numbers) for dispersion, numbers in found if math.isfinite(numbers)]
+    numbers = sum(each for _, each in known)
+    return sum(dispersion * each for dispersion, each in known) / numbers if numbers else math.inf, numbers
 
 
 @quiet
@@ -66,22 +134,29 @@ def find_plant_change(row: Row, theta: FloatArray) -> Change | None:
     return max((each for each in found if each is not None), key=lambda each: each.evidence, default=None)
 
 
-def _within(stretch: Row, first: int, theta: FloatArray, noise: Autoregression) -> Change | None:
+def _within(stretch: Row, first: int, judge: Judge) -> Change | None:
     """Return what is surest to have changed in a stretch, or in a half of it, where several changes cancel."""
     if not stretch.stretches:
         return None
-    samples, judges = stretch.record.u.size, list(_judges(stretch, theta, noise))
-    halves = (slice(k * samples // 4, (k + 2) * samples // 4) for k in range(3))
-    for windows in ([slice(0, samples)], halves):
-        parts = [(window.start, _cut(stretch, window)) for window in windows]
+    judges = list(_judges(stretch, *judge))
+    likeliest = partial(likeliest_change, theta=judge.theta, judges=judges, of_any_noise=False)
+    whole, *halves = _windows(stretch)
+    for windows in ([whole], halves):
         found = [
             replace(change, begin=first + begin + change.begin)
-            for begin, part in parts
-            if part.stretches and (change := likeliest_change(part, theta, judges, of_any_noise=False)) is not None
+            for begin, part in windows
+            if part.stretches and (change := likeliest(part)) is not None
         ]
         if found:
             return max(found, key=lambda each: each.evidence)
     return None
+
+
+def _windows(stretch: Row) -> list[tuple[int, Row]]:
+    """Return a stretch, and three halves of it, with the sample that each begins with."""
+    samples = stretch.record.u.size
+    halves = (slice(k * samples // 4, (k + 2) * samples // 4) for k in range(3))
+    return [(rows.start, _cut(stretch, rows)) for rows in (slice(0, samples), *halves)]
 
 
 def _judges(stretch: Row, theta: FloatArray, noise: Autoregression) -> Iterator[Judge]:

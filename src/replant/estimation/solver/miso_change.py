@@ -114,7 +114,7 @@ def _surest(
     if load is None or plant is None:
         return None
     base, part = max(load.evidence, 0.0), _parts(row, plant.begin)[0]
-    more = weighed(plant.evidence - base, *_dispersion(part, models, noise, row.record.u.size - plant.begin))
+    more = weighed(plant.evidence - base, *dispersion_before(part, models, noise, row.record.u.size - plant.begin))
     odds = -math.log(ALPHA)
     # what a load explains nearly as well is one: it is asked again
     best = replace(plant, evidence=base + more) if more > (odds if base > odds else 0.0) else load
@@ -125,7 +125,7 @@ def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> list[int
     """Return since when models fit worst, the surest first, at most `SUSPECTED` of them."""
     model = _Fitted.of(row, theta)
     found = [model.surest(model.noise(), of_plant=True)]
-    found += [model.surest(noise, of_plant=False) for noise in model.noise_of_halves()]
+    found += [model.surest(noise, of_plant=False) for noise in model.noise_of_parts(2)]
     for judge in judges:
         found.append(model.surest(judge.noise, of_plant=True))
         found.append(_Fitted.of(row, judge.theta).surest(judge.noise, of_plant=False))
@@ -134,6 +134,16 @@ def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> list[int
         if begin and begin not in begins:
             begins.append(begin)
     return begins[:SUSPECTED]
+
+
+def is_suspect(row: Row, theta: FloatArray) -> bool:
+    """Return whether another load seems to act in a row of one stretch, by the noise of most of its parts.
+
+    That of a part in which it begins, or which drifts less than the others, is no judge.
+    """
+    model = _Fitted.of(row, theta)
+    noises = [noise for parts in (2, 4) for noise in model.noise_of_parts(parts)]
+    return 2 * sum(model.surest(noise, of_plant=False)[0] > 0 for noise in noises) >= len(noises)
 
 
 def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge] = ()) -> Change | None:
@@ -253,7 +263,9 @@ def _costs_of_branches(row: Row, begin: int, theta: FloatArray, noise: Autoregre
         yield refine(both, np.concatenate([theta, branch]), noise).cost, structure.size + structure.poles
 
 
-def _dispersion(before: Row, models: Sequence[FloatArray], noise: Autoregression, length: int) -> tuple[float, float]:
+def dispersion_before(
+    before: Row, models: Sequence[FloatArray], noise: Autoregression, length: int
+) -> tuple[float, float]:
     """Return `dispersion_of` the samples before a change, in stretches of so many."""
     model = _Fitted.of(before, _best(before, models, noise).theta)
     score, white = model.whitened(noise)
@@ -303,10 +315,10 @@ class _Fitted:
         count = int((stretch.measured & rows).sum())
         return Autoregression.of_residual(self.error, np.where(rows, stretch.known, 0), count)
 
-    def noise_of_halves(self) -> list[Autoregression]:
-        """Return that of either half: that of both takes the step of a load for noise."""
-        is_late = np.arange(self.error.size) >= self.error.size // 2
-        return [self.noise(~is_late), self.noise(is_late)]
+    def noise_of_parts(self, count: int) -> list[Autoregression]:
+        """Return that of so many parts: that of all takes the step of a load for noise."""
+        number = np.arange(self.error.size) * count // self.error.size
+        return [self.noise(number == part) for part in range(count)]
 
     def whitened(self, noise: Autoregression) -> tuple[FloatArray, FloatArray]:
         """Return columns and error filtered by a noise model."""

@@ -1,0 +1,88 @@
+"""A record that is parted at each load: offset and initial states are other ones since."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from replant.estimation.simulation.miso import Row, RowRecord, evaluate, noise_of
+from replant.estimation.solver.miso_breaks import Modelled, Parted, find_plant_change, may_have_loads, parted
+from replant.estimation.solver.miso_change import Judge
+from replant.estimation.solver.solve import Solution
+from replant.fitting.miso_solve import RowSolution, begun_at, solve_with, started
+from replant.fitting.samples import RawRecord
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import Autoregression
+from replant.verdict.record_tests import changed_finding, loads_act
+from replant.verdict.verdict import Finding
+
+
+class PartedRow(NamedTuple):
+    """A record of several inputs that was parted, its estimate, and what there is to say."""
+
+    ready: RowRecord
+    solution: RowSolution | None
+    findings: tuple[Finding, ...]
+
+
+def solve_parted_row(
+    structures: tuple[Structure, ...], ready: RowRecord, references: FloatArray | None, names: tuple[str, ...]
+) -> tuple[PartedRow, tuple[int, ...]]:
+    """Return the estimate of a record, see `solve_with`, what has changed within it, and the samples of its loads."""
+
+    def solved(loads: tuple[int, ...], theta: FloatArray | None) -> PartedRow:
+        record = replace(ready.record, begins=tuple(sorted({*ready.record.begins, *loads})))
+        begins = started if theta is None else partial(begun_at, theta)
+        return PartedRow(*solve_with(structures, replace(ready, record=record), references, names, begins))
+
+    kept, tried, loads, _ = parted(solved((), None), _model_of_row, solved)
+    findings = list(kept.findings)
+    if tried.solution is not None and tried.solution.row.record.begins != ready.record.begins:
+        row, found, _ = tried.solution
+        findings += _of_plant(row, found.point.theta)
+    if loads and kept.solution is not None:
+        after = [kept.solution.row.record.first(load + 1).span for load in loads]
+        findings.append(Finding("trusted", loads_act(after)))
+    return kept._replace(findings=tuple(findings)), loads
+
+
+def _model_of_row(found: PartedRow) -> Modelled | None:
+    if found.solution is None:
+        return None
+    row, estimate, _ = found.solution
+    return Modelled(row, Judge(estimate.point.theta, estimate.noise))
+
+
+def _of_plant(row: Row, theta: FloatArray) -> tuple[Finding, ...]:
+    change = find_plant_change(row, theta)
+    return () if change is None else (changed_finding(row.record.last(row.record.u.size - change.begin).span),)
+
+
+def solve_parted(
+    raw: RawRecord, whole: Solution, solve: Callable[[RawRecord], Solution | None]
+) -> Parted[Solution | None]:
+    """Return a record of one input, parted at its loads, of which ``whole`` is the solution without any."""
+    rows = np.flatnonzero(raw.made_use_of)
+
+    def solved(loads: tuple[int, ...], theta: FloatArray | None) -> Solution | None:
+        return solve(replace(raw, loads=tuple(rows[list(loads)].tolist())))
+
+    model_of, first = partial(_model_of, raw.structure), Parted[Solution | None](whole, whole)
+    model = model_of(whole)
+    if model is None or not may_have_loads(model.row, model.judge.theta):
+        return first
+    found = parted(first.solution, model_of, solved)
+    return found._replace(loads=tuple(rows[list(found.loads)].tolist()))
+
+
+def _model_of(structure: Structure, solution: Solution | None) -> Modelled | None:
+    if solution is None or solution.record.r is not None:
+        return None
+    row, theta = Row.of_one(structure, solution.record), solution.found.theta[: structure.coefficients]
+    noise = noise_of(row, evaluate(row, theta, Autoregression.white(1.0, row.count)))
+    return Modelled(row, Judge(theta, noise))

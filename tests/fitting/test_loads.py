@@ -1,0 +1,92 @@
+"""A record of one input in which loads act: parted where they begin, `fit` finds the plant as if there were none."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import replant as rp
+from replant.fitting.fit_result import FitResult
+from replant.numerics.linear_algebra import chi2_quantile
+from support.cases import every
+
+PLANT, DT, SAMPLES = rp.TransferFunction([0.1], [1.0, 0.1], delay=0.3), 0.05, 5000
+TRUE = np.array([0.1, 0.1])
+LOADS = (1500, 2600, 3700)
+Array = np.ndarray
+
+
+def record(seed: int, loads: tuple[int, ...] = LOADS, pole: float = 0.0, size: float = 0.7) -> tuple[Array, Array]:
+    """An input that moves each 5 s, and the output with steps of alternate sign at 10 dB of noise of one pole."""
+    rng = np.random.default_rng([seed, 41])
+    u = rng.choice([-1.0, 1.0], SAMPLES // 100).repeat(100)
+    clean = PLANT.simulate(u, DT)
+    acts = sum(((-1.0) ** k * (np.arange(SAMPLES) >= begin) for k, begin in enumerate(loads)), np.zeros(SAMPLES))
+    noise = lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], rng.standard_normal(SAMPLES))
+    return u, clean + clean.std() * (size * acts + 0.32 * noise)
+
+
+def fitted(u: Array, y: Array, **options: Any) -> FitResult:
+    return rp.fit(u, y, DT, poles=1, delay=0.3, **options)
+
+
+def distance(found: FitResult) -> float:
+    """The squared distance of an estimate from the plant in its standard deviations: chi-square of two."""
+    off = found.parameters - TRUE
+    return float(off @ np.linalg.solve(found.covariance, off))
+
+
+@every("seed", range(6), quick=1)
+def test_a_record_is_parted_at_its_loads(seed: int) -> None:
+    found = fitted(*record(seed))
+    assert all(np.abs(found.loads - load).min() <= 20 for load in LOADS)
+    assert found.loads.size <= len(LOADS) + 1  # what a load that is begun a little early leaves
+    assert distance(found) < chi2_quantile(0.9999, 2)
+    assert found.parameters == pytest.approx(TRUE, rel=0.1)
+    assert found.verdict.status == "trusted"
+    assert any(reason.startswith("another load acts since 7") for reason in found.verdict.reasons)
+
+
+@every("seed", range(6), quick=1)
+def test_what_is_left_is_the_noise(seed: int) -> None:
+    u, y = record(seed)
+    found = fitted(u, y)
+    error = y - found.simulation.output
+    assert np.nanstd(error) == pytest.approx(0.32 * PLANT.simulate(u, DT).std(), rel=0.05)
+    assert found.simulation.fit == pytest.approx(100.0 * (1.0 - np.nanstd(error) / y.std()), abs=0.2)
+
+
+@every("pole", [0.0, 0.9])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_record_without_a_load_is_not_parted(seed: int, pole: float) -> None:
+    found = fitted(*record(seed, (), pole))
+    assert not found.loads.size
+    assert found.rival is None
+    assert found.verdict.status == "trusted"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_drift_is_no_load(seed: int) -> None:
+    u, y = record(seed, ())
+    drift = np.cumsum(np.random.default_rng([seed, 43]).standard_normal(SAMPLES))
+    found = fitted(u, y + 0.3 * y.std() / drift.std() * drift)
+    assert not found.loads.size
+
+
+def test_loads_that_are_likely_but_not_sure_take_trust_away() -> None:
+    """Noise of a slow pole goes on as a load does: without the load the plant is many deviations off."""
+    found = fitted(*record(2, (4300,), 0.9))
+    assert not found.loads.size
+    assert distance(found) > chi2_quantile(0.999, 2)
+    assert found.verdict.status == "converging"
+    assert found.verdict.reasons[0].startswith("another load may act since 215 s")
+    assert found.rival is not None
+    assert distance(found.rival) < chi2_quantile(0.999, 2)
+
+
+def test_the_model_keeps_what_the_verdict_says_of_loads() -> None:
+    model = fitted(*record(0)).model
+    assert any("another load acts since" in reason for reason in model.verdict.reasons)
