@@ -178,7 +178,7 @@ def test_a_summary_for_people_is_printed_in_the_end(tmp_path: Path) -> None:
     assert code == 0
     assert "G(s) = " in out
     assert "● trusted" in out
-    assert "a0" in err  # a line of status
+    assert "samples" in err  # a line of status: on a slow machine the only one comes before the first estimate
     assert "3,000 samples" in out
     assert "not a number" in out
     assert "Traceback" not in err
