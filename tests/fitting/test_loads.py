@@ -59,8 +59,8 @@ def test_what_is_left_is_the_noise(seed: int) -> None:
     assert found.simulation.fit == pytest.approx(100.0 * (1.0 - np.nanstd(error) / y.std()), abs=0.2)
 
 
-@every("pole", [0.0, 0.9])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("pole", [0.0, 0.9])
+@every("seed", range(3), quick=1)
 def test_a_record_without_a_load_is_not_parted(seed: int, pole: float) -> None:
     found = fitted(*record(seed, (), pole))
     assert not found.loads.size
@@ -68,7 +68,7 @@ def test_a_record_without_a_load_is_not_parted(seed: int, pole: float) -> None:
     assert found.verdict.status == "trusted"
 
 
-@pytest.mark.parametrize("seed", range(3))
+@every("seed", range(3), quick=1)
 def test_a_drift_is_no_load(seed: int) -> None:
     u, y = record(seed, ())
     drift = np.cumsum(np.random.default_rng([seed, 43]).standard_normal(SAMPLES))
