@@ -69,7 +69,7 @@ def solve_parted(
     """Return a record of one input, parted at its loads, of which ``whole`` is the solution without any."""
     rows = np.flatnonzero(raw.made_use_of)
 
-    def solved(loads: tuple[int, ...], theta: FloatArray | None) -> Solution | None:
+    def solved(loads: tuple[int, ...], _: FloatArray | None) -> Solution | None:
         return solve(replace(raw, loads=tuple(rows[list(loads)].tolist())))
 
     model_of, first = partial(_model_of, raw.structure), Parted[Solution | None](whole, whole)
@@ -81,7 +81,7 @@ def solve_parted(
 
 
 def _model_of(structure: Structure, solution: Solution | None) -> Modelled | None:
-    if solution is None or solution.record.r is not None:
+    if solution is None:
         return None
     row, theta = Row.of_one(structure, solution.record), solution.found.theta[: structure.coefficients]
     noise = noise_of(row, evaluate(row, theta, Autoregression.white(1.0, row.count)))

@@ -49,14 +49,14 @@ class Parted(NamedTuple, Generic[Solved]):
     """The likeliest solution of a record: of the whole, or parted at loads, since these samples of it."""
 
     solution: Solved
-    tried: Solved  # the one parted where anything may have changed, though it be no likelier
+    tried: Solved  # the solution with all that may have changed, likelier or not
     loads: tuple[int, ...] = ()
-    is_sure: bool = True  # though a model that is only nearly right fits each stretch differently
+    is_sure: bool = True  # also beside how differently the model fits each stretch
 
 
 @quiet
 def may_have_loads(row: Row, theta: FloatArray) -> bool:
-    """Return whether what a model leaves of a row looks as if another load acted in it, which takes a moment to say."""
+    """Return whether another load seems to act in a row, by what a model leaves: a quick question before `parted`."""
     windows = (part for stretch in row.stretches for _, part in _windows(_cut(row, stretch.rows)))
     return any(is_suspect(part, theta) for part in windows if part.stretches)
 

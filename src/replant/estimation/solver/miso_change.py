@@ -137,9 +137,9 @@ def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> list[int
 
 
 def is_suspect(row: Row, theta: FloatArray) -> bool:
-    """Return whether another load seems to act in a row of one stretch, by the noise of most of its parts.
+    """Return whether another load seems to act in a row of one stretch, by the noise of at least half of its parts.
 
-    That of a part in which it begins, or which drifts less than the others, is no judge.
+    The noise of a part in which a load begins takes it for noise; that of a calm part takes a drift for a load.
     """
     model = _Fitted.of(row, theta)
     noises = [noise for parts in (2, 4) for noise in model.noise_of_parts(parts)]
