@@ -196,3 +196,10 @@ def test_the_compiler_is_the_one_that_is_asked_for(monkeypatch: pytest.MonkeyPat
     assert compiler() == ["gcc", "-m64"]
     monkeypatch.setitem(sys.modules, "ziglang", ModuleType("ziglang"))
     assert compiler("aarch64-linux-gnu")[1:] == ["-m", "ziglang", "cc", "-target", "aarch64-linux-gnu"]
+
+
+def test_zig_writes_for_every_processor_of_the_system(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.setitem(sys.modules, "ziglang", ModuleType("ziglang"))
+    assert compiler()[1:] == ["-m", "ziglang", "cc", "-mcpu=baseline"]

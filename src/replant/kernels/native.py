@@ -114,7 +114,7 @@ def side_by_side(end: int) -> range:
 
 
 def in_turn(first: int, end: int) -> range:
-    """Return the passes of a loop that wait for what was done just before: several at once would wait longer."""
+    """Return the passes of a loop that are computed one by one: several at once would take longer."""
     return range(first, end)
 
 

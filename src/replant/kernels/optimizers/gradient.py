@@ -210,7 +210,7 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     keep, Q, slope = 1.0 - period * beta, block(memory, AT_Q, P), block(memory, AT_SLOPE, P)
     for k in range(batch):
         phi = buffer[rows[k]]
-        for i in range(P):
+        for i in in_turn(0, P):
             theta[i] -= period * gain * slope[i]  # (19), its first line; the others in `enter_row`
         enter_row(P, theta, memory, Q, slope, keep, period * phi[P + 1], phi, phi[direction:])
 

@@ -21,7 +21,7 @@ from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain, whitening
 from replant.kernels.lanes import copy
 from replant.kernels.monitoring import scatter
-from replant.kernels.native import LAID_OUT, Matrix, Reals, inlined, kernel
+from replant.kernels.native import LAID_OUT, Matrix, Reals, in_turn, inlined, kernel
 from replant.kernels.optimizers.gradient import telling_part
 from replant.kernels.optimizers.memory import draw_below
 from replant.kernels.schema import Doubt, StateArrays
@@ -129,7 +129,7 @@ def draw_rows(s, rows):
     s.buffer_filled = filled
     batch = s.batch_size if filled > s.warmup else 1
     seed, drawn = s.seed, s.drawn
-    for i in range(batch - 1):
+    for i in in_turn(0, batch - 1):  # its products have 64 bits, which not all vectors have
         rows[i] = draw_below(seed, drawn + i, filled)
     rows[batch - 1] = head
     s.drawn = drawn + batch - 1
