@@ -210,16 +210,15 @@ def integral_cost(theta, memory, settings, buffer, rows, batch, direction):
     keep, Q, slope = 1.0 - period * beta, block(memory, AT_Q, P), block(memory, AT_SLOPE, P)
     for k in range(batch):
         phi = buffer[rows[k]]
-        for i in in_turn(0, P):
-            theta[i] -= period * gain * slope[i]  # (19), its first line; the others in `enter_row`
-        enter_row(P, theta, memory, Q, slope, keep, period * phi[P + 1], phi, phi[direction:])
+        enter_row(P, theta, memory, Q, slope, period * gain, keep, period * phi[P + 1], phi, phi[direction:])
 
 
 @inlined
-def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
-    """Let a row of the buffer enter R and Q; find the slope R theta + Q.
+def enter_row(P, theta, R, Q, slope, step, keep, weight, phi, along):
+    """Step along the slope, let a row of the buffer enter R and Q, and find the slope R theta + Q: (19), line by line.
 
-    Two rows of R at once: each addition to a sum waits for the one before, those to the other do not.
+    Two rows of R at once: each addition to a sum waits for the one before, those to the other do not.  The step is
+    part of the first pass over theta: one of its own would store what this one then waits for.
     """
     y, pairs = phi[P], P - P % 2
     for i in range(0, pairs, 2):
@@ -230,14 +229,20 @@ def enter_row(P, theta, R, Q, slope, keep, weight, phi, along):
         for j in range(P):
             entry0, entry1 = keep * row0[j] + weight0 * phi[j], keep * row1[j] + weight1 * phi[j]
             row0[j], row1[j] = entry0, entry1
-            sum0 += entry0 * theta[j]
-            sum1 += entry1 * theta[j]
+            now = theta[j]
+            if i == 0:
+                now -= step * slope[j]
+                theta[j] = now
+            sum0 += entry0 * now
+            sum1 += entry1 * now
         slope[i], slope[i + 1] = sum0, sum1
     for i in range(pairs, P):
         row, weighted = R[i * P :], weight * along[i]
         total = keep * Q[i] - weighted * y
         Q[i] = total
         for j in range(P):
+            if i == 0:
+                theta[j] -= step * slope[j]
             row[j] = keep * row[j] + weighted * phi[j]
             total += row[j] * theta[j]
         slope[i] = total
