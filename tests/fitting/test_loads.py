@@ -59,6 +59,21 @@ def test_what_is_left_is_the_noise(seed: int) -> None:
     assert found.simulation.fit == pytest.approx(100.0 * (1.0 - np.nanstd(error) / y.std()), abs=0.2)
 
 
+@every("seed", range(6), quick=1)
+def test_the_end_of_a_run_finds_them_too_and_goes_on_from_there(seed: int) -> None:
+    u, y = record(seed)
+    known, ident = 4500, rp.Identifier(rp.Structure(1, delay=0.3), DT)
+    found = fitted(u[:known], y[:known])
+    ident.update_many(u[:known], y[:known])
+    ident.finish()
+    deviations = np.sqrt(np.diag(found.covariance))  # either has a noise model of its own
+    assert np.all(np.abs(ident.parameters - found.parameters) < deviations)
+    assert ident.assess().status == "trusted"
+    ident.update_many(u[known:], y[known:])
+    assert ident.parameters == pytest.approx(TRUE, rel=0.1)
+    assert ident.assess().status == "trusted"
+
+
 @pytest.mark.parametrize("pole", [0.0, 0.9])
 @every("seed", range(3), quick=1)
 def test_a_record_without_a_load_is_not_parted(seed: int, pole: float) -> None:

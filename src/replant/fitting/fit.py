@@ -13,15 +13,12 @@ from replant.estimation.engine.record import Record
 from replant.estimation.filters import Filter, RefinedFilter, StateVariableFilter
 from replant.estimation.settings import AUTO, Request
 from replant.estimation.simulation.model_run import prediction_error, runs_away
-from replant.estimation.solver.change_contest import NOTICED
 from replant.estimation.solver.least_squares import choose_filter, least_squares, regressors
-from replant.estimation.solver.refined import without_nuisances
 from replant.estimation.solver.solve import Solution, solve
-from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.matrix import MatrixFit, fit_matrix, is_matrix
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
-from replant.fitting.parted import solve_parted
+from replant.fitting.parted import differ, solve_parted
 from replant.fitting.samples import RawRecord, Samples
 from replant.kernels.schema import Doubt
 from replant.model.interop import in_our_words
@@ -221,23 +218,20 @@ def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples
 
     Where that may be right, and G(s) another one then, the one given may not be trusted.
     """
-    found = solve_parted(raw, solution, lambda raw: _solution(raw, None))
+    rows = np.flatnonzero(raw.made_use_of)
+
+    def with_loads(loads: tuple[int, ...]) -> RawRecord:
+        return dataclasses.replace(raw, loads=tuple(rows[list(loads)].tolist()))
+
+    found = solve_parted(raw.structure, solution, lambda loads: _solution(with_loads(loads), None))
     if not found.loads or found.solution is None:
         return whole
     rejected = {name: count for name, count in whole.rejected.items() if name not in ("outlier", "stuck")}
-    raw, solution = dataclasses.replace(raw, loads=found.loads), found.solution
-    parted = _with_record(_refined_result(raw, solution, rejected, None), raw, given, solution.record)
+    made = _refined_result(with_loads(found.loads), found.solution, rejected, None)
+    parted = _with_record(made, with_loads(found.loads), given, found.solution.record)
     if found.is_sure and parted.verdict.status == "trusted":
         return parted
-    return dataclasses.replace(whole, rival=parted) if _differ(whole, parted) else whole
-
-
-def _differ(whole: FitResult, other: FitResult) -> bool:
-    """Return whether the outputs that two G(s) make of a record's input differ by what is noticed."""
-    assert whole.record is not None
-    problem, models = Problem(whole.structure, whole.record), (whole.parameters, other.parameters)
-    own, others = (problem.run_whole(without_nuisances(whole.structure, each)).output for each in models)
-    return not float(np.std(own - others)) < NOTICED * float(np.std(own))
+    return dataclasses.replace(whole, rival=parted) if differ(raw.structure, solution, found.solution) else whole
 
 
 def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Record) -> FitResult:

@@ -10,11 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from replant.estimation.simulation.miso import Row, RowRecord, evaluate, noise_of
+from replant.estimation.solver.change_contest import NOTICED
 from replant.estimation.solver.miso_breaks import Modelled, Parted, find_plant_change, may_have_loads, parted
 from replant.estimation.solver.miso_change import Judge
+from replant.estimation.solver.refined import without_nuisances
 from replant.estimation.solver.solve import Solution
+from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.miso_solve import RowSolution, begun_at, solve_with, started
-from replant.fitting.samples import RawRecord
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
@@ -64,20 +66,28 @@ def _of_plant(row: Row, theta: FloatArray) -> tuple[Finding, ...]:
 
 
 def solve_parted(
-    raw: RawRecord, whole: Solution, solve: Callable[[RawRecord], Solution | None]
+    structure: Structure, whole: Solution, solve: Callable[[tuple[int, ...]], Solution | None]
 ) -> Parted[Solution | None]:
-    """Return a record of one input, parted at its loads, of which ``whole`` is the solution without any."""
-    rows = np.flatnonzero(raw.made_use_of)
-
-    def solved(loads: tuple[int, ...], _: FloatArray | None) -> Solution | None:
-        return solve(replace(raw, loads=tuple(rows[list(loads)].tolist())))
-
-    model_of, first = partial(_model_of, raw.structure), Parted[Solution | None](whole, whole)
+    """Return a record of one input parted at its loads; ``whole`` is its solution without, ``solve`` gives it with."""
+    model_of, first = partial(_model_of, structure), Parted[Solution | None](whole, whole)
     model = model_of(whole)
     if model is None or not may_have_loads(model.row, model.judge.theta):
         return first
-    found = parted(first.solution, model_of, solved)
-    return found._replace(loads=tuple(rows[list(found.loads)].tolist()))
+    return parted(first.solution, model_of, lambda loads, _: solve(loads))
+
+
+def plant_changes(structure: Structure, parted: Solution) -> bool:
+    """Return whether the plant seems to have changed where a stretch of a record of one input begins."""
+    theta = parted.found.theta[: structure.coefficients]
+    return find_plant_change(Row.of_one(structure, parted.record), theta) is not None
+
+
+def differ(structure: Structure, whole: Solution, parted: Solution) -> bool:
+    """Return whether the outputs that two G(s) make of a record's input differ by what is noticed."""
+    problem = Problem(structure, whole.record)
+    models = (without_nuisances(structure, each.found.theta[: structure.size]) for each in (whole, parted))
+    own, others = (problem.run_whole(model).output for model in models)
+    return not float(np.std(own - others)) < NOTICED * float(np.std(own))
 
 
 def _model_of(structure: Structure, solution: Solution | None) -> Modelled | None:

@@ -26,7 +26,7 @@ from replant.estimation.settings import STORED, Settings
 from replant.estimation.solver.bad_samples import suspicious
 from replant.estimation.solver.change_contest import Claim, Contest, decided, is_sure, odds_of
 from replant.estimation.solver.known_before import Known
-from replant.estimation.solver.solve import solve
+from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import SOONEST, least_since
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
@@ -76,7 +76,9 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
     record = kept.record(settings.dt, settings.filter.input_hold)
-    present = _known(old, settings, record, earliest, old.physical, _information(old, settings))
+    present = _known(
+        old, settings, record, earliest, old.physical, _information(settings, covariance(old, settings), old.entries)
+    )
     if present is None:
         return old, later
     if old.alarm == Alarm.FLOATS:
@@ -183,10 +185,10 @@ def _known(
     return Known.before(settings.structure, record, begin, mean, information, usual, filters=filters)
 
 
-def _information(state: State, settings: Settings) -> FloatArray:
+def _information(settings: Settings, covariance: FloatArray, entries: int) -> FloatArray:
     """Return the information (T, T) about the coefficients, that of the residual's colour and scatter."""
-    size, information = settings.structure.coefficients, np.zeros((state.entries, state.entries))
-    known = inverse_of(covariance(state, settings)[:size, :size])
+    size, information = settings.structure.coefficients, np.zeros((entries, entries))
+    known = inverse_of(covariance[:size, :size])
     if np.isfinite(known).all():  # else nothing is known: beyond the range of float64
         information[:size, :size] = known
     return information
@@ -230,6 +232,34 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
         new.past_kept, new.past_due = 0, new.samples
     _end(new)
     return new
+
+
+def behind_loads(old: State, settings: Settings, parted: Solution) -> State | None:
+    """Return the state that goes on behind the last load of a record, which was solved parted at its loads.
+
+    What the samples before tell of G(s) is known, as where the load is believed while the record grows.
+    """
+    *earlier, load = parted.record.begins
+    first = earlier[-1] if earlier else 0
+    before = solve(settings.structure, parted.record.first(load), [parted.found.theta])
+    if before is None:
+        return None
+    record = replace(parted.record.last(parted.record.u.size - first), begins=())
+    mean, information = before.found.theta, _information(settings, before.found.covariance, old.entries)
+    known = _known(old, settings, record, load - first, mean, information)
+    if known is None:
+        return None
+    claims = Contest(settings.structure, record, load - first, known).claims(again=True)
+    found = next((claim for claim in claims if claim.supposition is Supposition.LOAD), None)
+    whole = old.copy()
+    whole.change, whole.changed_at, whole.before_began, whole.record_began, whole.gap_at = (
+        Supposition.NOTHING,
+        0,
+        0,
+        0,
+        first,
+    )
+    return None if found is None else believed(whole, settings, found, undecided=False)
 
 
 def one_plant_before(state: State) -> int:

@@ -447,7 +447,8 @@ class Identifier(Lifecycle):
     def finish(self) -> None:
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
-        Ends the start-up where it is not over and the samples give a model.  The estimate stays where it is frozen,
+        Ends the start-up where it is not over and the samples give a model.  Where loads have acted the record is
+        parted, and offset and initial state are those since the last one.  The estimate stays where it is frozen,
         where older samples are forgotten or no longer kept (there are more than 30000), with a method that is not the
         default, and where the plant has changed meanwhile.  Samples may follow.
         """

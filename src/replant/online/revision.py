@@ -10,25 +10,29 @@ every sample, as `fit` does, unless the plant has changed.  Nothing that was dec
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.engine.recent_samples import RecentSamples
+from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
 from replant.estimation.simulation.model_run import prediction_error, runs_away
 from replant.estimation.solver.change_contest import decided, is_sure, weighed
 from replant.estimation.solver.change_search import begin_of_change, change_at
 from replant.estimation.solver.solve import Solution, solve
+from replant.fitting.parted import differ, plant_changes, solve_parted
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
-from replant.online.begin_recursion import restart_at
+from replant.online.begin_recursion import note_doubts, restart, restart_at
 from replant.online.change_response import (
     AGAIN,
+    behind_loads,
     believed,
     first_look,
     gap_before,
@@ -190,24 +194,46 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a solution of every sample so far; None where the present estimate stays.
 
     It stays where older samples are forgotten or no longer kept, where the plant has changed (`_has_changed`), and
-    where it explains the record better beyond chance.
+    where it explains the record better beyond chance.  Where loads have acted the state goes on behind the last one.
     """
     kept = RecentSamples.of(old, STORED)
     if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):
         return None
-    solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True))
+    record = kept.record(settings.dt, settings.filter.input_hold, parted=True)
+    solution = solve(settings.structure, record)
     if solution is None:
         return None
-    if old.change.is_of_plant and _lasts(old, settings) and _has_changed(old, settings, solution):
-        return None
-    if _advantage(solution, settings, old.physical) < -SURELY:
-        return None
-    new = restart_at(old, settings, solution, 0)
+    solution, new, undecided = _parted(old, settings, record, solution)
+    if new is None:
+        if old.change.is_of_plant and _lasts(old, settings) and _has_changed(old, settings, solution):
+            return None
+        if _advantage(solution, settings, old.physical) < -SURELY:
+            return None
+        new = restart(old, settings, solution.found, solution.record, 0)
+        new.gap_at = 0  # it was where an alarm ended: the record has no gap
+        new.change, new.changed_at, new.undecided = Supposition.NOTHING, 0, undecided
+    note_doubts(new, solution)
     new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples
-    new.gap_at = 0  # it was where an alarm ended: the record has no gap
-    new.change, new.changed_at, new.undecided = Supposition.NOTHING, 0, False
     new.outliers, new.stuck = (int((solution.doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK))
     return new
+
+
+def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> tuple[Solution, State | None, bool]:
+    """Return the solution of a record parted at its loads, and the state behind the last one.
+
+    Else that of the whole record, None, and whether loads may have acted and G(s) be another one.
+    """
+    structure = settings.structure
+    if record.r is not None:
+        return whole, None, False
+    parted = solve_parted(structure, whole, lambda loads: solve(structure, replace(record, begins=loads)))
+    if not parted.loads or parted.solution is None:
+        return whole, None, False
+    if parted.is_sure and not plant_changes(structure, parted.solution):
+        state = behind_loads(old, settings, parted.solution)
+        if state is not None:
+            return parted.solution, state, False
+    return whole, None, differ(structure, whole, parted.solution)
 
 
 def _lasts(state: State, settings: Settings) -> bool:
