@@ -42,6 +42,8 @@ from replant.numerics.projections import WEAKEST
 
 # of 12 records with three loads each 2 to 9 of them serve alike, those of a place once alone worse
 SUSPECTED = 3  # samples since which suppositions compete, where the scores do [count]
+# a thousandth of what the odds against a change are
+TOLD = 0.01  # evidence that a step is worth below which steps towards a supposition end [nats]
 
 
 class Judge(NamedTuple):
@@ -224,7 +226,9 @@ def _claims(
 def _with_own_noise(row: Row, point: Point, noise: Autoregression) -> tuple[float, Autoregression]:
     """Return the cost of a model with the noise that it leaves, where that is less, and this noise."""
     own = noise_of(row, point)
-    return min(point.cost, refine(row, point.theta, own, point).cost * worth_of_lags(row, own, noise)), own
+    return min(
+        point.cost, refine(row, point.theta, own, point, done=_told(row)).cost * worth_of_lags(row, own, noise)
+    ), own
 
 
 def worth_of_lags(row: Row, own: Autoregression, noise: Autoregression) -> float:
@@ -260,7 +264,10 @@ def _costs_of_branches(row: Row, begin: int, theta: FloatArray, noise: Autoregre
         inputs = np.column_stack([centred, np.where(is_since, centred[:, number], 0.0)])
         inputs[is_since, number] = 0.0
         both = Row((*row.structures, structure), row.record, inputs)
-        yield refine(both, np.concatenate([theta, branch]), noise).cost, structure.size + structure.poles
+        yield (
+            refine(both, np.concatenate([theta, branch]), noise, done=_told(row)).cost,
+            structure.size + structure.poles,
+        )
 
 
 def dispersion_before(
@@ -275,7 +282,13 @@ def dispersion_before(
 
 def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression) -> Point:
     """Return the point of least cost that steps from some models lead to."""
-    return min(ends_of(row, (path(row, theta, noise) for theta in models)), key=lambda point: point.cost)
+    paths = (path(row, theta, noise, done=_told(row)) for theta in models)
+    return min(ends_of(row, paths), key=lambda point: point.cost)
+
+
+def _told(row: Row) -> float:
+    """Return the part of a cost that is `TOLD` of evidence."""
+    return 2.0 * TOLD / max(row.count, 1)
 
 
 def _changes_on(row: Row, begin: int, theta: FloatArray) -> bool:

@@ -43,17 +43,22 @@ def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def refine(
-    row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS
-) -> Point:
+    row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS,
+    done: float = DONE,
+) -> Point:  # fmt: skip
     """Return the point that damped joint steps (Levenberg-Marquardt) lead to."""
-    *_, point = path(row, theta, noise, before, steps)
+    *_, point = path(row, theta, noise, before, steps, done)
     return point
 
 
 def path(
-    row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS
-) -> Iterator[Point]:
-    """Yield the points that damped joint steps (Levenberg-Marquardt) pass through, the first one at theta."""
+    row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS,
+    done: float = DONE,
+) -> Iterator[Point]:  # fmt: skip
+    """Yield the points that damped joint steps (Levenberg-Marquardt) pass through, the first one at theta.
+
+    They end where a step makes the cost less by no more than the part ``done`` of it.
+    """
     point, damping = evaluate(row, theta, noise, before), DAMPING[0]
     yield point
     for _ in range(steps):
@@ -62,7 +67,7 @@ def path(
             return
         gain, point = point.cost - new.cost, new
         yield point
-        if gain <= DONE * (point.cost + gain):
+        if gain <= done * (point.cost + gain):
             return
 
 
