@@ -76,9 +76,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     earliest, *begins = (max(begin + int(part * len(since)), 1) for part in BEGINS)
     record = kept.record(settings.dt, settings.filter.input_hold)
-    present = _known(
-        old, settings, record, earliest, old.physical, _information(settings, covariance(old, settings), old.entries)
-    )
+    information = _information(settings, covariance(old, settings), old.entries)
+    present = _known(old, settings, record, earliest, old.physical, information)
     if present is None:
         return old, later
     if old.alarm == Alarm.FLOATS:
@@ -251,15 +250,12 @@ def behind_loads(old: State, settings: Settings, parted: Solution) -> State | No
         return None
     claims = Contest(settings.structure, record, load - first, known).claims(again=True)
     found = next((claim for claim in claims if claim.supposition is Supposition.LOAD), None)
+    if found is None:
+        return None
     whole = old.copy()
-    whole.change, whole.changed_at, whole.before_began, whole.record_began, whole.gap_at = (
-        Supposition.NOTHING,
-        0,
-        0,
-        0,
-        first,
-    )
-    return None if found is None else believed(whole, settings, found, undecided=False)
+    whole.change, whole.gap_at = Supposition.NOTHING, first
+    whole.changed_at = whole.before_began = whole.record_began = 0
+    return believed(whole, settings, found, undecided=False)
 
 
 def one_plant_before(state: State) -> int:

@@ -226,9 +226,8 @@ def _claims(
 def _with_own_noise(row: Row, point: Point, noise: Autoregression) -> tuple[float, Autoregression]:
     """Return the cost of a model with the noise that it leaves, where that is less, and this noise."""
     own = noise_of(row, point)
-    return min(
-        point.cost, refine(row, point.theta, own, point, done=_told(row)).cost * worth_of_lags(row, own, noise)
-    ), own
+    cost = refine(row, point.theta, own, point, done=_told(row)).cost
+    return min(point.cost, cost * worth_of_lags(row, own, noise)), own
 
 
 def worth_of_lags(row: Row, own: Autoregression, noise: Autoregression) -> float:
@@ -264,10 +263,8 @@ def _costs_of_branches(row: Row, begin: int, theta: FloatArray, noise: Autoregre
         inputs = np.column_stack([centred, np.where(is_since, centred[:, number], 0.0)])
         inputs[is_since, number] = 0.0
         both = Row((*row.structures, structure), row.record, inputs)
-        yield (
-            refine(both, np.concatenate([theta, branch]), noise, done=_told(row)).cost,
-            structure.size + structure.poles,
-        )
+        point = refine(both, np.concatenate([theta, branch]), noise, done=_told(row))
+        yield point.cost, structure.size + structure.poles
 
 
 def dispersion_before(
