@@ -163,3 +163,23 @@ def test_every_error_is_replants_own() -> None:
         assert issubclass(kind, rp.ReplantError)
         assert issubclass(kind, rp.CheckpointError)
     assert str(rp.MissingCheckpointError("one line")) == "one line"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [3, 22])
+def test_what_has_ended_amid_an_alarm_is_saved_and_goes_on(seed: int, tmp_path: Path) -> None:
+    """The end looks into the alarm, and what it finds plans the next look."""
+    plant, rng = rp.TransferFunction([2.0], [1.0, 3.5, 3.5, 1.0]), np.random.default_rng(seed)
+    u = rng.choice([-1.0, 1.0], 60).repeat(40)[:2298]
+    clean = plant.simulate(u, 0.05)
+    loads = sum(size * (np.arange(u.size) >= begin) for begin, size in ((1359, -0.99), (1974, -0.96), (2041, -0.84)))
+    y = clean + clean.std() * (loads + 0.15 * rng.standard_normal(u.size))
+    y[303:453] = y[303]
+    ident = rp.Identifier(rp.Structure(3), 0.05)
+    ident.update_many(u, y)
+    ident.finish()
+    ident.save(tmp_path / "ended.json")
+    again = rp.load(tmp_path / "ended.json")
+    for each in (ident, again):
+        each.update_many(u[:300], y[:300])
+    assert np.array_equal(ident.parameters, again.parameters)

@@ -323,11 +323,14 @@ class Lifecycle(Estimate):
             if self._state.samples:
                 self._end_startup(at_any_rate=True)
             return
-        if self._state.alarm:
-            self._go_on_with(look(self._state, self._settings)[0])
+        before = self._state
+        if before.alarm:
+            self._go_on_with(look(before, self._settings)[0])
         if (found := solve_whole(self._state, self._settings)) is not None:
-            self._resolve_at = next_revision(self._go_on_with(found), self._settings, self._most)
-            self._plan()
+            self._go_on_with(found)
+        if self._state is not before:
+            self._resolve_at = next_revision(self._state, self._settings, self._most)
+        self._plan()
 
     def _adapt(self, adapt: bool) -> None:
         if self._settings is None:
