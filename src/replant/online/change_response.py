@@ -31,7 +31,7 @@ from replant.estimation.solver.srivc_steps import SOONEST, least_since
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import inverse_of, quiet
-from replant.online.begin_recursion import clear_doubt, restart, restart_at
+from replant.online.begin_recursion import clear_doubt, note_doubts, restart, restart_at
 from replant.verdict.evidence import LEAST_POWER, RESTED
 
 # a sum of what exceeds twice the usual power begins late where a change shows slowly, and early by chance; the onset is
@@ -255,7 +255,10 @@ def behind_loads(old: State, settings: Settings, parted: Solution) -> State | No
     whole = old.copy()
     whole.change, whole.gap_at = Supposition.NOTHING, first
     whole.changed_at = whole.before_began = whole.record_began = 0
-    return believed(whole, settings, found, undecided=False)
+    new = believed(whole, settings, found, undecided=False)
+    if new is not None:
+        note_doubts(new, parted)
+    return new
 
 
 def one_plant_before(state: State) -> int:

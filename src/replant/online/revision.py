@@ -29,7 +29,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
-from replant.online.begin_recursion import note_doubts, restart, restart_at
+from replant.online.begin_recursion import restart_at
 from replant.online.change_response import (
     AGAIN,
     behind_loads,
@@ -209,10 +209,9 @@ def solve_whole(old: State, settings: Settings) -> State | None:
             return None
         if _advantage(solution, settings, old.physical) < -SURELY:
             return None
-        new = restart(old, settings, solution.found, solution.record, 0)
+        new = restart_at(old, settings, solution, 0)
         new.gap_at = 0  # it was where an alarm ended: the record has no gap
         new.change, new.changed_at, new.undecided = Supposition.NOTHING, 0, undecided
-    note_doubts(new, solution)
     new.alarm, new.change_began, new.finished_at = Alarm.NONE, new.samples, new.samples
     new.outliers, new.stuck = (int((solution.doubt == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK))
     return new
