@@ -10,6 +10,9 @@ whatever the distribution of the residual (White).  Samples whose past is broken
 is told badly there and nowhere else.  At j = 0 feedback cannot be told from a direct path of the plant.  A model with a
 direct path has taken it up, and the test begins at j = 1.
 
+How far back the answer goes Akaike tells too: a controller is heard as long as the loop rings, and the residual of a
+load has more colour than the noise model.
+
 Sources: Soderstrom and Stoica (1989), "System Identification", section 11.2 and chapter 10; Sims (1972), "Money,
 income, and causality", American Economic Review 62; White (1980), "A heteroskedasticity-consistent covariance matrix
 estimator and a direct test for heteroskedasticity", Econometrica 48.
@@ -30,7 +33,7 @@ from replant.numerics.linear_algebra import pseudo_inverse, quiet
 from replant.numerics.robust import normal_scores
 
 # a digital controller answers at the next sample; what answers later alone hardly feeds back
-ANSWERS = 10  # latest residual that the input may answer, beside the present one [samples]
+ANSWERS = 10  # latest residual whose answer shows feedback, beside the present one [samples]
 
 # Akaike chooses; of 42 recorded logs none needs more
 LONGEST = 120  # own past values that tell the input at the most [samples]
@@ -54,7 +57,6 @@ LOUDEST = 3.0  # amplitude of an answer beside the input; a louder one comes of 
 class Feedback:
     """How an input answers a residual."""
 
-    part: FloatArray  # (K,): of the input that answers, its own past carrying it on
     chance: float = 1.0  # of so much of it in open loop
     later: float = 1.0  # the same of residuals before alone
     at_once: float = 0.0  # correlation of input and residual of the same sample, in standard deviations
@@ -78,21 +80,37 @@ def answering(u: FloatArray, w: FloatArray, before: IntArray, first: int = 0) ->
     """
     most = _most(before)
     rows = np.flatnonzero(before >= max(most, ANSWERS))[-NEWEST:]
-    nothing = Feedback(np.zeros(u.size))
     if rows.size < PER_COLUMN * (ANSWERS + 2):
-        return nothing
-    past, inverse = _own_past(u.tobytes(), most, rows.tobytes())
-    lagged = np.column_stack([w[rows - lag] for lag in range(first, ANSWERS + 1)])
-    left, own = _untold(np.column_stack([u[rows], lagged]), past, inverse)
-    now, told = left[:, 0], left[:, 1:]
+        return Feedback()
+    now, told, _ = _answers(u, w, rows, most, range(first, ANSWERS + 1))
     if not np.linalg.norm(now) > ROUNDING * np.linalg.norm(u):
-        return nothing  # the input is known from its past
+        return Feedback()  # the input is known from its past
     moments = normal_scores(now)[:, None] * told
-    gains = np.linalg.lstsq(told, now, rcond=RANK)[0]
-    part = _carried(np.convolve(w, np.append(np.zeros(first), gains))[: u.size], (own @ np.append(1.0, -gains))[1:], u)
     sizes = float(np.linalg.norm(now) * np.linalg.norm(told[:, 0]))
     at_once = math.sqrt(rows.size) * float(now @ told[:, 0]) / sizes if sizes > 0.0 and not first else 0.0
-    return Feedback(part, _chance(moments), _chance(moments[:, 1 - first :]), at_once)
+    return Feedback(_chance(moments), _chance(moments[:, 1 - first :]), at_once)
+
+
+@quiet
+def answer(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray:
+    """Return the part (K,) of an input that answers a whitened residual, its own past carrying it on."""
+    most = _most(before)
+    latest = max(most, ANSWERS)
+    rows = np.flatnonzero(before >= latest)[-NEWEST:]
+    now, told, own = _answers(u, w, rows, most, range(latest + 1))
+    told = told[:, : max(_fewest(_triangle(np.column_stack([told, now])), rows.size), ANSWERS + 1)]
+    gains = np.linalg.lstsq(told, now, rcond=RANK)[0]
+    weights = own[:, : gains.size + 1] @ np.append(1.0, -gains)
+    return _carried(np.convolve(w, gains)[: u.size], weights[1:], u)
+
+
+def _answers(
+    u: FloatArray, w: FloatArray, rows: IntArray, most: int, lags: range
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what an input's past does not tell of it (K,), of residuals (K, L), and the past's weights of either."""
+    past, inverse = _own_past(u.tobytes(), most, rows.tobytes())
+    left, own = _untold(np.column_stack([u[rows], *(w[rows - lag] for lag in lags)]), past, inverse)
+    return left[:, 0], left[:, 1:], own
 
 
 def _chance(moments: FloatArray) -> float:
@@ -119,14 +137,21 @@ def _own_past(signal: bytes, most: int, samples: bytes) -> tuple[FloatArray, Flo
     Twice as far back is looked only where the farther half of it tells something.
     """
     u, rows = np.frombuffer(signal), np.frombuffer(samples, np.int64)
-    power, lags, best = float(u[rows] @ u[rows]), -1, 0
+    lags, best = -1, 0
     while lags < most and 2 * best > lags:
         lags = min(max(2 * lags, SHORTEST), most)
         past = np.column_stack([np.ones(rows.size), *(u[rows - lag] for lag in range(1, lags + 1)), u[rows]])
         upper = _triangle(past)
-        left = np.maximum(power - np.cumsum(upper[:-1, -1] ** 2), 1e-14 * power)
-        best = int(np.argmin(rows.size * np.log(left) + 2.0 * np.arange(lags + 1)))
+        best = _fewest(upper[1:, 1:], rows.size)
     return past[:, : best + 1], np.asarray(np.linalg.pinv(upper[: best + 1, : best + 1], RANK))
+
+
+def _fewest(upper: FloatArray, samples: int) -> int:
+    """Return of how many columns the last one is best told by Akaike's criterion, from R of all of them."""
+    told = np.append(0.0, np.cumsum(upper[:-1, -1] ** 2))
+    power = told[-1] + upper[-1, -1] ** 2
+    left = np.maximum(power - told, 1e-14 * power)
+    return int(np.argmin(samples * np.log(left) + 2.0 * np.arange(left.size)))
 
 
 def _triangle(columns: FloatArray) -> FloatArray:

@@ -38,7 +38,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, run_model, runs_away
-from replant.estimation.solver.feedback_test import LONGEST, PER_COLUMN, Feedback, answering
+from replant.estimation.solver.feedback_test import LONGEST, PER_COLUMN, answer, answering
 from replant.estimation.solver.refined import Refined
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
@@ -135,11 +135,13 @@ def _share_of_feedback(
     whole: FloatArray,
 ) -> float:
     """Return the share of the difference between two estimates that feedback does not explain, phi."""
-    u = record.u - record.u.mean()
-    feedback = _feedback(record, estimates[1].noise_model, runs[1].error, whole)
-    if not feedback.found or _is_direct(structure, estimates[1].theta, feedback.at_once):
-        return 1.0
-    rest = dataclasses.replace(record, u=u - feedback.part)
+    u, w = record.u - record.u.mean(), estimates[1].noise_model.ahead(runs[1].error) * whole
+    if record.r is None:
+        feedback = answering(u, w, record.inputs_before)
+        if not feedback.found or _is_direct(structure, estimates[1].theta, feedback.at_once):
+            return 1.0
+    own = u - answer(u, w, record.inputs_before) if record.r is None else _explained(u, record.r)
+    rest = dataclasses.replace(record, u=own)
     purged = [run_model(structure, one.theta[: structure.size], rest, record.dt) for one in estimates]
     if purged[0] is None or purged[1] is None:
         return 0.0
@@ -163,15 +165,10 @@ def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
 
 def is_answered(record: Record, noise: Autoregression, error: FloatArray) -> bool:
     """Return whether a record's input answers a residual (K,), as under a controller."""
-    return _feedback(record, noise, error, _whole(record, noise.order)).found
-
-
-def _feedback(record: Record, noise: Autoregression, error: FloatArray, whole: FloatArray) -> Feedback:
-    """Return how a record's input answers a residual (K,); with a reference what that does not explain of it does."""
-    u = record.u - record.u.mean()
     if record.r is not None:
-        return Feedback(u - _explained(u, record.r), chance=0.0)
-    return answering(u, noise.ahead(error) * whole, record.inputs_before)
+        return True
+    w = noise.ahead(error) * _whole(record, noise.order)
+    return answering(record.u - record.u.mean(), w, record.inputs_before).found
 
 
 def _explained(u: FloatArray, r: FloatArray) -> FloatArray:
