@@ -170,8 +170,11 @@ def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
 
 
 @quiet
-def one_step(residual: FloatArray) -> FloatArray:
-    """Return the error (K,) of a residual predicted by an autoregression; without a whole past it stays as it is."""
+def one_step(residual: FloatArray, end: int | None = None) -> FloatArray:
+    """Return the error (K,) of a residual predicted by an autoregression of its samples before ``end``, or of all.
+
+    Without a whole past it stays as it is.
+    """
     if residual.size <= LAGS:
         return residual
     known = np.isfinite(residual)
@@ -179,6 +182,8 @@ def one_step(residual: FloatArray) -> FloatArray:
     usable = np.convolve(~known, np.ones(LAGS + 1))[: known.size] == 0
     whole = usable.copy()
     whole[:LAGS] = False
+    if end is not None:
+        whole[end:] = False
     sums, count = sums_of(filled, np.where(whole, LAGS, 0))
     if count < LEAST:
         return residual

@@ -282,19 +282,18 @@ def _relative_std(error: FloatArray) -> float:
     return max(math.sqrt(2.0 * memory / error.size), scatter)
 
 
-def burst_finding(evidence: Evidence, runs: Runs, *, referenced: bool = False) -> list[Finding]:
+def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Return a finding if the residual's power over the newest block exceeds that over every block before.
 
-    With a reference that of the whitened residual must do so as well, see `growth_finding`.
+    Whitened by what came before it must do so as well: of a residual that drifts any block may be the largest.
     """
     first = evidence.newest.start if evidence.follows else 0
     error = runs.old.error[first:]
-    white = one_step(error) if referenced else error
     for count in BLOCKS:
         if error.size // count <= FEWEST_BLOCKS:
             return []
         last, largest, usual = _powers(error, count)
-        newest, before_it, _ = _powers(white, count)
+        newest, before_it, _ = _powers(one_step(error, error.size - count), count)
         if last > BURST * largest and newest > BURST * before_it and last - usual > BURST_MATTERS * runs.power:
             span = f"the last {duration(evidence.seconds(count))}"
             before = f"{figure(last / largest)} times its largest power over any earlier stretch as long"
