@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -9,6 +11,11 @@ from scipy.signal import lfilter
 import replant as rp
 from support.builders import DT, binary
 from support.cases import every
+from support.places import ROOT
+
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+from accuracy.controlled import published_loops
 
 PLANT = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
 STEADY, SAMPLES = 12_000, 22_000
@@ -76,3 +83,13 @@ def test_single_samples_and_a_checkpoint_come_to_the_same_review() -> None:
         parts.update(float(u[k]), float(y[k]))
     assert whole._state.changed_at > 0
     assert parts.to_bytes() == whole.to_bytes()
+
+
+@every("run", [35, 46, 49], quick=1)
+def test_an_estimate_that_has_run_away_is_solved_for_again(run: int) -> None:
+    """The start-up takes the controller for the plant, and the recursion leaves for 1e8 and more within 100 samples."""
+    loop = next(each for each in published_loops() if each.key == "K published analogue-coloured")
+    measured = loop.record(run)
+    ident = rp.Identifier(loop.structure, loop.dt)
+    ident.update_many(measured.u[:2000], measured.y[:2000])
+    np.testing.assert_allclose(ident.parameters, [0.5, 1.0, 1.0, 1.0], atol=0.2)

@@ -79,7 +79,8 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     information = _information(settings, covariance(old, settings), old.entries)
     present = _known(old, settings, record, earliest, old.physical, information)
     if present is None:
-        return old, later
+        new = _anew(old, settings, kept, first)
+        return (old, later) if new is None else (new, 0)
     if old.alarm == Alarm.FLOATS:
         claims, found = _afloat(settings, record, begin, present)
     else:
@@ -103,6 +104,19 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     new = believed(old, settings, found, undecided=not is_sure(claims, found))
     return (old, later) if new is None else (new, 0)
+
+
+def _anew(old: State, settings: Settings, kept: RecentSamples, first: int) -> State | None:
+    """Return the state at a solution of the samples kept, where the present estimate cannot be run over them.
+
+    It has run away, as after a start-up that took the controller for the plant.
+    """
+    solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True))
+    if solution is None or not solution.found.settled:
+        return None
+    new = restart_at(old, settings, solution, first)
+    new.alarm, new.change_began, new.undecided = Alarm.NONE, new.samples, False
+    return new
 
 
 def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> tuple[list[Claim], Claim | None]:
