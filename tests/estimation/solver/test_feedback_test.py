@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.estimation.solver.feedback_test import answer, answering
+from replant.estimation.solver.feedback_test import answering, part_answering
 from replant.numerics.levels import ALPHA
 
 SAMPLES = 1500
@@ -17,7 +17,7 @@ def test_an_input_in_feedback_answers_and_a_reference_does_not() -> None:
     for free in (r, slow):
         found = answering(free - 0.5 * np.roll(w, 2), w, INDEX)
         assert found.chance < 1e-6
-        assert np.corrcoef(answer(free - 0.5 * np.roll(w, 2), w, INDEX), -np.roll(w, 2))[0, 1] > 0.9
+        assert np.corrcoef(part_answering(free - 0.5 * np.roll(w, 2), w, INDEX), -np.roll(w, 2))[0, 1] > 0.9
         assert answering(free, w, INDEX).chance > 1e-3
 
 
@@ -27,7 +27,7 @@ def test_an_answer_is_followed_as_long_as_the_loop_rings() -> None:
     for seed in range(5):
         w, free = np.random.default_rng(seed).standard_normal((2, SAMPLES))
         answered = np.convolve(w, gains)[:SAMPLES]
-        found = answer(free * answered.std() + answered, w, INDEX)
+        found = part_answering(free * answered.std() + answered, w, INDEX)
         assert np.corrcoef(found, answered)[0, 1] > 0.9
 
 

@@ -10,8 +10,8 @@ whatever the distribution of the residual (White).  Samples whose past is broken
 is told badly there and nowhere else.  At j = 0 feedback cannot be told from a direct path of the plant.  A model with a
 direct path has taken it up, and the test begins at j = 1.
 
-How far back the answer goes Akaike tells too: a controller is heard as long as the loop rings, and the residual of a
-load has more colour than the noise model.
+Akaike's criterion also tells how many residuals the answering part of the input is made of: a loop rings for longer
+than the test looks.
 
 Sources: Soderstrom and Stoica (1989), "System Identification", section 11.2 and chapter 10; Sims (1972), "Money,
 income, and causality", American Economic Review 62; White (1980), "A heteroskedasticity-consistent covariance matrix
@@ -92,8 +92,8 @@ def answering(u: FloatArray, w: FloatArray, before: IntArray, first: int = 0) ->
 
 
 @quiet
-def answer(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray:
-    """Return the part (K,) of an input that answers a whitened residual, its own past carrying it on."""
+def part_answering(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray:
+    """Return the part (K,) of an input (K,) that answers a whitened residual (K,), its own past carrying it on."""
     most = _most(before)
     latest = max(most, ANSWERS)
     rows = np.flatnonzero(before >= latest)[-NEWEST:]
@@ -147,7 +147,7 @@ def _own_past(signal: bytes, most: int, samples: bytes) -> tuple[FloatArray, Flo
 
 
 def _fewest(upper: FloatArray, samples: int) -> int:
-    """Return of how many columns the last one is best told by Akaike's criterion, from R of all of them."""
+    """Return by how many columns Akaike's criterion tells the last one, from R of all of them."""
     told = np.append(0.0, np.cumsum(upper[:-1, -1] ** 2))
     power = told[-1] + upper[-1, -1] ** 2
     left = np.maximum(power - told, 1e-14 * power)

@@ -38,7 +38,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, run_model, runs_away
-from replant.estimation.solver.feedback_test import LONGEST, PER_COLUMN, answer, answering
+from replant.estimation.solver.feedback_test import LONGEST, PER_COLUMN, answering, part_answering
 from replant.estimation.solver.refined import Refined
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
@@ -54,7 +54,7 @@ real rigs, no structure being right, a filtered estimate that is kept costs 1 to
 """
 
 MOST = 0.5
-"""Share of the difference up to which feedback is its reason: of a longer answer than is looked for some is left
+"""Share of the difference up to which feedback is its reason: of an answer that is told from noise some is left
 [share].
 Origin: 184 loops under autoregressive noise: right models have shares of 0 to 0.4 but for three integrators.
 Sensitivity: halved, some of these right models are given up; doubled, feedback is the reason of any difference.
@@ -135,13 +135,16 @@ def _share_of_feedback(
     whole: FloatArray,
 ) -> float:
     """Return the share of the difference between two estimates that feedback does not explain, phi."""
-    u, w = record.u - record.u.mean(), estimates[1].noise_model.ahead(runs[1].error) * whole
-    if record.r is None:
+    u = record.u - record.u.mean()
+    if record.r is not None:
+        free = _explained(u, record.r)
+    else:
+        w = estimates[1].noise_model.ahead(runs[1].error) * whole
         feedback = answering(u, w, record.inputs_before)
         if not feedback.found or _is_direct(structure, estimates[1].theta, feedback.at_once):
             return 1.0
-    own = u - answer(u, w, record.inputs_before) if record.r is None else _explained(u, record.r)
-    rest = dataclasses.replace(record, u=own)
+        free = u - part_answering(u, w, record.inputs_before)
+    rest = dataclasses.replace(record, u=free)
     purged = [run_model(structure, one.theta[: structure.size], rest, record.dt) for one in estimates]
     if purged[0] is None or purged[1] is None:
         return 0.0
