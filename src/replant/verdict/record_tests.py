@@ -285,7 +285,8 @@ def _relative_std(error: FloatArray) -> float:
 def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
     """Return a finding if the residual's power over the newest block exceeds that over every block before.
 
-    Whitened by what came before it must do so as well: of a residual that drifts any block may be the largest.
+    The block must also stand out once the residual is whitened by a model of the samples before it: of a residual that
+    drifts any block may be the largest.
     """
     first = evidence.newest.start if evidence.follows else 0
     error = runs.old.error[first:]
@@ -293,11 +294,13 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
         if error.size // count <= FEWEST_BLOCKS:
             return []
         last, largest, usual = _powers(error, count)
-        newest, before_it, _ = _powers(one_step(error, error.size - count), count)
-        if last > BURST * largest and newest > BURST * before_it and last - usual > BURST_MATTERS * runs.power:
+        if not (last > BURST * largest and last - usual > BURST_MATTERS * runs.power):
+            continue
+        newest, before, _ = _powers(one_step(error, error.size - count), count)
+        if newest > BURST * before:
             span = f"the last {duration(evidence.seconds(count))}"
-            before = f"{figure(last / largest)} times its largest power over any earlier stretch as long"
-            reason = f"the residual over {span} has {before}"
+            grown = f"{figure(last / largest)} times its largest power over any earlier stretch as long"
+            reason = f"the residual over {span} has {grown}"
             return [Finding("inconsistent", f"{reason}: the plant, the sensor or the load has changed")]
     return []
 
