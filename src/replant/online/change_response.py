@@ -79,7 +79,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     information = _information(settings, covariance(old, settings), old.entries)
     present = _known(old, settings, record, earliest, old.physical, information)
     if present is None:
-        new = _anew(old, settings, kept, first)
+        new = _anew(old, settings, first)
         return (old, later) if new is None else (new, 0)
     if old.alarm == Alarm.FLOATS:
         claims, found = _afloat(settings, record, begin, present)
@@ -106,16 +106,25 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     return (old, later) if new is None else (new, 0)
 
 
-def _anew(old: State, settings: Settings, kept: RecentSamples, first: int) -> State | None:
-    """Return the state at a solution of the samples kept, where the present estimate cannot be run over them.
+def _anew(old: State, settings: Settings, first: int) -> State | None:
+    """Return the state at a solution of the samples since an accepted one; None where they have none.
 
-    It has run away, as after a start-up that took the controller for the plant.
+    For a present estimate that cannot be run over them, as after a start-up that took the controller for the plant.
     """
+    kept = RecentSamples.of(old, STORED)[first - old.samples :]
     solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True))
     if solution is None or not solution.found.settled:
         return None
-    new = restart_at(old, settings, solution, first)
-    new.alarm, new.change_began, new.undecided = Alarm.NONE, new.samples, False
+    return _of_one_model(old, settings, solution, first, undecided=False)
+
+
+def _of_one_model(old: State, settings: Settings, solution: Solution, begin: int, *, undecided: bool) -> State:
+    """Return the state at a solution of every sample since an accepted one."""
+    new = restart_at(old, settings, solution, begin)
+    new.change, new.changed_at, new.before_began, new.revised_from = Supposition.NOTHING, 0, 0, 0
+    new.undecided, new.gap_at = undecided, min(old.gap_at, begin)
+    new.past_kept, new.past_due = 0, new.samples
+    _end(new)
     return new
 
 
@@ -212,35 +221,31 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
     contest = found.contest
     if found.solution is not None:
         begin = old.samples - contest.record.u.size
-        new = restart_at(old, settings, found.solution, begin)
-        new.change, new.changed_at, new.before_began, new.revised_from = Supposition.NOTHING, 0, 0, 0
-        new.undecided = undecided
-        new.gap_at = min(old.gap_at, begin)
-    else:
-        refined, begin = contest.estimate(found), old.samples - contest.since.u.size
-        if refined is None:
-            return None
-        of_plant, again = found.supposition is Supposition.PLANT, begin <= old.changed_at
-        # the samples before those that one G(s) is taken to have made
-        before = old.changed_at if old.change.is_of_plant else old.record_began
-        before = one_plant_before(old) if again else before
-        gap = gap_before(old) if again else old.gap_at
-        new = restart(old, settings, refined, contest.since, begin if of_plant else before)
-        new.change, new.changed_at = found.supposition, begin
-        # no one model explains the samples on both sides of a load
-        new.before_began = before if of_plant else max(before, gap)
-        new.change_price, new.undecided = found.price, undecided
-        new.prior[0], new.prior[1:] = contest.known.mean, contest.known.information
-        new.gap_at = min(gap, begin) if of_plant else begin
-        new.revised_from = 0 if of_plant else begin
-        if not of_plant:
-            # the record is short, and its length no bound for a time constant: the plant may be as slow as before
-            new.stability_margin = min(new.stability_margin, old.stability_margin)
-            new.forget_input = min(new.forget_input, old.forget_input)
-        clear_doubt(new, RecentSamples.since(old, begin))
-        # what the claim leaves beyond the usual is another alarm's
-        new.usual_variance = min(new.usual_variance, old.usual_variance)
-        new.usual_innovation = min(new.usual_innovation, old.usual_innovation)
+        return _of_one_model(old, settings, found.solution, begin, undecided=undecided)
+    refined, begin = contest.estimate(found), old.samples - contest.since.u.size
+    if refined is None:
+        return None
+    of_plant, again = found.supposition is Supposition.PLANT, begin <= old.changed_at
+    # the samples before those that one G(s) is taken to have made
+    before = old.changed_at if old.change.is_of_plant else old.record_began
+    before = one_plant_before(old) if again else before
+    gap = gap_before(old) if again else old.gap_at
+    new = restart(old, settings, refined, contest.since, begin if of_plant else before)
+    new.change, new.changed_at = found.supposition, begin
+    # no one model explains the samples on both sides of a load
+    new.before_began = before if of_plant else max(before, gap)
+    new.change_price, new.undecided = found.price, undecided
+    new.prior[0], new.prior[1:] = contest.known.mean, contest.known.information
+    new.gap_at = min(gap, begin) if of_plant else begin
+    new.revised_from = 0 if of_plant else begin
+    if not of_plant:
+        # the record is short, and its length no bound for a time constant: the plant may be as slow as before
+        new.stability_margin = min(new.stability_margin, old.stability_margin)
+        new.forget_input = min(new.forget_input, old.forget_input)
+    clear_doubt(new, RecentSamples.since(old, begin))
+    # what the claim leaves beyond the usual is another alarm's
+    new.usual_variance = min(new.usual_variance, old.usual_variance)
+    new.usual_innovation = min(new.usual_innovation, old.usual_innovation)
     if found.supposition is not Supposition.LOAD or not remembers_all(old, settings):  # G(s) may have moved
         new.past_kept, new.past_due = 0, new.samples
     _end(new)
