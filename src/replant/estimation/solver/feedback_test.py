@@ -93,7 +93,10 @@ def answering(u: FloatArray, w: FloatArray, before: IntArray, first: int = 0) ->
 
 @quiet
 def part_answering(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray:
-    """Return the part (K,) of an input (K,) that answers a whitened residual (K,), its own past carrying it on."""
+    """Return the part (K,) of an input (K,) in feedback that answers a whitened residual; its own past carries it on.
+
+    Whether it is in feedback `answering` tells.
+    """
     most = _most(before)
     latest = max(most, ANSWERS)
     rows = np.flatnonzero(before >= latest)[-NEWEST:]
