@@ -20,9 +20,11 @@ With :math:`\Lambda = G^{-1/2} \mathrm{cov}(s) G^{-1/2}`
 Feedback makes s large as well.  The input is split into what answers the whitened residual and :math:`u_r`, which does
 not.  With :math:`\delta = (G_p - G_f) u` and :math:`\delta_r` of :math:`u_r`,
 :math:`\varphi = \delta_r^T e_f / \delta^T e_f` is 0 round a right model in feedback and 1 in open loop, and q counts by
-:math:`\varphi^2`.  With a reference :math:`u_r` is what that explains of the input.  A controller opposes a
-disturbance: where input and residual of the same sample move as the plant's output follows its input, the plant does
-something faster than the model, and :math:`\varphi = 1`.
+:math:`\varphi^2`.  Where the two estimates hardly differ, :math:`\varphi` is a ratio of two noises: it counts only
+where :math:`\delta_r^T e_f` is more than chance; its variance is the mean over frequency of :math:`|\Delta_r|^2 |V|^2`.
+With a reference :math:`u_r` is what that explains of the input.  A controller opposes a disturbance: where input and
+residual of the same sample move as the plant's output follows its input, the plant does something faster than the
+model, and :math:`\varphi = 1`.
 
 Sources: Hausman (1978), "Specification tests in econometrics", Econometrica 46; Robinson (1998), "Inference without
 smoothing in the presence of nonparametric autocorrelation", Econometrica 66; MacKinnon and White (1985), "Some
@@ -135,6 +137,8 @@ def _share_of_feedback(
     whole: FloatArray,
 ) -> float:
     """Return the share of the difference between two estimates that feedback does not explain, phi."""
+    from scipy import special  # slow to import
+
     u = record.u - record.u.mean()
     if record.r is not None:
         free = _explained(u, record.r)
@@ -149,9 +153,17 @@ def _share_of_feedback(
     if purged[0] is None or purged[1] is None:
         return 0.0
     deltas = np.column_stack([runs[0].forced - runs[1].forced, purged[0].forced - purged[1].forced])
-    all_of_it, of_the_rest = runs[1].error @ without(deltas, runs[1].nuisances)
-    share = float(np.clip(of_the_rest / all_of_it, 0.0, 1.0)) if all_of_it > 0.0 else 0.0
-    return share if share > MOST else 0.0
+    deltas = without(deltas, runs[1].nuisances)
+    all_of_it, of_the_rest = (float(part) for part in runs[1].error @ deltas)
+    share = min(of_the_rest / all_of_it, 1.0) if all_of_it > 0.0 else 0.0
+    is_chance = special.ndtr(-of_the_rest / _deviation(deltas[:, 1], runs[0])) >= FALSE_ALARM
+    return 0.0 if is_chance or share <= MOST else share
+
+
+def _deviation(signal: FloatArray, run: ModelRun) -> float:
+    """Return the standard deviation of a signal (K,) times a run's residual, as if that were noise alone."""
+    power = np.abs(np.fft.rfft(signal, _length(signal))) ** 2 @ _noise_power(run)
+    return math.sqrt(max(float(power), np.finfo(float).tiny))
 
 
 def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
