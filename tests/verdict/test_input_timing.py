@@ -44,6 +44,17 @@ def test_a_held_input_is_right_as_it_is(seed: int) -> None:
         assert not any("straight" in reason for reason in found.reasons)
 
 
+def test_a_zero_that_makes_up_for_the_hold_is_not_taken_for_it() -> None:
+    """A resonance of little damping: held, its zero comes out with the wrong sign, and explains the output as well."""
+    plant, dt = rp.TransferFunction([-0.002, 4.0], [1.0, 12.0, 35100.0]), 0.0016
+    u = multisine(SAMPLES, dt, np.geomspace(0.2, 3.0, 12) * 187.0 / (2.0 * np.pi), amplitude=0.4)
+    y = plant.simulate(u, dt, input_hold="foh")
+    y += 0.03 * y.std() * np.random.default_rng(1).standard_normal(y.size)
+    found = rp.fit(u, y, dt, rp.Structure(2, 1))
+    assert found.parameters[2] > 0.0
+    assert any("do not tell a held input" in reason for reason in found.verdict.reasons), found.verdict.reasons
+
+
 def with_lost_rows(
     input_hold: str, seed: int, begins: list[int], most: int, *, drift: float = 0.0, noise: float = 0.0
 ) -> tuple[np.ndarray, ...]:

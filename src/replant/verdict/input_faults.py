@@ -13,9 +13,10 @@ first: it is then the model that is wrong.  An input of two levels cannot tell: 
 straight lines.  A signal that was sampled, such as a measured voltage, runs on between its samples; one that a computer
 puts out is held.  Taken as held, a smooth input acts half a sample late, and the coefficients make up for that.
 
-Sources: Ljung (1999), "System Identification: Theory for the User", section 5.2 (Hammerstein models); Krasnosel'skii
-and Pokrovskii (1989), "Systems with Hysteresis" (the play operator); Garnier and Wang (2008), "Identification of
-Continuous-time Models from Sampled Data", chapter 4 (intersample behaviour).
+Sources: Davidson and MacKinnon (1981), "Several tests for model specification in the presence of alternative
+hypotheses", Econometrica 49 (held or straight); Ljung (1999), "System Identification: Theory for the User", section 5.2
+(Hammerstein models); Krasnosel'skii and Pokrovskii (1989), "Systems with Hysteresis" (the play operator); Garnier and
+Wang (2008), "Identification of Continuous-time Models from Sampled Data", chapter 4 (intersample behaviour).
 """
 
 from __future__ import annotations
@@ -90,9 +91,7 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
         reason = "the samples do not tell a held input from one that runs straight between its samples, on which"
         advice = 'if it is measured or analogue, use --input-hold foh, or RefinedFilter("foh")'
         return [Finding("trusted", f"{reason} coefficients depend: {advice}")]
-    if not (found.is_sure and weight > 0.0):
-        return []
-    if not (weight + chance > 0.5 or _is_straighter(evidence, step)):  # surely not held, nor surely nearer to it
+    if not (found.is_sure and weight + chance > 0.5):  # surely not held, nor surely nearer to it
         return []
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
     reason = "the input seems to run straight between its samples, not to be held: taken so, a coefficient differs by"
@@ -140,37 +139,25 @@ def _later(evidence: Evidence, output: FloatArray) -> FloatArray:
 def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:
     """Return how much of a straight input the residual holds, and the step of the coefficients if it is one.
 
-    None where the model cannot be run.  Where rows are lost a straight line is nearer to what the input did than one
-    step, whatever its hold is: both are run on it.
+    None where the model cannot be run.  The coefficients make up for the hold, as a zero of little weight can: the
+    column is the output by a straight input and the coefficients that go with it, less that by a held one and its own.
+    Where rows are lost a straight line is nearer to what the input did than one step, whatever its hold is: both are
+    run on it.
     """
     record, places = evidence.record.restored
-    held, straight = (
-        run_model(evidence.structure, evidence.estimate, replace(record, input_hold=hold), evidence.dt)
-        for hold in ("zoh", "foh")
-    )
+    rows = places[evidence.known]
+
+    def run(hold: str, parameters: FloatArray) -> ModelRun | None:
+        return run_model(evidence.structure, parameters, replace(record, input_hold=hold), evidence.dt)
+
+    held, straight = run("zoh", evidence.estimate), run("foh", evidence.estimate)
     if held is None or straight is None:
         return None
-    rows = places[evidence.known]
-    column = (straight.forced - held.forced)[rows, None]
     own = np.hstack([held.zeta[rows], held.nuisances[rows]])
     residual = residual_of(evidence, held.error[rows], own)
-    return residual.explained(column), -residual.weights_of(column)[: evidence.coefficients, 0]
-
-
-def _is_straighter(evidence: Evidence, step: FloatArray) -> bool:
-    """Return whether a straight input, with the step that it takes, leaves less of the output than a held one.
-
-    The weight is of first order: where a model has made up for much, as a zero of little weight can, that is not it.
-    """
-    record, places = evidence.record.restored
-    rows, left = places[evidence.known], []
-    for hold, parameters in (("zoh", evidence.estimate), ("foh", _moved(evidence.estimate, step))):
-        run = run_model(evidence.structure, parameters, replace(record, input_hold=hold), evidence.dt)
-        if run is None:
-            return False
-        own = np.hstack([run.zeta[rows], run.nuisances[rows]])
-        left.append(float(np.sum(without(run.error[rows, None], own) ** 2)))
-    return left[1] < left[0]
+    step = -residual.weights_of((straight.forced - held.forced)[rows, None])[: evidence.coefficients, 0]
+    straight = run("foh", _moved(evidence.estimate, step)) or straight
+    return residual.explained((straight.forced - held.forced)[rows, None]), step
 
 
 def _moved(estimate: FloatArray, step: FloatArray) -> FloatArray:
