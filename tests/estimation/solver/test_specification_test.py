@@ -14,7 +14,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.estimation.solver import srivc
 from replant.estimation.solver.refined import Refined
-from replant.estimation.solver.specification_test import FALSE_ALARM, is_answered, is_right
+from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, is_answered
 from replant.estimation.solver.srivc import refine
 from support.loops import DT, coloured, controlled, loaded_loop, steps
 
@@ -37,16 +37,20 @@ def in_open_loop(seed: int = 1, plant: rp.TransferFunction = LAG) -> Record:
     return record_of(u, plant.simulate(u, DT) + 0.1 * coloured(seed + 1, SAMPLES, 0.9))
 
 
+def is_right(structure: rp.Structure, record: Record, plain: Refined, filtered: Refined) -> bool:
+    return chance_of(structure, record, plain, filtered) >= FALSE_ALARM
+
+
 def estimates(record: Record, structure: rp.Structure = STRUCTURE) -> tuple[Refined, Refined]:
     """The plain and the filtered estimate of a record."""
     chosen: list[tuple[Refined, Refined]] = []
 
-    def note(structure: rp.Structure, whole: Record, plain: Refined, filtered: Refined) -> bool:
+    def note(structure: rp.Structure, whole: Record, plain: Refined, filtered: Refined) -> float:
         chosen.append((plain, filtered))
-        return True
+        return 1.0
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("replant.estimation.solver.srivc.is_right", note)
+        patch.setattr("replant.estimation.solver.srivc.chance_of", note)
         refine(structure, record)
     return chosen[0]
 
@@ -103,7 +107,7 @@ def test_what_a_plant_does_at_once_is_not_taken_for_a_controllers_answer() -> No
 
 def test_where_the_plain_model_alone_has_converged_it_is_kept_untested(monkeypatch: pytest.MonkeyPatch) -> None:
     record, best = in_open_loop(), srivc._best
-    monkeypatch.setattr(srivc, "is_right", lambda *_: True)
+    monkeypatch.setattr(srivc, "chance_of", lambda *_: 1.0)
     plain, filtered = estimates(record)
     found = refine(STRUCTURE, record)
     assert found is not None
@@ -133,3 +137,13 @@ def test_a_right_model_is_kept_in_a_loop_where_the_two_hardly_differ() -> None:
         loop = controlled(plant, steps(seed, SAMPLES, 60), 0.1 * coloured(seed + 1, SAMPLES, 0.9), gain=1.0)
         given_up += not is_right(structure, record_of(loop.u, loop.y), *estimates(record_of(loop.u, loop.y), structure))
     assert given_up <= binom.ppf(0.999, 20, FALSE_ALARM**2)
+
+
+def test_a_filtered_model_given_up_by_chance_accuses_no_structure(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two levels: the dearer estimate is given up early, and the user told of it where it is no chance."""
+    record = in_open_loop()
+    for chance, said in ((0.05, False), (1e-5, True)):
+        monkeypatch.setattr(srivc, "chance_of", lambda *_, chance=chance: chance)
+        found = refine(STRUCTURE, record)
+        assert found is not None
+        assert (found.disagreement > 0.0) == said

@@ -66,23 +66,24 @@ LEAST_LEFT = 0.02  # share of an ordinate that the fit leaves at least: below it
 
 
 @quiet
-def is_right(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> bool:
-    """Return whether the filtered estimate is to be taken: that the plain one simulates better may be chance."""
+def chance_of(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> float:
+    """Return the chance that the plain estimate simulates so much better, were the filtered one right."""
     run_p, run_f = (run_model(structure, one.theta[: structure.size], record, record.dt) for one in (plain, filtered))
     if run_f is None:
-        return False
+        return 0.0
     away = [runs_away(np.append(1.0, one.theta[structure.denominator]), record.span) for one in (plain, filtered)]
     if run_p is None or away[0]:
-        return True
+        return 1.0
     noise = filtered.noise_model
     whole = _whole(record, noise.order)
     if away[1]:  # a plant that is not stable is in feedback; there is no simulated error to compare
-        return is_answered(record, noise, run_f.error)
+        return float(is_answered(record, noise, run_f.error))
     statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
-    if _chance(statistic, degrees, ordinates) >= FALSE_ALARM:
-        return True
+    chance = _chance(statistic, degrees, ordinates)
+    if chance >= FALSE_ALARM:
+        return chance
     share = _share_of_feedback(structure, record, (plain, filtered), (run_p, run_f), whole)
-    return _chance(share**2 * statistic, degrees, ordinates) >= FALSE_ALARM
+    return _chance(share**2 * statistic, degrees, ordinates)
 
 
 def disagreement(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> float:

@@ -44,12 +44,13 @@ import numpy as np
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import simulate
 from replant.estimation.solver.refined import Refined, Root
-from replant.estimation.solver.specification_test import disagreement, is_answered, is_right
+from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, disagreement, is_answered
 from replant.estimation.solver.srivc_steps import STALLS, Problem, is_long_enough
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
+from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, quiet, roots
 
 CUTOFFS = 8  # state-variable filters tried for a start, evenly spaced in the logarithm [count]
@@ -142,8 +143,11 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
         return estimate or other
     if not root.converged and plain.converged and problem.is_stable(plain.model):
         return estimate
-    if is_right(problem.structure, problem.whole, estimate, other):
+    chance = chance_of(problem.structure, problem.whole, estimate, other)
+    if chance >= FALSE_ALARM:
         return other
+    if chance >= ALPHA:  # too little to accuse the structure
+        return estimate
     return replace(estimate, disagreement=disagreement(problem.structure, problem.whole, estimate, other))
 
 
