@@ -33,7 +33,7 @@ from replant import signals
 from replant.errors import LONGEST
 from replant.estimation.engine.dimensions import Dimensions
 from replant.estimation.settings import Request, Settings
-from replant.fitting.fields import ModelFields, Provenance, RowFields
+from replant.fitting.model_fields import ModelFields, Provenance, RowFields
 from replant.fleet.job import Job
 from replant.model.forced_response import Response
 from replant.online.checkpoint.settings_json import KINDS

@@ -348,7 +348,9 @@ def test_stamps_that_are_no_numbers_say_nothing_of_the_sampling_time(capsys, log
     assert (code, err) == (0, "")
 
 
-@pytest.mark.parametrize(("command", "work"), [("run", "run._run"), ("fit", "run.fit"), ("compare", "look.compare")])
+@pytest.mark.parametrize(
+    ("command", "work"), [("run", "run_and_fit._run"), ("fit", "run_and_fit.fit"), ("compare", "look.compare")]
+)
 def test_a_folder_that_cannot_be_is_refused_before_the_work(
     capsys, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, work: str
 ) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.cli import next_step, output
+from replant.cli import advice, output
 from replant.online.runs.result import Result
 from replant.verdict.verdict import Assessment
 from support.builders import binary
@@ -45,7 +45,7 @@ def said(row: str) -> str:
     return f"column pump {reason}" if reason.startswith("explains") else reason
 
 
-Watched = list[tuple[str, next_step.NextStep]]
+Watched = list[tuple[str, advice.NextStep]]
 
 
 @pytest.fixture
@@ -53,8 +53,8 @@ def walked(monkeypatch: pytest.MonkeyPatch) -> Watched:
     """For each reason the step that follows from it, of every command that is run."""
     found: Watched = []
 
-    def walk(result: Result, log: rp.Log, path: str, *, is_searched: bool) -> next_step.NextStep:
-        original: Callable[..., Any] = next_step.next_step
+    def walk(result: Result, log: rp.Log, path: str, *, is_searched: bool) -> advice.NextStep:
+        original: Callable[..., Any] = advice.next_step
         for row in ROWS:
             verdict = Assessment("inconsistent", (said(row),))
             found.append((row, original(replace(result, verdict=verdict), log, path, is_searched=is_searched)))
@@ -81,9 +81,9 @@ def test_every_reason_has_a_next_command_that_runs(
     commands = {step.command for _, step in walked}
     assert len(commands) > 5
     assert all(step.words for _, step in walked)
-    monkeypatch.setattr(output, "next_step", next_step.next_step)
+    monkeypatch.setattr(output, "next_step", advice.next_step)
     for command in sorted(commands):
-        _, *words = shlex.split(command.replace(next_step.OTHER_LOG, str(log)))
+        _, *words = shlex.split(command.replace(advice.OTHER_LOG, str(log)))
         code, _, err = call(capsys, *words, *([] if "look" in words else ["--quiet"]))
         assert code == 0, (command, err)
 
@@ -92,7 +92,7 @@ def test_every_reason_has_a_next_command_that_runs(
 def test_every_reason_is_known_to_the_table(row: str) -> None:
     import re
 
-    assert any(re.search(phrase, said(row)) for phrase, _ in next_step.STEPS), row
+    assert any(re.search(phrase, said(row)) for phrase, _ in advice.STEPS), row
 
 
 def of_log(capsys, log: Path, *typed: object) -> list[str]:
@@ -121,7 +121,7 @@ def test_the_verdict_leads_with_what_to_do(capsys, log: Path) -> None:
 def test_a_model_that_was_saved_is_checked_next(capsys, log: Path, tmp_path: Path) -> None:
     saved = tmp_path / "model.json"
     lines = of_log(capsys, log, "fit", "-p", 1, "--delay", 3, "--save", saved)
-    assert lines[-1] == f"replant validate {saved} {next_step.OTHER_LOG}"
+    assert lines[-1] == f"replant validate {saved} {advice.OTHER_LOG}"
 
 
 def test_quiet_and_validated_commands_say_nothing_next(capsys, log: Path) -> None:
@@ -153,4 +153,4 @@ def test_of_a_lag_with_two_poles_one_is_tried_next(capsys, tmp_path: Path, comma
     log.write_text("t_s,u,y\n" + "".join(f"{0.05 * k:.2f},{u[k]:g},{y[k]:.5f}\n" for k in range(1500)))
     lines = of_log(capsys, log, command, "-p", 2, "--zeros", 1)
     assert lines[-2].endswith("try one pole:") or "or try one pole" in lines[-2]
-    assert call(capsys, *shlex.split(lines[-1].replace(next_step.OTHER_LOG, str(log)))[1:])[0] == 0
+    assert call(capsys, *shlex.split(lines[-1].replace(advice.OTHER_LOG, str(log)))[1:])[0] == 0

@@ -12,8 +12,8 @@ import pytest
 
 import replant as rp
 from replant.cli import main, options
-from replant.cli import run as fit_command
-from replant.cli import run as run_command
+from replant.cli import run_and_fit as fit_command
+from replant.cli import run_and_fit as run_command
 from replant.logs import open_recording
 from replant.online.runs import run as online_run
 from replant.online.runs import run_log

@@ -15,7 +15,7 @@ import pytest
 
 import replant as rp
 from replant.cli import main, options
-from replant.cli import run as run_command
+from replant.cli import run_and_fit as run_command
 from replant.logs import open_recording, read_columns
 from replant.online.runs import run as online_run
 

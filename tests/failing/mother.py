@@ -43,7 +43,7 @@ def play(role: str) -> None:
 
 
 if __name__ == "__mp_main__":  # the observer of a session, begun as a process of its own
-    import replant.live.observing  # noqa: F401 - before the calls count
+    import replant.live.judge_process  # noqa: F401 - before the calls count
 
     play("observer")
 
@@ -98,7 +98,7 @@ def prepare(model: list[str]) -> None:
     import replant.logs.read
     from replant import Identifier
     from replant.live.make_view import EstimateHistory, make_view
-    from replant.live.streams import lines
+    from replant.live.streams import serial_and_network
     from replant.live.view import SessionInfo
 
     context = replant.cli.live.live_command.make_context("live", ["-", *model])
@@ -110,9 +110,9 @@ def prepare(model: list[str]) -> None:
     view = make_view(
         identifier, SessionInfo(0.0, "", "connected", {}, 0.0, 0.0), EstimateHistory(identifier.structure.size)
     )
-    rich.console.Console(file=io.StringIO()).print(replant.live.terminal.render(view))
+    rich.console.Console(file=io.StringIO()).print(replant.live.terminal_status.render(view))
     pyarrow.parquet.write_table(pyarrow.table({"words": pyarrow.array(["once"])}), io.BytesIO())  # imports pandas
-    rig = lines.TcpSource("", "127.0.0.1", 1)
+    rig = serial_and_network.TcpSource("", "127.0.0.1", 1)
     socket.getaddrinfo("127.0.0.1", rig._place[1])
 
 
@@ -123,19 +123,19 @@ def session(case: dict[str, Any]) -> None:
         file = os.open(case[name], flags)
         os.dup2(file, number)
         os.close(file)
-    import replant.live.observer
+    import replant.live.judge_client
     import replant.live.session
     from replant.cli import main
 
     if case["fork"]:  # a spawned observer imports everything anew, which takes seconds
-        begin, context = replant.live.observer.observe, multiprocessing.get_context("fork")
+        begin, context = replant.live.judge_client.observe, multiprocessing.get_context("fork")
         multiprocessing.get_context = lambda method=None: context  # type: ignore[assignment]
 
         def observe(*arguments: Any) -> None:
             play("observer")
             begin(*arguments)
 
-        replant.live.observer.observe = observe
+        replant.live.judge_client.observe = observe
     sys.argv = ["replant", *case["arguments"]]
     play("session")
     main()

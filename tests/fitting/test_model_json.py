@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import replant as rp
-from replant.fitting.fields import Provenance
+from replant.fitting.model_fields import Provenance
 from replant.fitting.model_json import as_object
 from replant.verdict.verdict import STATUSES, Verdict
 from support.cases import every, examples

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from replant import Structure, TransferFunction
-from replant.fitting.fields import ModelFields, RowFields, has_rest
 from replant.fitting.model import usual_interval
+from replant.fitting.model_fields import ModelFields, RowFields, has_rest
 from replant.fitting.model_json import OF_SEVERAL, as_object, loads
-from replant.fitting.notation import latex
+from replant.fitting.model_notation import latex
 from replant.fitting.responses import frequencies, time_of
 
 LAG = TransferFunction([1.0], [1.0, 0.5])

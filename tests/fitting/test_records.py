@@ -9,7 +9,7 @@ import pytest
 
 import replant as rp
 from replant.estimation.engine.record import Record
-from replant.estimation.solver.refined import Prior
+from replant.estimation.solver.refined_estimate import Prior
 from replant.estimation.solver.solve import solve
 from replant.estimation.solver.srivc_steps import Problem
 from replant.kernels.schema import LAGS, Doubt

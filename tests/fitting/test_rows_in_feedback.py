@@ -9,8 +9,8 @@ import pytest
 from scipy.signal import cont2discrete, lfilter, tf2ss
 
 import replant as rp
-from replant.estimation.simulation.exogenous import Law, Outside, windows
 from replant.estimation.simulation.miso import Row, RowRecord, evaluate, noise_of
+from replant.estimation.simulation.miso_exogenous import Law, Outside, windows
 from replant.estimation.solver.miso_steps import instrumental
 from replant.fitting.miso_solve import solve_with
 from replant.model.structure import Structure

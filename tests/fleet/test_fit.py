@@ -19,7 +19,7 @@ from pyarrow import parquet
 import replant as rp
 from replant.errors import InvalidArgumentError, LogError, SystemRefusedError
 from replant.estimation.settings import Request
-from replant.fleet import work
+from replant.fleet import worker
 from replant.fleet.job import Job
 from replant.fleet.store import Store
 from replant.numerics.operating_system import ENDING
@@ -86,7 +86,7 @@ def test_a_run_without_its_history_is_the_same_run(tmp_path: Path) -> None:
 def test_a_long_record_is_run_without_being_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = as_parquet(tmp_path / "logs" / "a.parquet", recorded(0, 3000), row_group_size=500)
     held = fitted(file, tmp_path / "held", method="run").table()
-    monkeypatch.setattr("replant.fleet.work.MOST_HELD", 1000)
+    monkeypatch.setattr("replant.fleet.worker.MOST_HELD", 1000)
     streamed = fitted(file, tmp_path / "streamed", method="run").table()
     for name in ("a1", "a0", "b0", "samples", "begin", "end", "output_held"):
         assert streamed.column(name).to_pylist() == pytest.approx(held.column(name).to_pylist(), rel=1e-9)
@@ -100,7 +100,7 @@ def test_a_part_of_a_record_with_dates_begins_at_its_date(
     stamps = np.datetime64("1970-01-01T01:00:00") + (1000 * record.t).round().astype("timedelta64[ms]")
     (tmp_path / "logs").mkdir()
     pandas.DataFrame({"t": stamps, "u": record.u, "y": record.y}).to_csv(tmp_path / "logs" / "a.csv", index=False)
-    monkeypatch.setattr("replant.fleet.work.MOST_HELD", most_held)
+    monkeypatch.setattr("replant.fleet.worker.MOST_HELD", most_held)
     row = fitted(tmp_path / "logs", tmp_path / "out", method="run", begin=2.0, end=12.0).table().to_pylist()[0]
     assert (row["begin"], row["end"]) == pytest.approx((3602.0, 3612.0))
 
@@ -210,16 +210,15 @@ def test_a_file_that_vanishes_after_the_plan_is_a_row(tmp_path: Path, monkeypatc
 def test_an_unexpected_error_of_one_rig_is_not_the_end_of_the_others(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from replant.fleet import work
 
-    original = work.opened
+    original = worker.opened
 
     def failing(rig: object, job: object) -> object:
         if rig.name == "rig0.csv":
             raise ZeroDivisionError("oh")
         return original(rig, job)
 
-    monkeypatch.setattr(work, "opened", failing)
+    monkeypatch.setattr(worker, "opened", failing)
     rows = fitted(small_fleet(tmp_path / "logs", 2), tmp_path / "out").table().to_pylist()
     assert rows[0]["reasons"] == "unexpected ZeroDivisionError: oh"
     assert rows[1]["verdict"] == "trusted"
@@ -232,8 +231,8 @@ def test_an_unexpected_error_of_one_rig_is_not_the_end_of_the_others(
 def counted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """The rigs identified, in this process."""
     seen: list[str] = []
-    original = work.identify
-    monkeypatch.setattr(work, "identify", lambda rig, job: (seen.append(rig.name), original(rig, job))[1])
+    original = worker.identify
+    monkeypatch.setattr(worker, "identify", lambda rig, job: (seen.append(rig.name), original(rig, job))[1])
     return seen
 
 
@@ -303,7 +302,7 @@ def test_lack_of_memory_is_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     def greedy(*args: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("replant.fleet.work.opened", greedy)
+    monkeypatch.setattr("replant.fleet.worker.opened", greedy)
     with pytest.raises(SystemRefusedError, match=r"rig rig0.csv: out of memory.*or use the method run"):
         fitted(small_fleet(tmp_path / "logs", 1), tmp_path / "out")
 

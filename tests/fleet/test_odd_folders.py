@@ -203,7 +203,7 @@ def test_a_wrong_option_does_not_cost_what_is_done(tmp_path: Path, monkeypatch: 
     first = fitted(logs, out).table()
     failed = rp.fleet.fit(logs, by="file", input="x", output="y", poles=2, method="fit", out=out)
     assert failed.verdicts == {"failed": 2}
-    monkeypatch.setattr("replant.fleet.work.identify", None)
+    monkeypatch.setattr("replant.fleet.worker.identify", None)
     assert fitted(logs, out).table().equals(first)
 
 

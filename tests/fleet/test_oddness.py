@@ -17,7 +17,7 @@ from pyarrow import parquet
 import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.fleet.job import report_path
-from replant.fleet.oddness import drift_between, oddness_of
+from replant.fleet.odd_rigs import drift_between, oddness_of
 from replant.fleet.page import write_page
 from replant.fleet.statistics import figures_of, limit_of, located
 from replant.fleet.store import FAILED, Movement, Row, table_of

@@ -13,7 +13,7 @@ from replant.errors import InvalidArgumentError
 from replant.fleet.catalogue import find_rigs, is_log
 from replant.fleet.executors import InThisThread, carried_out, parsed, workers
 from replant.fleet.job import Job, Piece, Rig, digest, planned, printable, report_path, work_of
-from replant.fleet.oddness import _least_fit
+from replant.fleet.odd_rigs import _least_fit
 from replant.fleet.statistics import Deviation, Quantity, _nearest, _ratio, located, quantities_of
 from replant.fleet.store import schema
 from replant.model.structure import Structure

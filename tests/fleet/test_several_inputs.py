@@ -11,10 +11,10 @@ import pytest
 
 import replant as rp
 from replant.errors import InvalidArgumentError
-from replant.fleet import work
+from replant.fleet import worker
 from replant.fleet.job import Job
-from replant.fleet.oddness import oddness_of
-from replant.fleet.shape import RowShape
+from replant.fleet.model_shape import RowShape
+from replant.fleet.odd_rigs import oddness_of
 from replant.fleet.statistics import Deviation, Quantity, quantities_of, unit_factor
 from replant.fleet.store import schema
 from support.cases import every
@@ -63,8 +63,8 @@ def test_what_is_done_stays_done_and_bytes_do_not_tell_where(tmp_path: Path, mon
     (tmp_path / "logs" / "2.csv").rename(held)
     fitted(tmp_path / "logs", tmp_path / "out")
     held.rename(tmp_path / "logs" / "2.csv")
-    done, once = [], work.identify
-    monkeypatch.setattr(work, "identify", lambda rig, job: (done.append(rig.name), once(rig, job))[1])
+    done, once = [], worker.identify
+    monkeypatch.setattr(worker, "identify", lambda rig, job: (done.append(rig.name), once(rig, job))[1])
     fitted(tmp_path / "logs", tmp_path / "out")
     assert done == ["2.csv"]
     for name in ("rigs.parquet", "models.jsonl"):

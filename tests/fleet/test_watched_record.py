@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.fleet.work import movement_of
+from replant.fleet.worker import movement_of
 from support.cases import every
 
 SAMPLES = 60

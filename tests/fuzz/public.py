@@ -13,7 +13,7 @@ import numpy as np
 
 import replant as rp
 from replant import rigs, signals
-from replant.fitting.fields import Provenance
+from replant.fitting.model_fields import Provenance
 from replant.sklearn import TransferFunctionRegressor
 from support.builders import identifier, record
 

@@ -20,8 +20,8 @@ import pytest
 import replant as rp
 from replant.estimation.settings import Request
 from replant.live.streams import Batch
-from replant.live.streams.parser import MAGIC, LineSplitter, Parser, Payloads
-from replant.live.streams.reader import Reader
+from replant.live.streams.line_parser import MAGIC, LineSplitter, Parser, Payloads
+from replant.live.streams.reader_thread import Reader
 from replant.live.streams.source import UY
 from support.builders import engine_state
 from support.cases import every

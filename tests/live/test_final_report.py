@@ -12,7 +12,7 @@ import pytest
 
 import replant as rp
 from replant.live.make_view import EstimateHistory, make_view
-from replant.live.terminal import report_of
+from replant.live.terminal_status import report_of
 from replant.live.view import SessionInfo, View
 from replant.report import result_page as report
 

@@ -21,10 +21,10 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.live import observer as observing
-from replant.live import observing as process_module
-from replant.live.observer import Observer
-from replant.live.observing import (
+from replant.live import judge_client as observing
+from replant.live import judge_process as process_module
+from replant.live.judge_client import Observer
+from replant.live.judge_process import (
     DashboardAddress,
     Handover,
     ObserverOptions,
@@ -284,8 +284,8 @@ def test_what_is_said_before_the_first_view_is_shown_at_once(capfd: pytest.Captu
 def test_it_goes_away_with_its_session() -> None:
     """However that ends; a signal would not end it."""
     program = """
-from replant.live.observer import Observer
-from replant.live.observing import ObserverOptions
+from replant.live.judge_client import Observer
+from replant.live.judge_process import ObserverOptions
 if __name__ == "__main__":
     observer = Observer(ObserverOptions())
     print(observer._process.pid, flush=True)

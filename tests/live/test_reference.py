@@ -16,7 +16,7 @@ from replant.errors import InvalidArgumentError
 from replant.live.make_view import POINTS, EstimateHistory, make_view
 from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
 from replant.live.progress import Progress, resume
-from replant.live.terminal import render, report_of
+from replant.live.terminal_status import render, report_of
 from replant.live.view import SessionInfo, View
 from support.live_fakes import DT, REQUEST, FakeSource, make, record
 

@@ -21,7 +21,7 @@ from replant.live.dashboard.app import python_of
 from replant.live.make_view import EstimateHistory, make_view
 from replant.live.outputs.message import DiskWriter, Notices, ParquetRecorder
 from replant.live.progress import Progress, resume
-from replant.live.terminal import render, report_of
+from replant.live.terminal_status import render, report_of
 from replant.live.view import SessionInfo
 from replant.online import saving
 from support.cases import every

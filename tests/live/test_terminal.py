@@ -11,8 +11,8 @@ import pytest
 from rich.console import Console
 
 import replant as rp
-from replant.live import terminal
-from replant.live.terminal import TerminalStatus, render, status_line
+from replant.live import terminal_status
+from replant.live.terminal_status import TerminalStatus, render, status_line
 from support.cases import every
 from support.live_fakes import PLANT
 from support.live_views import resting_view, viewed
@@ -128,9 +128,13 @@ def test_where_nobody_watches_a_line_comes_now_and_then(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now, view = [100.0], viewed(300)
-    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(terminal_status.time, "monotonic", lambda: now[0])
     status = TerminalStatus()
-    for at, said in ((100.0, 1), (100.0 + terminal.LINES_APART - 0.1, 0), (100.0 + terminal.LINES_APART, 1)):
+    for at, said in (
+        (100.0, 1),
+        (100.0 + terminal_status.LINES_APART - 0.1, 0),
+        (100.0 + terminal_status.LINES_APART, 1),
+    ):
         now[0] = at
         status.show(view, ["replant: a line"])
         assert capsys.readouterr().err.splitlines() == ["replant: a line"] + said * [status_line(view)]

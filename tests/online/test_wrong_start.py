@@ -39,7 +39,7 @@ def loop_at_rest_first(seed: int, samples: int = 1500) -> tuple[FloatArray, Floa
 @pytest.fixture
 def any_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a model start the recursion that no loop can hold: one that is wrong."""
-    monkeypatch.setattr("replant.estimation.solver.refined.FASTEST_UNSTABLE", np.inf)
+    monkeypatch.setattr("replant.estimation.solver.refined_estimate.FASTEST_UNSTABLE", np.inf)
 
 
 @every("seed", range(3), quick=1)

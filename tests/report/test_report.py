@@ -165,7 +165,7 @@ def test_all_that_the_contract_asks_for_is_there(good, uncertain) -> None:
 def test_captions_tell_what_is_drawn(uncertain, plain) -> None:
     """No bands where there is no standard deviation, figures with their units, how long there was no estimate."""
     from replant.report import page_figures as words
-    from replant.report.material import Material
+    from replant.report.contents import Material
 
     with_bands, without = (
         Material(case.result, case.log, case.result.fixed_filter, rp.Preprocess()) for case in (uncertain, plain)
@@ -240,7 +240,7 @@ def test_whatever_a_file_calls_itself_is_text(plain, tmp_path) -> None:
 
 
 def test_plots_hold_the_record(uncertain) -> None:
-    from replant.report.material import Material
+    from replant.report.contents import Material
 
     found = charts(Material(uncertain.result, uncertain.log, uncertain.result.settings.filter, rp.Preprocess()))
     measured, model = found["fit"][1]["curves"]
@@ -342,7 +342,7 @@ def test_commands_write_it_and_say_how_to_repeat_themselves(plain, tmp_path, cap
 
 
 def test_standard_deviations_reach_the_json(uncertain) -> None:
-    from replant.report.terminal import as_json
+    from replant.report.terminal_tables import as_json
 
     entries = as_json(uncertain.result)["parameters"].values()
     assert [entry["std"] for entry in entries] == pytest.approx(np.sqrt(np.diag(uncertain.result.covariance)))
@@ -351,13 +351,13 @@ def test_standard_deviations_reach_the_json(uncertain) -> None:
 @pytest.fixture
 def bare_uplot(monkeypatch):
     """The module that finds uPlot, where there is none: neither in the package nor from uplot-python."""
-    from replant.report import page
+    from replant.report import page_frame
 
-    page.uplot.cache_clear()
-    monkeypatch.setattr(page, "OWN", ("missing.js", "missing.css"))
-    monkeypatch.setattr(page.importlib.util, "find_spec", lambda name: None)
-    yield page
-    page.uplot.cache_clear()
+    page_frame.uplot.cache_clear()
+    monkeypatch.setattr(page_frame, "OWN", ("missing.js", "missing.css"))
+    monkeypatch.setattr(page_frame.importlib.util, "find_spec", lambda name: None)
+    yield page_frame
+    page_frame.uplot.cache_clear()
 
 
 @pytest.mark.usefixtures("unrendered")
@@ -380,7 +380,7 @@ def test_where_uplot_was_not_fetched_that_of_uplot_python_is_taken(tmp_path, mon
 
 
 def test_plots_over_time_know_what_is_left_out(uncertain) -> None:
-    from replant.report.material import Material
+    from replant.report.contents import Material
     from replant.report.page_figures import charts
 
     result = dataclasses.replace(uncertain.result, left_out=np.array([[10, 30]]))

@@ -8,11 +8,11 @@ import numpy as np
 
 import replant as rp
 from replant.report.compared_page import shortened
+from replant.report.contents import lasts
 from replant.report.findings import VerdictWords, _sentence, colour_of, without_reasons, words_of
-from replant.report.material import lasts
-from replant.report.page import words
-from replant.report.terminal import _aligned, _blocks, fraction, wrapped
-from replant.report.terminal_look import _counted
+from replant.report.page_frame import words
+from replant.report.terminal_log import _counted
+from replant.report.terminal_tables import _aligned, _blocks, fraction, wrapped
 from support.cases import every
 
 MOVED = "a coefficient has moved by 2.6 %"

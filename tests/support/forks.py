@@ -51,7 +51,7 @@ class Outcome:
 
 def is_isolated(path: Path) -> bool:
     """Whether a user's process does not read such a file itself."""
-    from replant.logs.formats import FORMATS
+    from replant.logs.file_formats import FORMATS
 
     return FORMATS.get(path.suffix.lower()) in parser_process.PARSERS
 

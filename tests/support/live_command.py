@@ -23,8 +23,8 @@ from support.waiting import PATIENCE, wait_until
 
 #: The command, with a long limit on the wait for the last view: the observer may still be starting then.
 COMMAND = f"""
-from replant.live import observer
-observer.LAST_VIEW_TIMEOUT = {PATIENCE}
+from replant.live import judge_client
+judge_client.LAST_VIEW_TIMEOUT = {PATIENCE}
 from replant.cli import main
 main()
 """

@@ -8,7 +8,7 @@ import threading
 import numpy as np
 
 from replant.live.streams import Batch, Source, open_source
-from replant.live.streams.lines import UdpSource
+from replant.live.streams.serial_and_network import UdpSource
 from support.waiting import PATIENCE, wait_until
 
 

@@ -11,8 +11,8 @@ import pytest
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.model.uncertainty import Uncertainty
+from replant.verdict.estimate_distance import LARGEST_ERROR, SIGMAS, distance, excited_frequencies, gain_findings
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.newton_step import LARGEST_ERROR, SIGMAS, distance, excited_frequencies, gain_findings
 from support.builders import binary
 from support.cases import every
 

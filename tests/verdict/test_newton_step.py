@@ -11,7 +11,7 @@ import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.numerics.autoregression import whiteness
-from replant.verdict.newton_step import Distance, distance, newest_distances
+from replant.verdict.estimate_distance import Distance, distance, newest_distances
 from replant.verdict.record_tests import growth
 from support.builders import binary
 from support.cases import every

@@ -11,7 +11,7 @@ import pytest
 
 import replant as rp
 from replant.cli import main
-from replant.workbench.setup import Setup, Stretch, Wish, command_line, program, words_of
+from replant.workbench.choices import Setup, Stretch, Wish, command_line, program, words_of
 from support.cases import every
 
 CUT = Setup("u", "y", use=(Stretch(0.0, 60.0),), leave_out=(Stretch(10.0, 12.5),), validate_on=(Stretch(40.0),))

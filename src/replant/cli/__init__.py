@@ -19,8 +19,8 @@ from replant.numerics.operating_system import ask_for_one_thread, refusal
 COMMANDS = {
     "open": ("live", "Open logs on a local page: look, cut, fit, compare, keep a model."),
     "look": ("look", "Show what is in a recorded log, and suggest a command to begin with."),
-    "run": ("run", "Identify G(s) online, in one pass over a recorded log."),
-    "fit": ("run", "Fit G(s) to a whole recorded log at once (batch); search structures."),
+    "run": ("run_and_fit", "Identify G(s) online, in one pass over a recorded log."),
+    "fit": ("run_and_fit", "Fit G(s) to a whole recorded log at once (batch); search structures."),
     "compare": ("look", "Compare saved models over a log, or methods on it."),
     "fleet": ("fleet", "Identify every rig of a fleet, on all cores or a cluster; one table and page."),
     "examples": ("look", "Write records of a motor to try the commands on."),

@@ -32,7 +32,7 @@ from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, no
 from replant.plotting.numbers import off_by, true_parameters
 from replant.report.figures import save_figures
 from replant.report.result_page import write_report
-from replant.report.terminal import print_result
+from replant.report.terminal_tables import print_result
 from replant.rigs import Rig, deap_rig, deap_voltage
 
 DEFAULT_FOLDER = Path("out/reproduce")

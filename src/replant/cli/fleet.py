@@ -11,15 +11,15 @@ import click
 
 from replant.cli.option_types import path_option
 from replant.cli.options import fleet_options, progress_bar, structure_of
-from replant.cli.several_inputs import numbers_of
+from replant.cli.several_inputs_options import numbers_of
 from replant.cli.terminal import Choice, note
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load
 from replant.fleet.job import METHODS, MODELS, TABLE
-from replant.fleet.oddness import check_comparable, oddness_of
+from replant.fleet.model_shape import shape_of, wanted
+from replant.fleet.odd_rigs import check_comparable, oddness_of
 from replant.fleet.page import MOST_REPORTS, write_page, write_reports
-from replant.fleet.shape import shape_of, wanted
 from replant.fleet.store import FAILED
 
 NAMED = 5  # odd rigs that the terminal names [count]

@@ -12,12 +12,12 @@ import click
 from replant.cli.conditioning_options import seconds_of
 from replant.cli.option_types import OfEach, column_option, flag, path_option
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, check_one_input
-from replant.cli.several_inputs import numbers_of
+from replant.cli.several_inputs_options import numbers_of
 from replant.cli.terminal import Choice, Parsed
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.live.dashboard.server import libraries_needed
-from replant.live.observing import DashboardAddress
+from replant.live.judge_process import DashboardAddress
 from replant.live.progress import Asked, Limits
 from replant.live.session import run
 from replant.live.streams import UY, Signals

@@ -28,18 +28,18 @@ from replant.errors import InvalidArgumentError, ModelFileError
 from replant.estimation.settings import Request
 from replant.examples import NAMES, path_of
 from replant.fitting.inspect import inspect
-from replant.fitting.matrix import MatrixModel, load_model
 from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.model_file import holds_model
+from replant.fitting.several_outputs import MatrixModel, load_model
 from replant.fitting.validation import Validation
 from replant.logs import Log
 from replant.online.runs.run_log import METHODS, USUAL, Contender, compare
-from replant.report.terminal import comparison_as_json as comparison_as_json
-from replant.report.terminal import print_comparison, print_kept_model, print_row, print_validation, table
-from replant.report.terminal import validation_as_json as validation_as_json
-from replant.report.terminal_look import as_json as look_as_json
-from replant.report.terminal_look import print_look
+from replant.report.terminal_log import as_json as look_as_json
+from replant.report.terminal_log import print_look
+from replant.report.terminal_tables import comparison_as_json as comparison_as_json
+from replant.report.terminal_tables import print_comparison, print_kept_model, print_row, print_validation, table
+from replant.report.terminal_tables import validation_as_json as validation_as_json
 
 
 @click.command(name="look")

@@ -15,9 +15,9 @@ from typing import Any
 
 import click
 
+from replant.cli.advice import OTHER_LOG, NextStep, next_step
 from replant.cli.conditioning_options import NAMES as STRETCH_NAMES
 from replant.cli.conditioning_options import is_conditioned
-from replant.cli.next_step import OTHER_LOG, NextStep, next_step
 from replant.cli.option_types import command_line, group, path_option
 from replant.cli.options import read
 from replant.cli.terminal import Choice, is_quiet, note
@@ -30,10 +30,10 @@ from replant.logs import Log, read_columns
 from replant.logs.recording import digest
 from replant.logs.sampling_time import time_candidates
 from replant.online.runs.result import Result
-from replant.report.programs import identifier_as_python
-from replant.report.terminal import as_json as result_as_json
-from replant.report.terminal import print_result, print_validation, record_line
-from replant.report.terminal import validation_as_json as validation_as_json
+from replant.report.python_programs import identifier_as_python
+from replant.report.terminal_tables import as_json as result_as_json
+from replant.report.terminal_tables import print_result, print_validation, record_line
+from replant.report.terminal_tables import validation_as_json as validation_as_json
 from replant.verdict.verdict import Verdict
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]

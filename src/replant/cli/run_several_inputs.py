@@ -14,20 +14,20 @@ from replant.cli.conditioning_options import is_conditioned
 from replant.cli.option_types import command_line
 from replant.cli.options import progress_bar, read_several
 from replant.cli.output import CONDITIONED, Keeping, check_required, echo_json, make_folder, write_errors_reported
-from replant.cli.several_inputs import is_range, orders_of, refuse_not_yet, refuse_ranges
+from replant.cli.several_inputs_options import is_range, orders_of, refuse_not_yet, refuse_ranges
 from replant.cli.terminal import is_quiet
 from replant.fitting import model_json
 from replant.fitting.fit import fit
-from replant.fitting.matrix import MatrixFit
 from replant.fitting.miso_fit import RowFit
 from replant.fitting.samples import Samples
+from replant.fitting.several_outputs import MatrixFit
 from replant.fitting.structure_search import SearchResult, search
 from replant.fitting.validation import Validation
 from replant.logs import Log
 from replant.logs.recording import digest
 from replant.online.runs.run_miso import first_model, run_row
-from replant.report.programs import row_as_python
-from replant.report.terminal import (
+from replant.report.python_programs import row_as_python
+from replant.report.terminal_tables import (
     HEADINGS,
     candidates_as_json,
     print_candidates,

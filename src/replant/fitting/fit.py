@@ -16,10 +16,10 @@ from replant.estimation.simulation.model_run import prediction_error, runs_away
 from replant.estimation.solver.least_squares import choose_filter, least_squares, regressors
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
-from replant.fitting.matrix import MatrixFit, fit_matrix, is_matrix
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
-from replant.fitting.parted import differ, solve_parted
+from replant.fitting.parted_record import differ, solve_parted
 from replant.fitting.samples import RawRecord, Samples
+from replant.fitting.several_outputs import MatrixFit, fit_matrix, is_matrix
 from replant.kernels.schema import Doubt
 from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel

@@ -15,10 +15,10 @@ from replant.estimation.filters import Filter, StateVariableFilter
 from replant.estimation.simulation.miso import Row
 from replant.estimation.solver.change_search import find_change
 from replant.estimation.solver.miso_breaks import find_plant_change
-from replant.estimation.solver.refined import Refined, without_nuisances
-from replant.fitting import notation
-from replant.fitting.fields import Identified, Provenance, has_rest
+from replant.estimation.solver.refined_estimate import Refined, without_nuisances
+from replant.fitting import model_notation
 from replant.fitting.model import Model
+from replant.fitting.model_fields import Identified, Provenance, has_rest
 from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
 from replant.kernels.schema import LAGUERRE
 from replant.model.noise import NoiseModel
@@ -87,7 +87,7 @@ class FitResult(Identified):
     means : tuple of two floats
         Of the mapped input and of the output, where both can be used.
     disagreement : float
-        See `replant.estimation.solver.refined.Refined.disagreement`.
+        See `replant.estimation.solver.refined_estimate.Refined.disagreement`.
     usual_interval : float or None
         Median interval of the time stamps in s; None for a regular clock.
     others : mapping of str to (K,) array
@@ -223,10 +223,10 @@ class FitResult(Identified):
         return y
 
     def __repr__(self) -> str:
-        return notation.in_lines("FitResult", self.model, self.samples, self.verdict.reasons)
+        return model_notation.in_lines("FitResult", self.model, self.samples, self.verdict.reasons)
 
     def _repr_html_(self) -> str:
-        return notation.with_picture(self.model)
+        return model_notation.with_picture(self.model)
 
     @property
     def fixed_filter(self) -> StateVariableFilter:

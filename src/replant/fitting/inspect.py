@@ -11,13 +11,13 @@ from pathlib import Path
 import numpy as np
 
 from replant.errors import ReplantError
+from replant.logs.column_roles import INPUT, OUTPUT, Response, Roles, find_roles, prepared, response
 from replant.logs.columns import Clock, Column, Contents, find_clock, read_contents
 from replant.logs.conditioning import from_rest
-from replant.logs.formats import read_columns
+from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
 from replant.logs.merged_channels import side_by_side
 from replant.logs.recording import Recording
-from replant.logs.roles import INPUT, OUTPUT, Response, Roles, find_roles, prepared, response
 from replant.logs.table import Table
 from replant.numerics.arguments import FloatArray
 from replant.verdict.assess import MOST_SAMPLES

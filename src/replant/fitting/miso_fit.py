@@ -9,12 +9,12 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.miso import Row, RowRecord
-from replant.fitting.fields import Provenance
 from replant.fitting.miso_model import RowModel, one_step_percent
 from replant.fitting.miso_references import held, references_of
 from replant.fitting.miso_solve import RowEstimate
 from replant.fitting.miso_verdict import judged
-from replant.fitting.parted import solve_parted_row
+from replant.fitting.model_fields import Provenance
+from replant.fitting.parted_record import solve_parted_row
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
 from replant.logs.log import Log

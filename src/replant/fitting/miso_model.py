@@ -12,8 +12,8 @@ from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.fitted_run import bridged, fit_percent
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate, noise_of
 from replant.fitting import model_file, model_json
-from replant.fitting.fields import RowFields, has_rest
 from replant.fitting.model import Model, usual_interval
+from replant.fitting.model_fields import RowFields, has_rest
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model import interop

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.estimation.simulation.exogenous import Outside
 from replant.estimation.simulation.miso import RowRecord
+from replant.estimation.simulation.miso_exogenous import Outside
 from replant.model.preprocess import accepted
 from replant.numerics.arguments import BoolArray, FloatArray, array_of_reals
 from replant.verdict.loop_tests import COPIED, STILL, Reference, fault_of

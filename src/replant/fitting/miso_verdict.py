@@ -13,7 +13,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Point, Row, evaluate
 from replant.estimation.solver.miso_start import start_without
 from replant.estimation.solver.miso_steps import refine
-from replant.estimation.solver.refined import relative_uncertainty
+from replant.estimation.solver.refined_estimate import relative_uncertainty
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.verdict.estimate_tests import MOST_UNCERTAIN

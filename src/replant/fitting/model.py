@@ -10,8 +10,8 @@ import numpy as np
 from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.fitted_run import bridged
 from replant.estimation.simulation.model_run import model_output
-from replant.fitting import model_file, model_json, notation
-from replant.fitting.fields import ModelFields
+from replant.fitting import model_file, model_json, model_notation
+from replant.fitting.model_fields import ModelFields
 from replant.fitting.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.fitting.validation import Validation, validate
 from replant.logs.log import Log
@@ -251,13 +251,13 @@ class Model(model_file.Written, ModelFields):
         return cls(**model_json.loads(written))
 
     def __repr__(self) -> str:
-        return notation.one_line(self)
+        return model_notation.one_line(self)
 
     def _repr_latex_(self) -> str:
-        return f"$\\displaystyle {notation.latex(self.transfer_function)}$"
+        return f"$\\displaystyle {model_notation.latex(self.transfer_function)}$"
 
     def _repr_html_(self) -> str:
-        return notation.html(self)
+        return model_notation.html(self)
 
 
 def usual_interval(t: FloatArray, dt: float) -> float:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, ModelFileError, ReplantError, shown
-from replant.fitting.fields import ModelFields, Provenance, RowFields
+from replant.fitting.model_fields import ModelFields, Provenance, RowFields
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction

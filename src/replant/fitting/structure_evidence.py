@@ -28,7 +28,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, stability_margin
-from replant.estimation.solver.refined import Refined, without_nuisances
+from replant.estimation.solver.refined_estimate import Refined, without_nuisances
 from replant.estimation.solver.srivc import refine
 from replant.kernels.schema import LAGS
 from replant.model.dead_time import unknown_outputs

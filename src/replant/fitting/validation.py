@@ -20,7 +20,7 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import fit_percent
 from replant.estimation.simulation.model_run import model_output
-from replant.fitting.fields import ModelFields
+from replant.fitting.model_fields import ModelFields
 from replant.model.preprocess import accepted, screen
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
@@ -28,7 +28,7 @@ from replant.numerics.linear_algebra import quiet
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
 from replant.plotting.diagrams import draw_validation
 from replant.verdict import assess_record
-from replant.verdict.newton_step import EXCITED, SEGMENT
+from replant.verdict.estimate_distance import EXCITED, SEGMENT
 from replant.verdict.verdict import Verdict
 
 FEWEST_SEGMENTS = 8  # segments below which a spectrum tells nothing [count]

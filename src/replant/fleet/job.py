@@ -16,7 +16,7 @@ from typing import Any
 from replant.errors import InvalidArgumentError, SystemRefusedError
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.settings import AUTO, Request
-from replant.fleet.shape import Shape, shape_of, wanted
+from replant.fleet.model_shape import Shape, shape_of, wanted
 from replant.logs.arrow import SUFFIXES, RowGroups
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure

@@ -17,15 +17,15 @@ from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import carried_out, workers
 from replant.fleet.fit import Fleet
 from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
-from replant.fleet.oddness import Drift, Oddness, drift_between, oddness_of
-from replant.fleet.shape import branches_of
+from replant.fleet.model_shape import branches_of
+from replant.fleet.odd_rigs import Drift, Oddness, drift_between, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
-from replant.fleet.work import one_thread, opened, result_of
+from replant.fleet.worker import one_thread, opened, result_of
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number
 from replant.report.matrix_page import Output, write_rows
-from replant.report.page import asset, filled, heading, icon, page, script, section, words
+from replant.report.page_frame import asset, filled, heading, icon, page, script, section, words
 from replant.report.result_page import write_report
 
 WIDTH, HEIGHT, FOOT = 300, 90, 22  # size of the picture, and of the part for its axis [px]

@@ -36,7 +36,7 @@ from replant.fleet.job import (
     replacing,
     report_path,
 )
-from replant.fleet.shape import Shape, branches_of
+from replant.fleet.model_shape import Shape, branches_of
 from replant.logs.arrow import CHECKED
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.operating_system import refusal

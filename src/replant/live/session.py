@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from replant.errors import CheckpointError, DamagedCheckpointError, InvalidArgumentError, SystemRefusedError
+from replant.live.judge_client import Observer
+from replant.live.judge_process import DashboardAddress, ObserverOptions
 from replant.live.make_view import EstimateHistory, make_view
-from replant.live.observer import Observer
-from replant.live.observing import DashboardAddress, ObserverOptions
 from replant.live.outputs.message import UNKNOWN, DiskWriter, EstimateMessage, Notices, ParquetRecorder, time_to_live
 from replant.live.outputs.sinks import Publisher, Sink, open_sink
 from replant.live.progress import (
@@ -31,7 +31,7 @@ from replant.live.progress import (
     stop_on_signals,
 )
 from replant.live.streams import UY, Batch, Signals, Source, open_source
-from replant.live.terminal import print_summary
+from replant.live.terminal_status import print_summary
 from replant.live.view import UNNAMED, SessionInfo, SignalNames, View
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray

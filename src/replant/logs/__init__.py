@@ -1,6 +1,6 @@
 """Recorded logs: files of many formats read into input, output and sampling time; columns, roles, conditioning."""
 
-from replant.logs.formats import read_columns
+from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
 from replant.logs.read import (
     doubtful_unit,

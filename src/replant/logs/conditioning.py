@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.logs.band import bandpass, changed
+from replant.logs.frequency_band import bandpass, changed
 from replant.logs.log import Log
 from replant.model.preprocess import accepted
 from replant.numerics.arguments import FloatArray, instance, whole

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import InvalidArgumentError, LogError, shown
-from replant.logs.formats import read_columns
+from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
 from replant.logs.merged_channels import on_one_clock
 from replant.logs.recording import MOST_HELD, Recording, check_range, digest, part_of

@@ -11,7 +11,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import NOTHING, REGULAR, State, step_kernels
 from replant.estimation.settings import Settings
 from replant.estimation.simulation.auxiliary_model import stability_margin
-from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.refined_estimate import Refined
 from replant.estimation.solver.solve import Solution
 from replant.estimation.solver.srivc_steps import FASTEST
 from replant.kernels.schema import BELIEVED, Doubt

@@ -10,7 +10,7 @@ from replant.estimation.engine.estimate_covariance import covariance
 from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.state import REASONS, State
 from replant.estimation.settings import STORED, Request, Settings
-from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.refined_estimate import Refined
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction

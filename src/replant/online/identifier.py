@@ -31,10 +31,10 @@ from replant.numerics.arguments import (
     vector,
 )
 from replant.numerics.limits import stamps_of
-from replant.online.kept_model import model_of
 from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
 from replant.online.locking import Turn, changes, reads
 from replant.online.miso_identifier import RowIdentifier
+from replant.online.running_model import model_of
 from replant.online.second_process import start
 from replant.online.trace import Later, StartingTrace, Trace, write
 

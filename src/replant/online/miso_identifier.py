@@ -11,10 +11,10 @@ import numpy as np
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.settings import STORED
-from replant.fitting.fields import Provenance
 from replant.fitting.miso_fit import RowFit, row_model, structures_of
 from replant.fitting.miso_model import RowModel, one_step_percent
 from replant.fitting.miso_references import references_of
+from replant.fitting.model_fields import Provenance
 from replant.kernels.schema import Doubt
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure

@@ -12,9 +12,9 @@ import numpy as np
 
 from replant.estimation.engine.record import SAME, Record
 from replant.estimation.engine.state import GAP
-from replant.estimation.simulation.branches import Branches
-from replant.estimation.simulation.exogenous import Law, with_moved
 from replant.estimation.simulation.miso import Row, Stretch
+from replant.estimation.simulation.miso_branches import Branches
+from replant.estimation.simulation.miso_exogenous import Law, with_moved
 from replant.fitting.miso_solve import RowEstimate
 from replant.kernels.filters.whitening import IRREGULAR
 from replant.kernels.schema import LAGS

@@ -23,7 +23,7 @@ from replant.estimation.simulation.model_run import prediction_error, runs_away
 from replant.estimation.solver.change_contest import decided, is_sure, weighed
 from replant.estimation.solver.change_search import begin_of_change, change_at
 from replant.estimation.solver.solve import Solution, solve
-from replant.fitting.parted import differ, plant_changes, solve_parted
+from replant.fitting.parted_record import differ, plant_changes, solve_parted
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio

@@ -26,7 +26,7 @@ from replant.estimation.optimizers.optimizer import Replay
 from replant.estimation.scaling import Scaling
 from replant.estimation.settings import AUTO, Request, Settings
 from replant.estimation.solver.least_squares import choose_filter, regressors
-from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.refined_estimate import Refined
 from replant.estimation.solver.solve import Solution, solve
 from replant.kernels.schema import BELIEVED
 from replant.model.preprocess import Preprocess, centre

@@ -15,9 +15,9 @@ from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator
 from replant.paper.figures import ACTUATOR_FIGURES, FIGURES, Outcome
 from replant.paper.reproduction import SOURCE, Cell, TableResult, notes, summary
 from replant.plotting.numbers import number, uncertain
-from replant.report.material import versions
-from replant.report.page import Html, code, facts, icon, section, table, write_page
+from replant.report.contents import versions
 from replant.report.page_figures import svg
+from replant.report.page_frame import Html, code, facts, icon, section, table, write_page
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.estimation.simulation.stretches import stretches_of
+from replant.estimation.simulation.left_out import stretches_of
 from replant.fitting.model import Model
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
@@ -24,15 +24,15 @@ from replant.plotting import diagrams, style
 from replant.plotting.numbers import mapped_label, number, percent, symbols
 from replant.plotting.over_time import SHOWN_SMALL, draw_panels
 from replant.plotting.style import Shown, axes_for, blank_figure
-from replant.report import material as tables
-from replant.report import programs
+from replant.report import contents as tables
+from replant.report import python_programs
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, responses_of
 from replant.report.findings import BAD, GOOD, Finding, findings
-from replant.report.page import NO_BREAK, Html, code, facts, icon, section, table, words, write_page
 from replant.report.page_figures import HALF, look, svg, variable
+from replant.report.page_frame import NO_BREAK, Html, code, facts, icon, section, table, words, write_page
 from replant.report.panels import draw_poles_of, draw_steps, output_panels
 from replant.report.result_page import in_small
-from replant.report.terminal import OUTCOME, cells_of, gravity_of
+from replant.report.terminal_tables import OUTCOME, cells_of, gravity_of
 from replant.verdict import Assessment, Simulation
 
 BANDS = "Bands are two standard deviations wide to either side"
@@ -242,9 +242,9 @@ def _programs(contenders: Sequence[Contender], log: Log) -> str:
     parts = []
     for entry in contenders:
         if entry.fitted is not None and entry.result is not None:
-            program = programs.fit_as_python(entry.fitted, [log])
+            program = python_programs.fit_as_python(entry.fitted, [log])
         elif entry.result is not None and entry.result.settings is not None:
-            program = programs.run_as_python(entry.result, log)
+            program = python_programs.run_as_python(entry.result, log)
         else:
             continue
         summary = f"<summary>{html.escape(entry.name)} alone, in Python</summary>"

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.estimation.simulation.stretches import joined, stretches_of
+from replant.estimation.simulation.left_out import joined, stretches_of
 from replant.fitting.miso_fit import RowFit
 from replant.fitting.model import Model
 from replant.fitting.validation import Validation
@@ -23,10 +23,10 @@ from replant.plotting import diagrams, style
 from replant.plotting.numbers import gain_unit, mathml, number, percent, symbols, uncertain, with_unit
 from replant.plotting.over_time import POINTS, Panel, draw_panels, thin
 from replant.plotting.style import blank_figure
-from replant.report import material as tables
+from replant.report import contents as tables
 from replant.report.findings import findings
-from replant.report.page import Html, asset, facts, filled, folded, script, table, uplot, words, write_page
 from replant.report.page_figures import HALF, charts_of, look, svg, time_picture
+from replant.report.page_frame import Html, asset, facts, filled, folded, script, table, uplot, words, write_page
 from replant.report.panels import draw_poles_of, input_panel, model_panels, part_panel, whole_record
 from replant.report.result_page import drawn, in_small, reproduction, section, verdict_of
 

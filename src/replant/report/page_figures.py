@@ -19,7 +19,7 @@ from replant.plotting.diagrams import reach_of
 from replant.plotting.numbers import complex_number, gain_unit, number, percent
 from replant.plotting.over_time import POINTS, SHOWN_SMALL, Curve, Panel, draw_panels, thin, within_reason
 from replant.plotting.style import blank_figure
-from replant.report.material import Material
+from replant.report.contents import Material
 from replant.report.panels import first_estimate
 
 HALF, WHOLE = 4.5, 7.4  # half and whole width of the page [inches]

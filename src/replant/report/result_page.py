@@ -20,13 +20,13 @@ from replant.model.preprocess import Preprocess
 from replant.online.runs.result import Result
 from replant.plotting.diagrams import draw_auto, draw_cross, draw_validation
 from replant.plotting.numbers import gain_unit, mathml, number, percent, uncertain, with_unit
+from replant.report import contents as tables
 from replant.report import figures, page_figures
-from replant.report import material as tables
+from replant.report.contents import Material
 from replant.report.findings import BAD, GOOD, WARN, Finding, findings
-from replant.report.material import Material
-from replant.report.page import asset, code, filled, folded, icon, script, table, uplot, words, write_page
 from replant.report.page_figures import HALF
-from replant.report.programs import run_as_python
+from replant.report.page_frame import asset, code, filled, folded, icon, script, table, uplot, words, write_page
+from replant.report.python_programs import run_as_python
 from replant.verdict.verdict import percent as share
 
 HEADINGS = ("log", "simulated", "one step", "offset", "residual beyond its limit", "error by frequency", "verdict")

@@ -13,9 +13,9 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile, inverse_of, roots
+from replant.verdict.estimate_distance import Distance, gain_findings, output_frequency
+from replant.verdict.estimate_distance import distance as distance_of
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.newton_step import Distance, gain_findings, output_frequency
-from replant.verdict.newton_step import distance as distance_of
 from replant.verdict.verdict import Assessment, Finding, figure, percent
 
 MOST_UNCERTAIN = 0.15

@@ -30,10 +30,10 @@ from replant.live.progress import stop_on_signals
 from replant.logs.recording import digest
 from replant.numerics.operating_system import Worker, one_line
 from replant.workbench import tasks
-from replant.workbench.cards import Card, judged
-from replant.workbench.opened import with_role
+from replant.workbench.choices import text
+from replant.workbench.model_cards import Card, judged
+from replant.workbench.opened_log import with_role
 from replant.workbench.session import LARGEST, SUFFIX, Session, logs_folder, newest_session, read, session_of, token
-from replant.workbench.setup import text
 
 POINTS = 1200  # places in time of a curve, unless the page asks for fewer [count]
 MOST_POINTS = 4000  # the same at the most [count]

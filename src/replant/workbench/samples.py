@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import LogError
-from replant.estimation.simulation.stretches import stretches_of
+from replant.estimation.simulation.left_out import stretches_of
 from replant.estimation.solver.bad_samples import suspicious
 from replant.kernels.schema import Doubt as Suspect
 from replant.logs import read_columns

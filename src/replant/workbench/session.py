@@ -16,9 +16,20 @@ from typing import Any
 
 from replant.errors import InvalidArgumentError, ReplantError, shown
 from replant.numerics.operating_system import one_line, replacing
-from replant.workbench.cards import DONE, FAILED, OPEN, ORDERS, RUNNING, STOPPED, Card, card_of, in_order, title_of
-from replant.workbench.opened import BROKEN, Opened
-from replant.workbench.setup import Setup, Wish, words_of
+from replant.workbench.choices import Setup, Wish, words_of
+from replant.workbench.model_cards import (
+    DONE,
+    FAILED,
+    OPEN,
+    ORDERS,
+    RUNNING,
+    STOPPED,
+    Card,
+    card_of,
+    in_order,
+    title_of,
+)
+from replant.workbench.opened_log import BROKEN, Opened
 from replant.workbench.tasks import Jobs, Outcome, Work
 
 

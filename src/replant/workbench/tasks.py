@@ -38,9 +38,9 @@ from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import one_line
 from replant.numerics.residuals import BAND_95
-from replant.report.terminal_look import as_json, findings_of
+from replant.report.terminal_log import as_json, findings_of
+from replant.workbench.choices import Setup, Stretch
 from replant.workbench.samples import doubts, joined_extremes, rounded
-from replant.workbench.setup import Setup, Stretch
 
 KEPT_LOGS = 2  # logs whose samples are kept for the next request [count]
 KEPT_VALIDATIONS = 32  # validations that are kept [count]

@@ -13,7 +13,7 @@ import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.estimation.solver import srivc
-from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.refined_estimate import Refined
 from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, is_answered
 from replant.estimation.solver.srivc import refine
 from support.loops import DT, coloured, controlled, loaded_loop, steps

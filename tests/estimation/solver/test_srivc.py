@@ -11,7 +11,7 @@ import pytest
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.solver import srivc
-from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.refined_estimate import Refined
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
 from replant.numerics.linear_algebra import compose

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from replant.live.streams import Source, reader
+from replant.live.streams import Source, reader_thread
 from support.waiting import PATIENCE
 from support.wires import Peer, Reading
 
@@ -14,7 +14,7 @@ from support.wires import Peer, Reading
 @pytest.fixture(autouse=True)
 def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     """Have sources wait for their threads, as long as it takes on a busy machine."""
-    monkeypatch.setattr(reader, "CLOSE_TIMEOUT", PATIENCE)
+    monkeypatch.setattr(reader_thread, "CLOSE_TIMEOUT", PATIENCE)
 
 
 @pytest.fixture

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.live.streams.reader import BACKOFF, LARGEST_BATCH, Inbox, Wire
+from replant.live.streams.reader_thread import BACKOFF, LARGEST_BATCH, Inbox, Wire
 from replant.live.streams.source import Batch
 from support.cases import examples
 from support.waiting import PATIENCE

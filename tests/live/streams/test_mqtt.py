@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from replant.live.streams import open_source
-from replant.live.streams.parser import MAGIC
+from replant.live.streams.line_parser import MAGIC
 from support.broker import MOSQUITTO, Broker
 from support.cases import every
 from support.wires import PATIENCE, Reading, csv, wait_until

@@ -9,7 +9,7 @@ import pytest
 
 from replant.errors import InvalidArgumentError
 from replant.live.streams import Source, open_source
-from replant.live.streams.opening import split
+from replant.live.streams.addresses import split
 from replant.live.streams.source import STATES
 from support.cases import every
 

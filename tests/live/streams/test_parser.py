@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.live.streams.parser import (
+from replant.live.streams.line_parser import (
     FEW,
     LONGEST,
     MAGIC,

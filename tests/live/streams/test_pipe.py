@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from replant.live.streams.lines import PipeSource
+from replant.live.streams.serial_and_network import PipeSource
 from support.wires import Reading, csv
 
 PROGRAM = """

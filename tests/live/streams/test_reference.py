@@ -13,9 +13,9 @@ import pytest
 
 from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams import Batch, open_source
-from replant.live.streams.lines import PipeSource
-from replant.live.streams.parser import MAGIC, Parser, Payloads
-from replant.live.streams.reader import Inbox
+from replant.live.streams.line_parser import MAGIC, Parser, Payloads
+from replant.live.streams.reader_thread import Inbox
+from replant.live.streams.serial_and_network import PipeSource
 from replant.live.streams.source import Numbering
 from support.cases import every
 from support.wires import Peer, Reading

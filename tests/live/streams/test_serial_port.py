@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.streams import lines, open_source
+from replant.live.streams import open_source, serial_and_network
 from support.boards import Board
 from support.cases import every
 from support.wires import Reading, csv, wait_until
@@ -127,4 +127,4 @@ def test_a_missing_package_names_its_extra(monkeypatch: pytest.MonkeyPatch, url:
 def test_the_ports_that_exist_are_named(monkeypatch: pytest.MonkeyPatch, ports: tuple[str, ...], words: str) -> None:
     found = [SimpleNamespace(device=name) for name in ports]
     monkeypatch.setattr("serial.tools.list_ports.comports", lambda: found)
-    assert words in lines.remedy("ttyUSB7")
+    assert words in serial_and_network.remedy("ttyUSB7")

@@ -12,8 +12,8 @@ import pytest
 
 from replant.errors import InvalidArgumentError
 from replant.live.streams import Batch, Signals, open_source
-from replant.live.streams.parser import MAGIC, Parser, Payloads
-from replant.live.streams.reader import Inbox
+from replant.live.streams.line_parser import MAGIC, Parser, Payloads
+from replant.live.streams.reader_thread import Inbox
 from replant.live.streams.source import Numbering
 from support.cases import every
 from support.wires import Peer, Reading

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from replant.live.streams import open_source
-from replant.live.streams.reader import CAPACITY
+from replant.live.streams.reader_thread import CAPACITY
 from support.wires import PATIENCE, Peer, Reading, csv, wait_until
 
 
@@ -190,7 +190,7 @@ def test_arrival_is_told_by_the_monotonic_clock(peer: Peer, read: Callable[..., 
 
 def test_a_peer_gone_without_a_word_is_noticed(peer: Peer) -> None:
     """Not waited for here, which takes seconds: that the system is asked to look is what can be tested."""
-    from replant.live.streams.lines import enable_keepalive
+    from replant.live.streams.serial_and_network import enable_keepalive
 
     with socket.create_connection(("127.0.0.1", peer.port)) as connection:
         enable_keepalive(connection)

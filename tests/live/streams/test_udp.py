@@ -10,7 +10,7 @@ import pytest
 
 from replant.errors import InvalidArgumentError
 from replant.live.streams import open_source
-from replant.live.streams.reader import CAPACITY
+from replant.live.streams.reader_thread import CAPACITY
 from support.cases import every
 from support.wires import Device, Reading, csv, opened, wait_until
 

@@ -16,7 +16,7 @@ import pytest
 import replant as rp
 from replant.estimation.engine.state import REASONS
 from replant.live.streams import open_source
-from replant.live.streams.opening import SCHEMES
+from replant.live.streams.addresses import SCHEMES
 from support.boards import Board
 from support.broker import MOSQUITTO, Broker
 from support.places import ROOT

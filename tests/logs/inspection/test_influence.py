@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from replant.logs.roles import CEILING, MOST_SAMPLES, SPREAD, influence, memory, prepared, response
+from replant.logs.column_roles import CEILING, MOST_SAMPLES, SPREAD, influence, memory, prepared, response
 from support.cases import every
 
 

@@ -9,8 +9,8 @@ import pytest
 
 from replant.errors import LogError
 from replant.fitting.inspect import first_model, inspect, options_of
+from replant.logs.column_roles import role_by_name
 from replant.logs.columns import Column, Kind, describe
-from replant.logs.roles import role_by_name
 from replant.model.transfer_function import TransferFunction
 from replant.signals import prbs, random_steps
 from support.cases import every

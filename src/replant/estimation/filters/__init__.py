@@ -4,7 +4,7 @@ To add one: its class, a `Filter`, in a file of this folder, its name in `FILTER
 messages about a wrong argument go by that list; everything else asks the filter itself (see `Filter`).
 """
 
-from replant.estimation.filters.refined import RefinedFilter
+from replant.estimation.filters.refined_filter import RefinedFilter
 from replant.estimation.filters.state_variable import DiscreteFilter, Filter, StateVariableFilter
 
 #: Every filter.

@@ -18,8 +18,8 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.estimation.simulation.branches import Branches
-from replant.estimation.simulation.exogenous import Outside
+from replant.estimation.simulation.miso_branches import Branches
+from replant.estimation.simulation.miso_exogenous import Outside
 from replant.model.preprocess import accepted
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray

@@ -10,7 +10,7 @@ A residual that has grown has many causes.  Each is a supposition, fitted to the
     CUT       the output no longer answers to the input: a cable floats
     WHOLE     one other model holds for these samples and those before: the model was wrong
 
-What was known before is a prior, of which a supposition forgets some directions (`estimation.solver.known_before`).
+What was known before is a prior, of which a supposition forgets some directions (`estimation.solver.change_prior`).
 
 All are compared over the same samples by the log-likelihood of their residuals.  These are whitened by the noise model
 from before the change, or at the price of its numbers by one of their own: an autoregression fitted to a step nearly
@@ -34,9 +34,9 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import Pass
-from replant.estimation.solver import known_before
-from replant.estimation.solver.known_before import Known, with_nuisances
-from replant.estimation.solver.refined import Prior, Refined, Root, conclude
+from replant.estimation.solver import change_prior
+from replant.estimation.solver.change_prior import Known, with_nuisances
+from replant.estimation.solver.refined_estimate import Prior, Refined, Root, conclude
 from replant.estimation.solver.residual_likelihood import WEAKEST, Stretch
 from replant.estimation.solver.solve import Solution
 from replant.estimation.solver.srivc import refine
@@ -199,8 +199,8 @@ class Contest:
         return found if again else [*found, *self._cuts(models)]
 
     def weighed(self, more: float) -> float:
-        """Return the evidence of what another G(s) explains more, see `known_before.weighed`."""
-        return known_before.weighed(more, *self.dispersion)
+        """Return the evidence of what another G(s) explains more, see `change_prior.weighed`."""
+        return change_prior.weighed(more, *self.dispersion)
 
     @cached_property
     def dispersion(self) -> tuple[float, float]:

@@ -14,7 +14,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.bad_samples import doubts, filled, suspicious
-from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.refined_estimate import Refined
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
 from replant.estimation.solver.undetermined_poles import with_untold

@@ -41,7 +41,7 @@ import numpy as np
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, run_model, runs_away
 from replant.estimation.solver.feedback_test import LONGEST, PER_COLUMN, answering, part_answering
-from replant.estimation.solver.refined import Refined
+from replant.estimation.solver.refined_estimate import Refined
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression

@@ -43,7 +43,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import simulate
-from replant.estimation.solver.refined import Refined, Root
+from replant.estimation.solver.refined_estimate import Refined, Root
 from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, disagreement, is_answered
 from replant.estimation.solver.srivc_steps import STALLS, Problem, is_long_enough
 from replant.kernels.schema import LAGUERRE

@@ -13,7 +13,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, Pass, stability_margin
-from replant.estimation.solver.refined import Prior, Projection, Refined, Root, conclude
+from replant.estimation.solver.refined_estimate import Prior, Projection, Refined, Root, conclude
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression

@@ -29,7 +29,7 @@ import numpy as np
 
 from replant.estimation.engine.dimensions import entries_of
 from replant.estimation.engine.record import Record
-from replant.estimation.solver.refined import Refined, without_nuisances
+from replant.estimation.solver.refined_estimate import Refined, without_nuisances
 from replant.estimation.solver.srivc_steps import Problem
 from replant.model.shared_root import cancelled_pole
 from replant.model.structure import Structure

@@ -25,8 +25,8 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from replant.errors import ReplantError
 from replant.live.dashboard.security import HEADERS, Guard, most_connections
 from replant.report.findings import VERDICTS
-from replant.report.page import asset as report_asset
-from replant.report.page import uplot
+from replant.report.page_frame import asset as report_asset
+from replant.report.page_frame import uplot
 
 #: The commands that a page may send to the identification.
 COMMANDS = ("freeze", "adapt", "reset")

@@ -24,8 +24,8 @@ from typing import Any, Protocol
 
 from replant.errors import InvalidArgumentError
 from replant.live.outputs.message import ENDED, LEAST_TTL, UNKNOWN, WAITING, EstimateMessage, Notices
-from replant.live.streams.lines import import_paho
-from replant.live.streams.opening import NO_PORT, Address, split
+from replant.live.streams.addresses import NO_PORT, Address, split
+from replant.live.streams.serial_and_network import import_paho
 from replant.numerics.operating_system import Worker, one_line
 
 PORT = "give a port from 1 to 65535 after the host"

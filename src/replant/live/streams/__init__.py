@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from replant.live.streams.opening import open_source
+from replant.live.streams.addresses import open_source
 from replant.live.streams.source import UY, Batch, Signals, Source
 
 __all__ = ["UY", "Batch", "Signals", "Source", "open_source"]

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.live.streams.opening import Address
-from replant.live.streams.reader import Reader, StopRequest
+from replant.live.streams.addresses import Address
+from replant.live.streams.reader_thread import Reader, StopRequest
 from replant.live.streams.source import UY, Batch, Columns, Signals, together
 from replant.logs import read_columns
 from replant.logs.merged_channels import on_one_clock

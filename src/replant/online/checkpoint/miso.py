@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from replant.errors import DamagedCheckpointError
-from replant.estimation.simulation.branches import Branches
-from replant.estimation.simulation.exogenous import Law
+from replant.estimation.simulation.miso_branches import Branches
+from replant.estimation.simulation.miso_exogenous import Law
 from replant.estimation.solver.miso_change import Judge
 from replant.kernels.schema import LAGS, LAGUERRE
 from replant.model.structure import Structure

@@ -14,8 +14,8 @@ import numpy.typing as npt
 from replant.estimation.engine.record import gaps_of
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.settings import Settings
-from replant.estimation.simulation.stretches import NONE, flags_of, joined, stretches_of
-from replant.fitting import notation
+from replant.estimation.simulation.left_out import NONE, flags_of, joined, stretches_of
+from replant.fitting import model_notation
 from replant.fitting.fit_result import FitResult
 from replant.fitting.model import Model
 from replant.model.noise import NoiseModel
@@ -219,10 +219,10 @@ class Result:
         return self.clock if self.clock is not None and self.clock.irregular else Clock(dt)
 
     def __repr__(self) -> str:
-        return notation.in_lines("Result", self.model, self.samples, self.verdict.reasons)
+        return model_notation.in_lines("Result", self.model, self.samples, self.verdict.reasons)
 
     def _repr_html_(self) -> str:
-        return notation.with_picture(self.model)
+        return model_notation.with_picture(self.model)
 
     @property
     def structure(self) -> Structure:

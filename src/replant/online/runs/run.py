@@ -11,7 +11,7 @@ import numpy as np
 from replant.estimation.filters import Filter
 from replant.estimation.settings import LONGEST_STARTUP, STORED, Request
 from replant.estimation.simulation.fitted_run import FITTED, Score
-from replant.estimation.simulation.stretches import (
+from replant.estimation.simulation.left_out import (
     NONE,
     flags_of,
     stretches_of,
@@ -23,7 +23,7 @@ from replant.numerics.linear_algebra import quiet
 from replant.online.bank import Bank
 from replant.online.bank_members import asked_for
 from replant.online.identifier import Identifier
-from replant.online.kept_model import model_of
+from replant.online.running_model import model_of
 from replant.online.runs.result import KNOTS, ClockRecorder, History, Result
 from replant.online.runs.thinning import Arrays, Batch, Recorder, Source, batched
 from replant.online.startup import settle

@@ -14,7 +14,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError, ReplantError
 from replant.estimation.optimizers import OPTIMIZERS, Optimizer
 from replant.estimation.settings import AUTO, Request, filter_for
-from replant.estimation.simulation.stretches import flags_of
+from replant.estimation.simulation.left_out import flags_of
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_fit import RowFit, is_row

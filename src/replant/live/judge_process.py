@@ -88,7 +88,7 @@ class _Observing:
     """The state of the running observer: its newest identifier and view, its terminal and dashboard."""
 
     def __init__(self, connection: Connection, options: ObserverOptions) -> None:
-        from replant.live.terminal import TerminalStatus
+        from replant.live.terminal_status import TerminalStatus
 
         self._connection, self._sending = connection, threading.Lock()
         self._options = options
@@ -204,7 +204,7 @@ class _Observing:
 
     def _report(self) -> bytes:
         """Return the report of the newest estimate over the samples that the identifier keeps."""
-        from replant.live.terminal import report_of
+        from replant.live.terminal_status import report_of
 
         identifier, view = self._identifier, self._view
         if identifier is None or view is None:

@@ -123,10 +123,10 @@ def options_of(name: str, query: str) -> dict[str, str]:
 
 #: For each scheme of a URL: the function that opens it, and an example.
 SCHEMES = {
-    "tcp": ("lines.open_tcp", "tcp://127.0.0.1:9000"),
-    "udp": ("lines.open_udp", "udp://0.0.0.0:9000"),
-    "serial": ("lines.open_serial", "serial:///dev/ttyUSB0?baud=115200"),
-    "mqtt": ("lines.open_mqtt", "mqtt://127.0.0.1:1883/rig/1"),
+    "tcp": ("serial_and_network.open_tcp", "tcp://127.0.0.1:9000"),
+    "udp": ("serial_and_network.open_udp", "udp://0.0.0.0:9000"),
+    "serial": ("serial_and_network.open_serial", "serial:///dev/ttyUSB0?baud=115200"),
+    "mqtt": ("serial_and_network.open_mqtt", "mqtt://127.0.0.1:1883/rig/1"),
 }
 _OTHERS = "-, demo, log.csv?speed=10"
 
@@ -178,7 +178,7 @@ def _address_of(url: str) -> tuple[Address, str]:
     if not path:
         raise InvalidArgumentError(f"{url!r}: the source is missing; write {SCHEMES['tcp'][1]}, {_OTHERS}")
     address = Address(url, "", path=path, options=options_of(url, query))
-    return address, {"-": "lines.open_pipe", "demo": "demo.open_demo"}.get(path, "demo.open_replay")
+    return address, {"-": "serial_and_network.open_pipe", "demo": "demo.open_demo"}.get(path, "demo.open_replay")
 
 
 def _columns_of(address: Address, signals: Signals) -> Columns:

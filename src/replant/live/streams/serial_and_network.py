@@ -12,9 +12,9 @@ from collections import deque
 from typing import Any
 
 from replant.errors import InvalidArgumentError, MissingDependencyError
-from replant.live.streams.opening import Address
-from replant.live.streams.parser import Payloads
-from replant.live.streams.reader import Wire
+from replant.live.streams.addresses import Address
+from replant.live.streams.line_parser import Payloads
+from replant.live.streams.reader_thread import Wire
 from replant.live.streams.source import UY, Columns, Signals
 
 BLOCK = 1 << 18  # bytes taken at once at the most [bytes]

@@ -8,7 +8,7 @@ import textwrap
 from typing import Any
 
 from replant.errors import MissingDependencyError
-from replant.fitting.fields import ModelFields
+from replant.fitting.model_fields import ModelFields
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import with_std

@@ -15,7 +15,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from replant.live.streams.parser import LineSplitter, Parser
+from replant.live.streams.line_parser import LineSplitter, Parser
 from replant.live.streams.source import UY, Batch, Columns, Numbering, Signals
 from replant.numerics.operating_system import Worker
 

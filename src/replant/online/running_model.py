@@ -8,9 +8,9 @@ import numpy as np
 
 from replant.estimation.simulation.fitted_run import Simulation, fit_percent
 from replant.estimation.simulation.model_run import model_output
-from replant.fitting.fields import Provenance, has_rest
 from replant.fitting.miso_fit import RowFit
 from replant.fitting.model import Model
+from replant.fitting.model_fields import Provenance, has_rest
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.linear_algebra import quiet

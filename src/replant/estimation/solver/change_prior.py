@@ -14,7 +14,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import Pass
-from replant.estimation.solver.refined import Prior, Refined, without_nuisances
+from replant.estimation.solver.refined_estimate import Prior, Refined, without_nuisances
 from replant.estimation.solver.residual_likelihood import WEAKEST
 from replant.estimation.solver.srivc_steps import Problem
 from replant.model.structure import Structure

@@ -28,7 +28,7 @@ from replant.cli.options import (
 from replant.cli.output import Keeping, deliver, keeping_options, make_folder
 from replant.cli.run_several_inputs import as_one, identify_rows, passed_over
 from replant.cli.run_several_inputs import fitted as fitted_rows
-from replant.cli.several_inputs import are_several
+from replant.cli.several_inputs_options import are_several
 from replant.cli.terminal import Choice
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
@@ -43,8 +43,8 @@ from replant.online.runs.full_trace import FullTrace
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
 from replant.online.runs.run_log import judged_by_log
-from replant.report import terminal as comparison
-from replant.report.programs import fit_as_python
+from replant.report import terminal_tables as comparison
+from replant.report.python_programs import fit_as_python
 
 
 @click.command(name="run")

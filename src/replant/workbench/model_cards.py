@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from replant.report.findings import words_of as verdict_words
-from replant.workbench.setup import RUN, SEARCH, Setup, Wish, command_line, program, text, words_of
+from replant.workbench.choices import RUN, SEARCH, Setup, Wish, command_line, program, text, words_of
 
 _NUMBER = r"([-+]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?)"
 _LAST = re.compile(rf"over the last {_NUMBER} s|of the last {_NUMBER} s|for the last {_NUMBER} s")

@@ -36,7 +36,7 @@ from replant.plotting.numbers import (
 from replant.plotting.over_time import Panel
 from replant.report.figures import regions, usable_uncertainty
 from replant.report.findings import Excitation, excitation, regressors_of
-from replant.report.page import facts, table
+from replant.report.page_frame import facts, table
 from replant.report.panels import estimate_panels, excitation_panels, fit_panels
 
 

@@ -13,7 +13,7 @@ from replant.estimation.simulation.miso import Row, RowRecord, evaluate, noise_o
 from replant.estimation.solver.change_contest import NOTICED
 from replant.estimation.solver.miso_breaks import Modelled, Parted, find_plant_change, may_have_loads, parted
 from replant.estimation.solver.miso_change import Judge
-from replant.estimation.solver.refined import without_nuisances
+from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.solve import Solution
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.miso_solve import RowSolution, begun_at, solve_with, started

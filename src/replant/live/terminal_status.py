@@ -15,19 +15,19 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ReplantError
-from replant.estimation.simulation.stretches import stretches_of
+from replant.estimation.simulation.left_out import stretches_of
 from replant.live.progress import Identification
 from replant.live.view import View
 from replant.logs import Log
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.online.identifier import Identifier
-from replant.online.kept_model import model_of
 from replant.online.miso_identifier import RowIdentifier
+from replant.online.running_model import model_of
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting.numbers import fraction, grouped, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
-from replant.report.terminal import parameter_table
+from replant.report.terminal_tables import parameter_table
 from replant.verdict import fit_percent, simulate
 
 LINES_APART = 5.0  # time between two lines where nobody watches [s]

@@ -14,8 +14,8 @@ from typing import Any
 from replant.errors import ReplantError
 from replant.numerics.operating_system import Worker, one_line
 from replant.workbench import tasks
+from replant.workbench.choices import Setup, Wish
 from replant.workbench.samples import CancelledError, Clock, Samples
-from replant.workbench.setup import Setup, Wish
 from replant.workbench.tasks import Work
 
 MOST_DRAWN = 24  # columns of a log that are drawn [count]

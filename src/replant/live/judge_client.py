@@ -17,7 +17,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 
 from replant.errors import InvalidArgumentError
-from replant.live.observing import ENDING, Handover, ObserverOptions, Told, observe
+from replant.live.judge_process import ENDING, Handover, ObserverOptions, Told, observe
 from replant.live.outputs.message import Notices
 from replant.live.progress import Identification
 from replant.live.view import SessionInfo, View
