@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import replant as rp
 from fleet.generate import DT, kind_of, name_of, record, write
 from replant.fleet.catalogue import find_rigs
-from replant.fleet.oddness import oddness_of
+from replant.fleet.odd_rigs import oddness_of
 from replant.online.runs.run_log import AT_REST
 
 ALONE = 6  # rigs that update_many is measured with
