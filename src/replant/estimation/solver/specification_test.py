@@ -21,14 +21,18 @@ Feedback makes s large as well.  The input is split into what answers the whiten
 not.  With :math:`\delta = (G_p - G_f) u` and :math:`\delta_r` of :math:`u_r`,
 :math:`\varphi = \delta_r^T e_f / \delta^T e_f` is 0 round a right model in feedback and 1 in open loop, and q counts by
 :math:`\varphi^2`.  Where the two estimates hardly differ, :math:`\varphi` is a ratio of two noises: it counts only
-where :math:`\delta_r^T e_f` is more than chance; its variance is the mean over frequency of :math:`|\Delta_r|^2 |V|^2`.
+where :math:`\delta_r^T e_f` is more than chance.  Its variance is the mean over frequency of
+:math:`|\Delta_r|^2 |V|^2`; as the data choose the direction of :math:`\delta`, its square over that is held against
+:math:`\chi^2_h` (Scheffe).
+
 With a reference :math:`u_r` is what that explains of the input.  A controller opposes a disturbance: where input and
 residual of the same sample move as the plant's output follows its input, the plant does something faster than the
 model, and :math:`\varphi = 1`.
 
 Sources: Hausman (1978), "Specification tests in econometrics", Econometrica 46; Robinson (1998), "Inference without
 smoothing in the presence of nonparametric autocorrelation", Econometrica 66; MacKinnon and White (1985), "Some
-heteroskedasticity-consistent covariance matrix estimators", Journal of Econometrics 29 (HC2).
+heteroskedasticity-consistent covariance matrix estimators", Journal of Econometrics 29 (HC2); Scheffe (1953), "A
+method for judging all contrasts in the analysis of variance", Biometrika 40.
 """
 
 from __future__ import annotations
@@ -82,7 +86,7 @@ def chance_of(structure: Structure, record: Record, plain: Refined, filtered: Re
     chance = _chance(statistic, degrees, ordinates)
     if chance >= FALSE_ALARM:
         return chance
-    share = _share_of_feedback(structure, record, (plain, filtered), (run_p, run_f), whole)
+    share = _share_of_feedback(structure, record, (plain, filtered), (run_p, run_f), whole, degrees)
     return _chance(share**2 * statistic, degrees, ordinates)
 
 
@@ -136,6 +140,7 @@ def _share_of_feedback(
     estimates: tuple[Refined, Refined],
     runs: tuple[ModelRun, ModelRun],
     whole: FloatArray,
+    degrees: float,
 ) -> float:
     """Return the share of the difference between two estimates that feedback does not explain, phi."""
     from scipy import special  # slow to import
@@ -157,7 +162,8 @@ def _share_of_feedback(
     deltas = without(deltas, runs[1].nuisances)
     all_of_it, of_the_rest = (float(part) for part in runs[1].error @ deltas)
     share = min(of_the_rest / all_of_it, 1.0) if all_of_it > 0.0 else 0.0
-    is_chance = special.ndtr(-of_the_rest / _deviation(deltas[:, 1], runs[0])) >= FALSE_ALARM
+    told = max(of_the_rest, 0.0) / _deviation(deltas[:, 1], runs[0])
+    is_chance = special.chdtrc(degrees, told**2) >= FALSE_ALARM
     return 0.0 if is_chance or share <= MOST else share
 
 
