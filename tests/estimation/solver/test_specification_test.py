@@ -139,6 +139,21 @@ def test_a_right_model_is_kept_in_a_loop_where_the_two_hardly_differ() -> None:
     assert given_up <= binom.ppf(0.999, 20, FALSE_ALARM**2)
 
 
+def test_the_chance_does_not_depend_on_the_unit_of_the_output() -> None:
+    """Of a structure that lacks a pole, in feedback; a product of four amplitudes would leave float64."""
+    plant = rp.TransferFunction([1.0], [1.0, 1.4, 1.0])
+    loop = controlled(plant, steps(0, SAMPLES, 60), 0.1 * coloured(1, SAMPLES, 0.9), gain=2.0)
+    plain, filtered = estimates(record_of(loop.u, loop.y))
+    chances = []
+    for unit in (1.0, 2.0**-300, 2.0**300):
+        pair = (
+            replace(one, theta=one.theta * np.array([1.0, *[unit] * (one.theta.size - 1)])) for one in (plain, filtered)
+        )
+        chances.append(chance_of(STRUCTURE, record_of(loop.u, loop.y * unit), *pair))
+    assert chances[0] < 1e-3
+    np.testing.assert_allclose(chances[1:], chances[0], rtol=1e-6)
+
+
 def test_a_filtered_model_given_up_by_chance_accuses_no_structure(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two levels: the dearer estimate is given up early, and the user told of it where it is no chance."""
     record = in_open_loop()

@@ -160,17 +160,19 @@ def _share_of_feedback(
         return 0.0
     deltas = np.column_stack([runs[0].forced - runs[1].forced, purged[0].forced - purged[1].forced])
     deltas = without(deltas, runs[1].nuisances)
-    all_of_it, of_the_rest = (float(part) for part in runs[1].error @ deltas)
-    share = min(of_the_rest / all_of_it, 1.0) if all_of_it > 0.0 else 0.0
-    told = max(of_the_rest, 0.0) / _deviation(deltas[:, 1], runs[0])
-    is_chance = special.chdtrc(degrees, told**2) >= FALSE_ALARM
+    all_of_it, of_the_rest = runs[1].error @ deltas
+    share = min(float(of_the_rest / all_of_it), 1.0) if all_of_it > 0.0 else 0.0
+    told = max(_score(deltas[:, 1], runs[1].error, runs[0]), 0.0)
+    is_chance = special.chdtrc(degrees, told * told) >= FALSE_ALARM
     return 0.0 if is_chance or share <= MOST else share
 
 
-def _deviation(signal: FloatArray, run: ModelRun) -> float:
-    """Return the standard deviation of a signal (K,) times a run's residual, as if that were noise alone."""
-    power = np.abs(np.fft.rfft(signal, _length(signal))) ** 2 @ _noise_power(run)
-    return math.sqrt(max(float(power), np.finfo(float).tiny))
+def _score(signal: FloatArray, error: FloatArray, run: ModelRun) -> float:
+    """Return a signal (K,) times an error (K,), in standard deviations of the signal times noise as of a run."""
+    unit, power = signal / lengths_of(signal[:, None]), _noise_power(run)
+    level = max(float(power.max()), np.finfo(float).tiny)  # no product of squares leaves float64
+    variance = float(np.abs(np.fft.rfft(unit, _length(unit))) ** 2 @ (power / level))
+    return float(unit @ error) / math.sqrt(level) / math.sqrt(max(variance, np.finfo(float).tiny))
 
 
 def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
