@@ -87,6 +87,24 @@ def test_an_identifier_at_work_loads_scipy_and_only_what_it_needs() -> None:
     assert not modules & {"matplotlib", "pyarrow", "control", "pandas", "click"}
 
 
+def test_with_background_nothing_is_loaded_between_samples() -> None:
+    """The first solution would wait for SciPy, at 1 kHz for more than a hundred samples."""
+    modules = loaded(
+        "import sys, numpy as np, replant as rp\n"
+        "if __name__ == '__main__':\n"
+        "    ident = rp.Identifier(rp.Structure(1), 0.1, background=True)\n"
+        "    before, rng = set(sys.modules), np.random.default_rng(0)\n"
+        "    u = np.repeat(rng.choice([-1.0, 1.0], 100), 10)\n"
+        "    y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(u, 0.1) + 0.05 * rng.standard_normal(1000)\n"
+        "    for pair in zip(u, y):\n"
+        "        ident.update(*pair)\n"
+        "    assert ident.has_model\n"
+        "    for name in before - {'sys'}:\n"
+        "        del sys.modules[name]\n"
+    )
+    assert not modules & {"scipy", "numpy"}
+
+
 def test_a_run_loads_no_part_of_scipy_that_is_slow_to_load(tmp_path: Path) -> None:
     """Its signal and stats take longer than all else that a run loads; a machine of one core waits for them."""
     generator = np.random.default_rng(0)

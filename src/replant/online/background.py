@@ -12,6 +12,7 @@ it gets is then still kept at m, and the copy of the numbers at n is all that a 
 from __future__ import annotations
 
 import contextlib
+import importlib
 import math
 import pickle
 import time
@@ -223,8 +224,14 @@ def note_alarm(state: State, settings: Settings) -> None:
     state.alarm = Alarm.RESTS  # last: interrupted, this is done again
 
 
+def prepare() -> None:
+    """Import what a solution does when it is made first: at 1 kHz SciPy takes more than a hundred samples."""
+    importlib.import_module("scipy.special")
+
+
 def serve() -> None:
     """Do what is asked for, in the second Python."""
+    prepare()
     second_process.serve(_answer)
 
 

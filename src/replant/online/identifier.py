@@ -31,6 +31,7 @@ from replant.numerics.arguments import (
     vector,
 )
 from replant.numerics.limits import stamps_of
+from replant.online.background import prepare
 from replant.online.lifecycle import NO_GATE, Lifecycle, in_turn
 from replant.online.locking import Turn, changes, reads
 from replant.online.miso_identifier import RowIdentifier
@@ -299,6 +300,7 @@ class Identifier(Lifecycle):
     def _start_background(self) -> None:
         self._make_place()
         start()
+        prepare()
 
     @property
     def background(self) -> bool:
