@@ -18,7 +18,9 @@ ROWS = [line.split("|")[1].strip() for line in (ROOT / "docs" / "verdict.md").re
 
 
 PACKAGE = ROOT / "src" / "replant"
-SOURCES = [*sorted((PACKAGE / "verdict").glob("*.py")), PACKAGE / "fitting" / "structure_evidence.py"]
+OTHERS = ("fitting/structure_evidence", "fitting/miso_references", "fitting/miso_solve", "fitting/miso_verdict",
+          "online/miso_state")  # fmt: skip
+SOURCES = [*sorted((PACKAGE / "verdict").glob("*.py")), *(PACKAGE / f"{name}.py" for name in OTHERS)]
 ADVICE = {"ADVICE", "REMEDY"}  # constants that stand within reasons
 UNKNOWN = "@"  # a figure, or words that are made elsewhere
 
@@ -98,7 +100,9 @@ def reasons_given() -> Iterator[tuple[str, str]]:
 
 
 # Of what begins with another reason, that one is looked for where it is made.
-GIVEN = sorted({(where, text) for where, text in reasons_given() if text != UNKNOWN and not text.startswith("@: ")})
+GIVEN = sorted(
+    {(where, text) for where, text in reasons_given() if text != UNKNOWN and not text.startswith(("@: ", "@, "))}
+)
 
 
 def test_the_reasons_are_found() -> None:

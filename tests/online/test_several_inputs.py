@@ -248,7 +248,22 @@ def test_an_input_that_rests_is_named() -> None:
     u[:, 1] = 3.0
     ident = begun()
     ident.update_many(u, noisy(8, row_of(u[:, :1], FAST)))
-    assert ident.assess().status == "not excited"
+    verdict = ident.assess()
+    assert (verdict.status, verdict.excited) == ("not excited", False)
+
+
+def test_a_model_stays_trusted_while_all_inputs_rest_and_it_is_said() -> None:
+    """They rest over a third of the samples: where one of them moves on, something can be learned."""
+    for moves_on in (True, False):
+        u = toggling(8, samples=SAMPLES)
+        u[1000:, 1] = u[999, 1]
+        if not moves_on:
+            u[1000:, 0] = u[999, 0]
+        ident = begun()
+        ident.update_many(u, noisy(8, row_of(u, FAST, SLOW)))
+        verdict = ident.assess()
+        assert (verdict.status, verdict.excited) == ("trusted", moves_on), verdict
+        assert ("no input has moved for the last" in verdict.reasons[-1]) is not moves_on
 
 
 @every(

@@ -17,9 +17,9 @@ from replant.estimation.solver.refined_estimate import relative_uncertainty
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.verdict.estimate_tests import MOST_UNCERTAIN
-from replant.verdict.evidence import FEWEST
+from replant.verdict.evidence import FEWEST, RESTED, moving
 from replant.verdict.miso_tests import lacking, moved
-from replant.verdict.verdict import Finding, Verdict, conclude, percent
+from replant.verdict.verdict import Finding, Verdict, conclude, duration, percent
 
 
 def judged(
@@ -41,9 +41,19 @@ def judged(
         findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
     if not findings and not is_of_record:
         findings += _outdated(row, point, noise, covariance)
+    excited = not any(finding.status == "not excited" for finding in findings + others)
+    told = conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
+    if not excited or is_of_record or not (rest := _rest(row)):
+        return Verdict(*told, excited=excited)
     return Verdict(
-        *conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
+        told[0], (*told[1], f"no input has moved for the last {duration(rest)}: move one to learn more"), False
     )
+
+
+def _rest(row: Row) -> float:
+    """Return for how many s all inputs have rested; 0 where that is less than a quarter of a record and `RESTED`."""
+    rest = len(row.inputs) - max(moving(u) for u in row.inputs.T)
+    return row.record.last(rest).span if rest >= min(RESTED, len(row.inputs) // 4) else 0.0
 
 
 def untold(row: Row, record: Record, point: Point, covariance: FloatArray) -> list[Finding]:

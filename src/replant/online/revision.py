@@ -140,9 +140,9 @@ def renew(old: State, settings: Settings) -> State | None:
     if old.alarm or not (old.adapt and remembers_all(old, settings)):
         return None
     began = max(old.record_began, old.gap_at)
-    kept = RecentSamples.of(old, STORED)[-max(old.samples - began, 1) :]
+    rows = min(old.samples - began or 1, STORED, len(old.recent))
     # short: the present estimate then knows more than the samples kept
-    is_whole = old.gap_at <= old.record_began and RECENT >= len(kept) == old.samples - began
+    is_whole = old.gap_at <= old.record_began and RECENT >= rows == old.samples - began
     has_grown = is_whole and old.samples - began >= AGAIN * (old.solved_at - began)
     # for a change: always while the record is short, then once in REVIEWED samples; not at rest, where nothing that
     # comes now could test another model
@@ -151,6 +151,7 @@ def renew(old: State, settings: Settings) -> State | None:
     is_searched = is_due and not is_at_rest(old)
     if not (is_searched or has_grown):
         return None
+    kept = RecentSamples.of(old, rows)
     structure, record = settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True)
     begin = begin_of_change(structure, record, old.physical) if is_searched else 0
     if not (begin or has_grown):
