@@ -12,7 +12,7 @@ import pytest
 
 import replant as rp
 from replant.cli import COMMANDS, cli
-from replant.cli.terminal import EXAMPLES
+from replant.cli.help_examples import EXAMPLES
 from replant.model.transfer_function import TransferFunction
 from replant.paper import figures, reproduction
 from replant.paper.reproduction import TableResult

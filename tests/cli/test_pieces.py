@@ -11,8 +11,8 @@ from replant.cli.advice import _is_step_test
 from replant.cli.conditioning_options import BAND, STRETCH, words_of
 from replant.cli.fleet import _plain
 from replant.cli.live import TIME, address_of, demo_of, looped
-from replant.cli.option_types import OptimizerChoice, Whole
-from replant.cli.terminal import Choice, did_you_mean, is_quiet, to_ascii
+from replant.cli.notes import is_quiet, to_ascii
+from replant.cli.option_types import Choice, OptimizerChoice, Whole, did_you_mean
 from replant.estimation.optimizers import OPTIMIZERS, AMSGrad
 from support.cases import every
 

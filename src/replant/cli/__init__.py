@@ -11,7 +11,8 @@ from typing import Any, NoReturn
 import click
 
 from replant import __version__
-from replant.cli.terminal import TYPED, did_you_mean, epilog_of, replace_unencodable
+from replant.cli.help_examples import epilog_of
+from replant.cli.notes import TYPED, did_you_mean, replace_unencodable
 from replant.errors import ReplantError, brief
 from replant.numerics.operating_system import ask_for_one_thread, refusal
 

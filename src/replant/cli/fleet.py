@@ -9,10 +9,10 @@ from typing import Any
 
 import click
 
-from replant.cli.option_types import path_option
-from replant.cli.options import fleet_options, progress_bar, structure_of
+from replant.cli.notes import note, progress_bar
+from replant.cli.option_types import Choice, path_option
+from replant.cli.options import fleet_options, structure_of
 from replant.cli.several_inputs_options import numbers_of
-from replant.cli.terminal import Choice, note
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load

@@ -10,10 +10,9 @@ from typing import Any
 import click
 
 from replant.cli.conditioning_options import seconds_of
-from replant.cli.option_types import OfEach, column_option, flag, path_option
+from replant.cli.option_types import Choice, OfEach, Parsed, column_option, flag, path_option
 from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, check_one_input
 from replant.cli.several_inputs_options import numbers_of
-from replant.cli.terminal import Choice, Parsed
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.live.dashboard.server import libraries_needed

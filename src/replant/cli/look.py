@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from replant.cli.option_types import JSON, column_option, command_line, flag, path_option
-from replant.cli.options import log_options, open_log, progress_bar
+from replant.cli.notes import progress_bar
+from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
+from replant.cli.options import log_options, open_log
 from replant.cli.output import (
     REQUIRE,
     check_required,
@@ -23,7 +24,6 @@ from replant.cli.output import (
     whole_log,
     write_errors_reported,
 )
-from replant.cli.terminal import Choice
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.estimation.settings import Request
 from replant.examples import NAMES, path_of

@@ -13,13 +13,43 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from replant.cli.terminal import TYPED, Choice, did_you_mean
+from replant.cli.notes import TYPED, did_you_mean, plain
 from replant.errors import InvalidArgumentError, LogError
 from replant.estimation.optimizers import OPTIMIZERS, Optimizer
 from replant.estimation.settings import AUTO
 from replant.numerics.limits import MOST_TRIED
 
 Option = Callable[[Any], Any]
+
+
+class Choice(click.Choice[str]):
+    """The type of options that are one of several words, in any case, with - or _; a near one is proposed."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the word as the option knows it."""
+        found = next((choice for choice in self.choices if plain(choice) == plain(str(value))), None)
+        if found is None:
+            listed = ", ".join(map(repr, self.choices))
+            question = did_you_mean(str(value), self.choices)
+            near = f" ({question})" if question else ""
+            self.fail(f"{value!r} is not one of {listed}{near}.", param, ctx)
+        return found
+
+
+class Parsed(click.ParamType[Any]):
+    """The type of options that a function reads, which raises ValueError for a text that it cannot read."""
+
+    def __init__(self, name: str, read: Callable[[str], Any], wrong: str) -> None:
+        self.name, self._read, self._wrong = name, read, wrong
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return what the option says."""
+        if not isinstance(value, str):
+            return value
+        try:
+            return self._read(value)
+        except ValueError:
+            self.fail(f"{value!r} {self._wrong}", param, ctx)
 
 
 def group(*options: Option) -> Option:

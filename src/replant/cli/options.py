@@ -1,4 +1,4 @@
-"""The options that `run`, `fit` and `compare` share, the request that follows from them, and progress."""
+"""The options that `run`, `fit` and `compare` share, and the request that follows from them."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from typing import Any
 import click
 
 from replant.cli.conditioning_options import CONDITIONING, STRETCHES, conditioned, input_hold_of, is_conditioned
+from replant.cli.notes import ASKED, QUIET, note
 from replant.cli.option_types import (
     JSON,
+    Choice,
     Each,
     OptimizerChoice,
     Option,
@@ -24,7 +26,6 @@ from replant.cli.option_types import (
     path_option,
     structure_options,
 )
-from replant.cli.terminal import ASKED, QUIET, Choice, is_quiet, note
 from replant.errors import InvalidArgumentError
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import AUTO, Request, filter_for
@@ -33,63 +34,6 @@ from replant.logs import Log, Recording, doubtful_unit, open_recording, stamped_
 from replant.logs.sampling_time import COARSE
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.plotting.numbers import with_prefix
-
-STEP = 10  # part of the work after which a line is printed [%]
-
-
-def progress_bar(*, rate: bool = False) -> Any:
-    """Return a progress bar on standard error, with ``rate`` also samples a second and the time left."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    columns: list[Any] = [TextColumn("{task.description:11}"), BarColumn(), TaskProgressColumn()]
-    columns += [_rate_column(), TimeRemainingColumn(), TextColumn("left")] if rate else [TimeElapsedColumn()]
-    if is_quiet(ASKED) and not sys.stderr.isatty():
-        return _lines()
-    return Progress(
-        *columns, console=Console(stderr=True), transient=True, disable=is_quiet() or not sys.stderr.isatty()
-    )
-
-
-def _rate_column() -> Any:
-    from rich.progress import ProgressColumn, Task
-    from rich.text import Text
-
-    class Rate(ProgressColumn):
-        def render(self, task: Task) -> Text:
-            speed = task.finished_speed or task.speed
-            return Text("" if not speed else f"{with_prefix(speed)} samples/s")
-
-    return Rate()
-
-
-def _lines() -> Any:
-    from rich.progress import Progress
-
-    class Lines(Progress):
-        """Prints a line to standard error after each tenth of a stage."""
-
-        said: tuple[str, int] = ("", 0)
-
-        def update(self, task_id: Any, **change: Any) -> None:
-            super().update(task_id, **change)
-            task = self.tasks[task_id]
-            percent = int(task.percentage) // STEP * STEP
-            stage = task.fields.get("stage", task.description)  # a description that counts is not a stage
-            if task.total is not None and (stage, percent) != self.said:
-                self.said = stage, percent
-                click.echo(f"replant: {task.description} {percent} %".replace("  ", " "), err=True)
-
-    return Lines(disable=True)
-
 
 STRUCTURE = "poles", "zeros", "delay"
 MOST_OFF = 0.1  # difference of the usual interval from --dt that jitter makes [part of the sampling time]

@@ -18,9 +18,9 @@ import click
 from replant.cli.advice import OTHER_LOG, NextStep, next_step
 from replant.cli.conditioning_options import NAMES as STRETCH_NAMES
 from replant.cli.conditioning_options import is_conditioned
-from replant.cli.option_types import command_line, group, path_option
+from replant.cli.notes import is_quiet, note
+from replant.cli.option_types import Choice, command_line, group, path_option
 from replant.cli.options import read
-from replant.cli.terminal import Choice, is_quiet, note
 from replant.errors import InvalidArgumentError
 from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model

@@ -10,14 +10,14 @@ from typing import Any
 
 import click
 
-from replant.cli.option_types import path_option
+from replant.cli.notes import progress_bar
+from replant.cli.option_types import Choice, path_option
 from replant.cli.options import (
     OPTIMIZER,
     are_ranges,
     check_one_input,
     log_options,
     preprocess_of,
-    progress_bar,
     read_several,
     recording_of,
     request_of,
@@ -29,7 +29,6 @@ from replant.cli.output import Keeping, deliver, keeping_options, make_folder
 from replant.cli.run_several_inputs import as_one, identify_rows, passed_over
 from replant.cli.run_several_inputs import fitted as fitted_rows
 from replant.cli.several_inputs_options import are_several
-from replant.cli.terminal import Choice
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.estimation.simulation.fitted_run import FITTED

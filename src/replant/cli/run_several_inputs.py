@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import click
 
 from replant.cli.conditioning_options import is_conditioned
+from replant.cli.notes import is_quiet, progress_bar
 from replant.cli.option_types import command_line
-from replant.cli.options import progress_bar, read_several
+from replant.cli.options import read_several
 from replant.cli.output import CONDITIONED, Keeping, check_required, echo_json, make_folder, write_errors_reported
 from replant.cli.several_inputs_options import is_range, orders_of, refuse_not_yet, refuse_ranges
-from replant.cli.terminal import is_quiet
 from replant.fitting import model_json
 from replant.fitting.fit import fit
 from replant.fitting.miso_fit import RowFit

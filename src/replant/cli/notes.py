@@ -1,0 +1,130 @@
+"""What a command says beside its result: notes, progress, the word that was meant; in characters that can be shown."""
+
+from __future__ import annotations
+
+import codecs
+import io
+import re
+import sys
+from collections.abc import Sequence
+from difflib import get_close_matches
+from typing import Any
+
+import click
+
+PLAIN = "replant.plain"  # the error handler's name
+_SIGNS = str.maketrans({"±": "+-", "−": "-", "–": "-", "×": "x", "µ": "u", "μ": "u", "°": "deg", "∞": "inf"})
+_SUPERSCRIPTS = "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"
+_LOWERED = str.maketrans(_SUPERSCRIPTS, "-0123456789")
+
+
+def replace_unencodable() -> None:
+    """Have standard output and error write ASCII for characters that their encoding lacks."""
+    codecs.register_error(PLAIN, _replaced)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=PLAIN)
+
+
+def to_ascii(text: str) -> str:
+    r"""Return text in ASCII; a character without a similar one in ASCII is written as its number."""
+    text = re.sub(f"[{_SUPERSCRIPTS}]+", lambda found: "^" + found[0].translate(_LOWERED), text)
+    return text.translate(_SIGNS).encode("ascii", "backslashreplace").decode("ascii")
+
+
+def _replaced(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return to_ascii(error.object[error.start : error.end]), error.end
+
+
+NEAR = 0.6  # likeness from which on a word is taken for a misspelling [ratio of difflib]
+
+
+def did_you_mean(word: str, words: Sequence[str]) -> str:
+    """Return a question for the nearest of ``words``; empty if none is near."""
+    near = get_close_matches(plain(word), words, n=1, cutoff=NEAR)
+    return f"did you mean {near[0]!r}?" if near else ""
+
+
+def plain(word: str) -> str:
+    """Return a word as it is compared: in lower case, with _ for -."""
+    return word.lower().replace("-", "_")
+
+
+QUIET, ASKED = "replant.quiet", "replant.progress"
+SAID = "replant.said"  # notes that were printed
+TYPED = "replant.typed"  # the words behind the name of the command that is running
+
+
+def is_quiet(flag: str = QUIET) -> bool:
+    """Return whether the command that is running was called with --quiet, or with --progress, `ASKED`."""
+    context = click.get_current_context(silent=True)
+    return context is not None and bool(context.meta.get(flag))
+
+
+def note(text: str) -> None:
+    """Print a note in one line to standard error, once in a command."""
+    context = click.get_current_context(silent=True)
+    said: set[str] = set() if context is None else context.meta.setdefault(SAID, set())
+    if not is_quiet() and text not in said:
+        said.add(text)
+        click.echo(f"replant: note: {text}", err=True)
+
+
+STEP = 10  # part of the work after which a line is printed [%]
+
+
+def progress_bar(*, rate: bool = False) -> Any:
+    """Return a progress bar on standard error, with ``rate`` also samples a second and the time left."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns: list[Any] = [TextColumn("{task.description:11}"), BarColumn(), TaskProgressColumn()]
+    columns += [_rate_column(), TimeRemainingColumn(), TextColumn("left")] if rate else [TimeElapsedColumn()]
+    if is_quiet(ASKED) and not sys.stderr.isatty():
+        return _lines()
+    return Progress(
+        *columns, console=Console(stderr=True), transient=True, disable=is_quiet() or not sys.stderr.isatty()
+    )
+
+
+def _rate_column() -> Any:
+    from rich.progress import ProgressColumn, Task
+    from rich.text import Text
+
+    from replant.plotting.numbers import with_prefix
+
+    class Rate(ProgressColumn):
+        def render(self, task: Task) -> Text:
+            speed = task.finished_speed or task.speed
+            return Text("" if not speed else f"{with_prefix(speed)} samples/s")
+
+    return Rate()
+
+
+def _lines() -> Any:
+    from rich.progress import Progress
+
+    class Lines(Progress):
+        """Prints a line to standard error after each tenth of a stage."""
+
+        said: tuple[str, int] = ("", 0)
+
+        def update(self, task_id: Any, **change: Any) -> None:
+            super().update(task_id, **change)
+            task = self.tasks[task_id]
+            percent = int(task.percentage) // STEP * STEP
+            stage = task.fields.get("stage", task.description)  # a description that counts is not a stage
+            if task.total is not None and (stage, percent) != self.said:
+                self.said = stage, percent
+                click.echo(f"replant: {task.description} {percent} %".replace("  ", " "), err=True)
+
+    return Lines(disable=True)
