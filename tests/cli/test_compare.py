@@ -19,7 +19,7 @@ from replant.online.runs.run_log import METHODS, USUAL, Contender, best, compare
 from replant.report.compared_page import claim, write_comparison
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, style
 from replant.report.panels import limits
-from replant.report.terminal_tables import cells_of
+from replant.report.results_as_text import cells_of
 from replant.signals import prbs
 from support.builders import with_model
 from support.command import call

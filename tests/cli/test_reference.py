@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.cli import main, options
+from replant.cli import main, run_fit_compare_options
 from replant.cli import run_and_fit as fit_command
 from replant.cli import run_and_fit as run_command
 from replant.logs import open_recording
@@ -76,7 +76,7 @@ def test_run(
 ) -> None:  # fmt: skip
     given.clear()  # of the case before
     if not held:
-        monkeypatch.setattr(options, "open_recording", partial(open_recording, most_held=500))
+        monkeypatch.setattr(run_fit_compare_options, "open_recording", partial(open_recording, most_held=500))
         monkeypatch.setattr(online_run, "FITTED", 700)
         monkeypatch.setattr(run_command, "FITTED", 700)
     main(["run", str(log), *NAMED, "--reference", column, "--json"])

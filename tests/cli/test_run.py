@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.cli import main, options
+from replant.cli import main, run_fit_compare_options
 from replant.cli import run_and_fit as run_command
 from replant.logs import open_recording, read_columns
 from replant.online.runs import run as online_run
@@ -38,7 +38,7 @@ def log(tmp_path: Path) -> Path:
 @pytest.fixture
 def short_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if the log were too long to be held."""
-    monkeypatch.setattr(options, "open_recording", partial(open_recording, most_held=1000))
+    monkeypatch.setattr(run_fit_compare_options, "open_recording", partial(open_recording, most_held=1000))
     monkeypatch.setattr(online_run, "FITTED", 800)
     monkeypatch.setattr(run_command, "FITTED", 800)
 

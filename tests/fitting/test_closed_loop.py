@@ -21,7 +21,7 @@ from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.structure_search import search
 from replant.online.runs.result import result_of_fit
-from replant.report.terminal_tables import as_json
+from replant.report.results_as_text import as_json
 from replant.signals import prbs, white_noise
 from support.cases import every
 from support.places import ROOT

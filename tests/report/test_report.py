@@ -342,7 +342,7 @@ def test_commands_write_it_and_say_how_to_repeat_themselves(plain, tmp_path, cap
 
 
 def test_standard_deviations_reach_the_json(uncertain) -> None:
-    from replant.report.terminal_tables import as_json
+    from replant.report.results_as_text import as_json
 
     entries = as_json(uncertain.result)["parameters"].values()
     assert [entry["std"] for entry in entries] == pytest.approx(np.sqrt(np.diag(uncertain.result.covariance)))

@@ -10,9 +10,9 @@ import replant as rp
 from replant.report.compared_page import shortened
 from replant.report.contents import lasts
 from replant.report.findings import VerdictWords, _sentence, colour_of, without_reasons, words_of
+from replant.report.log_as_text import _counted
 from replant.report.page_frame import words
-from replant.report.terminal_log import _counted
-from replant.report.terminal_tables import _aligned, _blocks, fraction, wrapped
+from replant.report.results_as_text import _aligned, _blocks, fraction, wrapped
 from support.cases import every
 
 MOVED = "a coefficient has moved by 2.6 %"

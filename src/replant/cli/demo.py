@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
+from replant.cli.deliver import make_folder, write_errors_reported
 from replant.cli.notes import did_you_mean, progress_bar
 from replant.cli.option_types import command_line, flag, path_option
-from replant.cli.output import make_folder, write_errors_reported
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers import AMSGrad
 from replant.estimation.optimizers.optimizer import Replay
@@ -31,7 +31,7 @@ from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, no
 from replant.plotting.numbers import off_by, true_parameters
 from replant.report.figures import save_figures
 from replant.report.result_page import write_report
-from replant.report.terminal_tables import print_result
+from replant.report.results_as_text import print_result
 from replant.rigs import Rig, deap_rig, deap_voltage
 
 DEFAULT_FOLDER = Path("out/reproduce")

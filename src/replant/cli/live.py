@@ -11,7 +11,7 @@ import click
 
 from replant.cli.conditioning_options import seconds_of
 from replant.cli.option_types import Choice, OfEach, Parsed, column_option, flag, path_option
-from replant.cli.options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, check_one_input
+from replant.cli.run_fit_compare_options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, check_one_input
 from replant.cli.several_inputs_options import numbers_of
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request

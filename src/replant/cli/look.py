@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from replant.cli.notes import progress_bar
-from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
-from replant.cli.options import log_options, open_log
-from replant.cli.output import (
+from replant.cli.deliver import (
     REQUIRE,
     check_required,
     kept,
@@ -24,6 +21,9 @@ from replant.cli.output import (
     whole_log,
     write_errors_reported,
 )
+from replant.cli.notes import progress_bar
+from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
+from replant.cli.run_fit_compare_options import log_options, open_log
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.estimation.settings import Request
 from replant.examples import NAMES, path_of
@@ -35,11 +35,11 @@ from replant.fitting.several_outputs import MatrixModel, load_model
 from replant.fitting.validation import Validation
 from replant.logs import Log
 from replant.online.runs.run_log import METHODS, USUAL, Contender, compare
-from replant.report.terminal_log import as_json as look_as_json
-from replant.report.terminal_log import print_look
-from replant.report.terminal_tables import comparison_as_json as comparison_as_json
-from replant.report.terminal_tables import print_comparison, print_kept_model, print_row, print_validation, table
-from replant.report.terminal_tables import validation_as_json as validation_as_json
+from replant.report.log_as_text import as_json as look_as_json
+from replant.report.log_as_text import print_look
+from replant.report.results_as_text import comparison_as_json as comparison_as_json
+from replant.report.results_as_text import print_comparison, print_kept_model, print_row, print_validation, table
+from replant.report.results_as_text import validation_as_json as validation_as_json
 
 
 @click.command(name="look")

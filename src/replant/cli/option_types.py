@@ -276,7 +276,7 @@ def _look(given: dict[str, Any]) -> str:
     from rich.console import Console
 
     from replant.fitting.inspect import inspect, options_of
-    from replant.report.terminal_log import print_findings
+    from replant.report.log_as_text import print_findings
 
     columns = {name: given[f"{name}_column"] for name in ("input", "output", "time")}
     columns = {role: each[0] if isinstance(each, tuple) else each for role, each in columns.items()}

@@ -10,9 +10,10 @@ from typing import Any
 
 import click
 
+from replant.cli.deliver import Keeping, deliver, keeping_options, make_folder
 from replant.cli.notes import progress_bar
 from replant.cli.option_types import Choice, path_option
-from replant.cli.options import (
+from replant.cli.run_fit_compare_options import (
     OPTIMIZER,
     are_ranges,
     check_one_input,
@@ -25,7 +26,6 @@ from replant.cli.options import (
     structure_of,
     structures_of,
 )
-from replant.cli.output import Keeping, deliver, keeping_options, make_folder
 from replant.cli.run_several_inputs import as_one, identify_rows, passed_over
 from replant.cli.run_several_inputs import fitted as fitted_rows
 from replant.cli.several_inputs_options import are_several
@@ -42,7 +42,7 @@ from replant.online.runs.full_trace import FullTrace
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_source
 from replant.online.runs.run_log import judged_by_log
-from replant.report import terminal_tables as comparison
+from replant.report import results_as_text as comparison
 from replant.report.python_programs import fit_as_python
 
 

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 import click
 
 from replant.cli.conditioning_options import is_conditioned
+from replant.cli.deliver import CONDITIONED, Keeping, check_required, echo_json, make_folder, write_errors_reported
 from replant.cli.notes import is_quiet, progress_bar
 from replant.cli.option_types import command_line
-from replant.cli.options import read_several
-from replant.cli.output import CONDITIONED, Keeping, check_required, echo_json, make_folder, write_errors_reported
+from replant.cli.run_fit_compare_options import read_several
 from replant.cli.several_inputs_options import is_range, orders_of, refuse_not_yet, refuse_ranges
 from replant.fitting import model_json
 from replant.fitting.fit import fit
@@ -27,7 +27,7 @@ from replant.logs import Log
 from replant.logs.recording import digest
 from replant.online.runs.run_miso import first_model, run_row
 from replant.report.python_programs import row_as_python
-from replant.report.terminal_tables import (
+from replant.report.results_as_text import (
     HEADINGS,
     candidates_as_json,
     print_candidates,

@@ -27,7 +27,7 @@ from replant.online.running_model import model_of
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting.numbers import fraction, grouped, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
-from replant.report.terminal_tables import parameter_table
+from replant.report.results_as_text import parameter_table
 from replant.verdict import fit_percent, simulate
 
 LINES_APART = 5.0  # time between two lines where nobody watches [s]

@@ -32,7 +32,7 @@ from replant.report.page_figures import HALF, look, svg, variable
 from replant.report.page_frame import NO_BREAK, Html, code, facts, icon, section, table, words, write_page
 from replant.report.panels import draw_poles_of, draw_steps, output_panels
 from replant.report.result_page import in_small
-from replant.report.terminal_tables import OUTCOME, cells_of, gravity_of
+from replant.report.results_as_text import OUTCOME, cells_of, gravity_of
 from replant.verdict import Assessment, Simulation
 
 BANDS = "Bands are two standard deviations wide to either side"

@@ -38,7 +38,7 @@ from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import one_line
 from replant.numerics.residuals import BAND_95
-from replant.report.terminal_log import as_json, findings_of
+from replant.report.log_as_text import as_json, findings_of
 from replant.workbench.choices import Setup, Stretch
 from replant.workbench.samples import doubts, joined_extremes, rounded
 

@@ -20,7 +20,7 @@ from replant.cli.conditioning_options import NAMES as STRETCH_NAMES
 from replant.cli.conditioning_options import is_conditioned
 from replant.cli.notes import is_quiet, note
 from replant.cli.option_types import Choice, command_line, group, path_option
-from replant.cli.options import read
+from replant.cli.run_fit_compare_options import read
 from replant.errors import InvalidArgumentError
 from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
@@ -31,9 +31,9 @@ from replant.logs.recording import digest
 from replant.logs.sampling_time import time_candidates
 from replant.online.runs.result import Result
 from replant.report.python_programs import identifier_as_python
-from replant.report.terminal_tables import as_json as result_as_json
-from replant.report.terminal_tables import print_result, print_validation, record_line
-from replant.report.terminal_tables import validation_as_json as validation_as_json
+from replant.report.results_as_text import as_json as result_as_json
+from replant.report.results_as_text import print_result, print_validation, record_line
+from replant.report.results_as_text import validation_as_json as validation_as_json
 from replant.verdict.verdict import Verdict
 
 NOT_REQUIRED = 3  # exit code where a verdict is not the one that `--require` asks for [number]
