@@ -102,6 +102,22 @@ def test_loads_that_are_likely_but_not_sure_take_trust_away() -> None:
     assert distance(found.rival) < chi2_quantile(0.999, 2)
 
 
+@every("seed", [3, 4, 6], quick=1)
+def test_a_load_is_found_that_a_slow_pole_has_followed(seed: int) -> None:
+    """The model of the whole record takes the load for its own answer: its halves tell of it, or the recursion."""
+    rng, plant = np.random.default_rng(seed), rp.TransferFunction([3.0], [1.0, 1.5, 2.0])
+    u = rng.choice([-1.0, 1.0], 500).repeat(8)
+    clean, noise = plant.simulate(u, 0.1), lfilter([1.0], [1.0, -0.9], rng.standard_normal(4000))
+    y = clean + clean.std() * (0.3 / noise.std() * noise + 3.0 * (np.arange(4000) >= 2600))
+    found, ident = rp.fit(u, y, 0.1, poles=2), rp.Identifier(poles=2, dt=0.1)
+    ident.update_many(u, y)
+    ident.finish()
+    for parameters in (found.parameters, ident.parameters):
+        assert parameters == pytest.approx([1.5, 2.0, 3.0], rel=0.15)
+    assert found.verdict.status == "trusted"
+    assert ident.assess().status in {"trusted", "converging"}
+
+
 def test_the_model_keeps_what_the_verdict_says_of_loads() -> None:
     model = fitted(*record(0)).model
     assert any("another load acts since" in reason for reason in model.verdict.reasons)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import replant as rp
 from replant.kernels.schema import Alarm
@@ -281,3 +282,15 @@ def test_a_start_up_that_the_user_interrupts_is_ended_before_anything_is_read(
     for each in (ident, again, twin):
         each.update_many(u[200:], y[200:])
     assert ident.parameters.tolist() == again.parameters.tolist() == twin.parameters.tolist()
+
+
+@every("seed", [1, 3], quick=1)
+def test_a_gain_of_the_other_sign_is_followed(seed: int) -> None:
+    """An output that answers to nothing explains the samples since far better than the old model does, too."""
+    rng, since = np.random.default_rng(seed), np.arange(4000) >= 1600
+    u = rng.choice([-1.0, 1.0], 500).repeat(8)
+    plant, noise = rp.TransferFunction([2.0], [1.0, 0.5]), lfilter([1.0], [1.0, -0.9], rng.standard_normal(4000))
+    y = plant.simulate(np.where(since, -u, u), 0.1)
+    ident = rp.Identifier(poles=1, dt=0.1)
+    ident.update_many(u, y + 0.3 * y.std() / noise.std() * noise)
+    assert ident.parameters == pytest.approx([0.5, -2.0], rel=0.1)

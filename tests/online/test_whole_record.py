@@ -121,3 +121,37 @@ def test_a_frozen_estimate_stays() -> None:
     before = ident.parameters
     ident.finish()
     np.testing.assert_array_equal(ident.parameters, before)
+
+
+SLOW, DT_SLOW = rp.TransferFunction([2.0], [1.0, 0.5]), 0.1
+
+
+def changed(seed: int, after: rp.TransferFunction, at: int, samples: int = 1500) -> tuple[FloatArray, FloatArray]:
+    """A plant that is another one from a sample on, under noise of 10 dB; what the old one holds dies out."""
+    rng, since = np.random.default_rng(seed), np.arange(samples) >= at
+    u = rng.choice([-1.0, 1.0], samples // 8 + 1).repeat(8)[:samples]
+    y = SLOW.simulate(np.where(since, 0.0, u), DT_SLOW) + after.simulate(np.where(since, u, 0.0), DT_SLOW)
+    return u, y + 0.3 * SLOW.simulate(u, DT_SLOW).std() * rng.standard_normal(samples)
+
+
+@every("seed", range(6), quick=2)
+def test_what_is_known_since_a_change_is_no_mixture_of_two_plants(seed: int) -> None:
+    u, y = changed(seed, rp.TransferFunction([0.8], [1.0, 0.5]), 990)
+    ident = rp.Identifier(poles=1, dt=DT_SLOW)
+    ident.update_many(u, y)
+    ident.finish()
+    assert ident.parameters == pytest.approx([0.5, 0.8], rel=0.15)
+
+
+@every("seed", range(6), quick=2)
+def test_a_mixture_of_two_plants_is_trusted_by_neither_fit_nor_finish(seed: int) -> None:
+    u, y = changed(seed, rp.TransferFunction([1.0], [1.0, 2.0]), 908)
+    ident = rp.Identifier(poles=1, dt=DT_SLOW)
+    ident.update_many(u, y)
+    ident.finish()
+    fitted = rp.fit(u, y, DT_SLOW, poles=1)
+    assert fitted.verdict.status == "inconsistent"
+    if ident.parameters == pytest.approx(fitted.parameters, rel=0.01):
+        assert ident.assess().status == "inconsistent"
+    else:
+        assert ident.assess().status != "trusted" or ident.parameters == pytest.approx([2.0, 1.0], rel=0.3)

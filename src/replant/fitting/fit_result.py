@@ -13,9 +13,9 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.filters import Filter, StateVariableFilter
 from replant.estimation.simulation.miso import Row
-from replant.estimation.solver.change_search import find_change
+from replant.estimation.solver.change_search import samples_since_change
 from replant.estimation.solver.miso_breaks import find_plant_change
-from replant.estimation.solver.refined_estimate import Refined, without_nuisances
+from replant.estimation.solver.refined_estimate import Refined
 from replant.fitting import model_notation
 from replant.fitting.model import Model
 from replant.fitting.model_fields import Identified, Provenance, has_rest
@@ -173,13 +173,11 @@ class FitResult(Identified):
     @property
     def _since_change(self) -> int:
         """The samples since the plant has changed, of those that the verdict looks at; 0 where it has not."""
-        model = without_nuisances(self.structure, self.parameters)
         if self.loads.size:
             row = Row.of_one(self.structure, self._kept)
-            change = find_plant_change(row, model[: self.structure.coefficients])
+            change = find_plant_change(row, self.parameters[: self.structure.coefficients])
             return 0 if change is None else self._kept.u.size - change.begin
-        claim = find_change(self.structure, self._kept.last(MOST_SAMPLES), model)
-        return 0 if claim is None else claim.contest.since.u.size
+        return samples_since_change(self.structure, self._kept.last(MOST_SAMPLES), self.parameters)
 
     @cached_property
     def model(self) -> Model:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from replant.estimation.solver.change_contest import NOTICED
 from replant.estimation.solver.miso_breaks import Modelled, Parted, find_plant_change, may_have_loads, parted
 from replant.estimation.solver.miso_change import Judge
 from replant.estimation.solver.refined_estimate import without_nuisances
-from replant.estimation.solver.solve import Solution
+from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.miso_solve import RowSolution, begun_at, solve_with, started
 from replant.model.structure import Structure
@@ -66,14 +67,32 @@ def _of_plant(row: Row, theta: FloatArray) -> tuple[Finding, ...]:
 
 
 def solve_parted(
-    structure: Structure, whole: Solution, solve: Callable[[tuple[int, ...]], Solution | None]
+    structure: Structure,
+    whole: Solution,
+    with_loads: Callable[[tuple[int, ...]], Solution | None],
+    others: Iterable[FloatArray] = (),
 ) -> Parted[Solution | None]:
-    """Return a record of one input parted at its loads; ``whole`` is its solution without, ``solve`` gives it with."""
+    """Return a record of one input parted at its loads.
+
+    ``whole`` is its solution without them, ``with_loads`` gives it with some.  A slow pole may have followed a load and
+    left nothing of it: then ``others``, models (T,), tell of it.
+    """
     model_of, first = partial(_model_of, structure), Parted[Solution | None](whole, whole)
-    model = model_of(whole)
-    if model is None or not may_have_loads(model.row, model.judge.theta):
-        return first
-    return parted(first.solution, model_of, lambda loads, _: solve(loads))
+    row = Row.of_one(structure, whole.record)
+    for theta in itertools.chain([whole.found.theta], others):
+        judge = _judge(row, theta[: structure.coefficients])
+        if may_have_loads(row, judge.theta):
+            return parted(first.solution, model_of, lambda loads, _: with_loads(loads), judge)
+    return first
+
+
+def models_of_halves(structure: Structure, whole: Solution) -> Iterator[FloatArray]:
+    """Yield the models (T,) of both halves of a record."""
+    samples = whole.record.u.size
+    for rows in (slice(0, samples // 2), slice(samples // 2, samples)):
+        found = solve(structure, whole.record.part(rows))
+        if found is not None:
+            yield found.found.theta
 
 
 def plant_changes(structure: Structure, parted: Solution) -> bool:
@@ -93,6 +112,10 @@ def differ(structure: Structure, whole: Solution, parted: Solution) -> bool:
 def _model_of(structure: Structure, solution: Solution | None) -> Modelled | None:
     if solution is None:
         return None
-    row, theta = Row.of_one(structure, solution.record), solution.found.theta[: structure.coefficients]
-    noise = noise_of(row, evaluate(row, theta, Autoregression.white(1.0, row.count)))
-    return Modelled(row, Judge(theta, noise))
+    row = Row.of_one(structure, solution.record)
+    return Modelled(row, _judge(row, solution.found.theta[: structure.coefficients]))
+
+
+def _judge(row: Row, theta: FloatArray) -> Judge:
+    """Return a model with the noise that it leaves of a row."""
+    return Judge(theta, noise_of(row, evaluate(row, theta, Autoregression.white(1.0, row.count))))

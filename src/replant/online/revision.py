@@ -9,6 +9,7 @@ every sample, as `fit` does, unless the plant has changed.  Nothing that was dec
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -20,10 +21,10 @@ from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
 from replant.estimation.simulation.model_run import prediction_error, runs_away
-from replant.estimation.solver.change_contest import decided, is_sure, weighed
-from replant.estimation.solver.change_search import begin_of_change, change_at
+from replant.estimation.solver.change_contest import decided, is_sure
+from replant.estimation.solver.change_search import begin_of_change, change_at, samples_since_change
 from replant.estimation.solver.solve import Solution, solve
-from replant.fitting.parted_record import differ, plant_changes, solve_parted
+from replant.fitting.parted_record import differ, models_of_halves, plant_changes, solve_parted
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
@@ -39,12 +40,12 @@ from replant.online.change_response import (
     is_at_rest,
     look,
     of_whole,
-    one_plant_before,
     remembers_all,
     remembers_since_change,
     since_change,
     tells_of_changes,
 )
+from replant.online.startup import is_refuted
 from replant.verdict import assess_running
 
 SURELY = -math.log(ALPHA)  # advantage of one of two models that is no chance [nats]
@@ -194,8 +195,9 @@ def _advantage(solution: Solution, settings: Settings, present: FloatArray) -> f
 def solve_whole(old: State, settings: Settings) -> State | None:
     """Return the state that begins at a solution of every sample so far; None where the present estimate stays.
 
-    It stays where older samples are forgotten or no longer kept, where the plant has changed (`_has_changed`), and
-    where it explains the record better beyond chance.  Where loads have acted the state goes on behind the last one.
+    It stays where older samples are forgotten or no longer kept, where it is that of the plant since a change which the
+    whole record shows, and where it explains the record better beyond chance.  Where loads have acted the state goes on
+    behind the last one.
     """
     kept = RecentSamples.of(old, STORED)
     if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):
@@ -206,7 +208,8 @@ def solve_whole(old: State, settings: Settings) -> State | None:
         return None
     solution, new, undecided = _parted(old, settings, record, solution)
     if new is None:
-        if old.change.is_of_plant and _lasts(old, settings) and _has_changed(old, settings, solution):
+        parameters = solution.found.theta[: settings.structure.size]
+        if old.change.is_of_plant and samples_since_change(settings.structure, solution.record, parameters):
             return None
         if _advantage(solution, settings, old.physical) < -SURELY:
             return None
@@ -226,7 +229,9 @@ def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> 
     structure = settings.structure
     if record.r is not None:
         return whole, None, False
-    parted = solve_parted(structure, whole, lambda loads: solve(structure, replace(record, begins=loads)))
+    halves = models_of_halves(structure, whole) if is_refuted(settings, whole) else ()
+    models = itertools.chain([old.physical], halves)
+    parted = solve_parted(structure, whole, lambda loads: solve(structure, replace(record, begins=loads)), models)
     if not parted.loads or parted.solution is None:
         return whole, None, False
     if parted.is_sure and not plant_changes(structure, parted.solution):
@@ -234,21 +239,3 @@ def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> 
         if state is not None:
             return parted.solution, state, False
     return whole, None, differ(structure, whole, parted.solution)
-
-
-def _lasts(state: State, settings: Settings) -> bool:
-    """Return whether there was one change, and the records before and since are no shorter than a start-up.
-
-    What changes more often, or sooner than it can be identified, is no linear plant: its model is that of all samples.
-    """
-    shortest = min(state.changed_at, state.samples - state.changed_at)
-    return one_plant_before(state) == 0 and shortest >= settings.startup
-
-
-def _has_changed(state: State, settings: Settings, whole: Solution) -> bool:
-    """Return whether another plant since the last change explains the record better than one model of all samples."""
-    contest = since_change(state, settings)
-    if contest is None:
-        return True
-    claims = [*contest.claims(again=True), contest.whole(whole.found.theta)]
-    return max(weighed(claims), key=lambda claim: claim.evidence).supposition.is_of_plant

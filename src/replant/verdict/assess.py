@@ -26,7 +26,8 @@ from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import GAP, SHORTEST_STEP, State
 from replant.estimation.settings import STORED, Request, Settings
-from replant.kernels.schema import PAST, Doubt
+from replant.estimation.solver.change_search import samples_since_change
+from replant.kernels.schema import PAST, Doubt, Supposition
 from replant.model.shared_root import cancelled_pole
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -186,6 +187,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         trusted_before=state.trusted_at > 0,
         since_trusted=samples - state.trusted_at,
         finished=finished,
+        since_change=_since_change(settings, record, state) if finished else 0,
         disagreement=state.disagreement if finished else 0.0,
         input_zero=-state.input_offset,
         missing=_missing(in_use),
@@ -208,6 +210,15 @@ def judged(state: State, dt: float) -> BoolArray:
 def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
     """Return the raw samples since the record began anew, at least the newest one."""
     return kept[-max(state.samples - max(state.record_began, state.gap_at), 1) :]
+
+
+def _since_change(settings: Settings, record: Record, state: State) -> int:
+    """Return the samples since the plant has changed within a record of one model; 0 where it has not."""
+    if state.change is not Supposition.NOTHING:
+        return 0
+    return samples_since_change(
+        settings.structure, record.last(MOST_SAMPLES), state.physical[: settings.structure.size]
+    )
 
 
 def _is_well(kept: RecentSamples) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.change_contest import Supposition
-from replant.estimation.solver.change_search import begin_of_change, find_change
+from replant.estimation.solver.change_search import begin_of_change, change_at, samples_since_change
 from replant.estimation.solver.solve import Solution, solve
 from support.builders import binary
 from support.cases import every
@@ -41,8 +41,11 @@ def test_a_gain_a_fifth_up_is_found_where_it_changed(seed: int) -> None:
     solution = solved(seed, 2.4)
     begin = begin_in(solution)
     assert abs(begin - SAMPLES // 2) < SAMPLES // 10
-    claim = find_change(rp.Structure(1), solution.record, solution.found.theta)
-    assert claim is not None
+    structure, theta = rp.Structure(1), solution.found.theta
+    assert samples_since_change(structure, solution.record, theta[: structure.size]) == SAMPLES - begin
+    found = change_at(structure, solution.record, theta, begin)
+    assert found is not None
+    claim, _ = found
     assert claim.supposition is Supposition.PART
     refined = claim.contest.estimate(claim)
     assert refined is not None
@@ -52,3 +55,16 @@ def test_a_gain_a_fifth_up_is_found_where_it_changed(seed: int) -> None:
 def test_a_short_record_is_not_searched() -> None:
     solution = solved(0, 2.4)
     assert begin_of_change(rp.Structure(1), solution.record.last(100), solution.found.theta) == 0
+
+
+@every("seed", range(6), quick=2)
+def test_that_the_plant_has_changed_is_sure_where_it_is_not_which_coefficients(seed: int) -> None:
+    """Gain and pole are others in the last 60 s, and a gain of its own explains them nearly as well."""
+    rng, after = np.random.default_rng(seed), np.arange(1500) >= 908
+    u = np.sum([np.sin(w * DT * np.arange(1500) + rng.uniform(0, 6)) for w in (0.2, 0.5, 1.0, 2.0, 3.0)], axis=0)
+    parts = (rp.TransferFunction(num, den).simulate(u * rows, DT)
+             for num, den, rows in (([2.0], [1.0, 0.5], ~after), ([1.0], [1.0, 2.0], after)))  # fmt: skip
+    y = np.sum(list(parts), axis=0)
+    fitted = rp.fit(u, y + 0.3 * y.std() * rng.standard_normal(1500), DT, poles=1)
+    assert fitted.verdict.status == "inconsistent"
+    assert any("the plant seems to have changed" in reason for reason in fitted.verdict.reasons)

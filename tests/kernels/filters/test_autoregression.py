@@ -7,6 +7,9 @@ import pytest
 from scipy.signal import lfilter
 
 from replant.kernels.filters.series import nested_models
+from replant.kernels.schema import LAGS
+from replant.numerics import autoregression as numerics
+from replant.numerics.autoregression import Autoregression
 from support.cases import every
 
 ORDERS = 5
@@ -61,3 +64,14 @@ def test_a_record_that_is_predicted_exactly(errors: np.ndarray) -> None:
     assert (np.diff(variances) <= 0.0).all()
     past = np.column_stack([errors[ORDERS - 1 - lag : errors.size - lag] for lag in range(ORDERS)])
     assert np.abs(past @ models[order]).max() <= 1e-6 * max(np.abs(errors).max(), 1e-300)
+
+
+@every("power", [-1000, -520, -300, 300, 500])
+def test_the_model_does_not_depend_on_the_unit(power: int) -> None:
+    """Of squares that float64 has, and of those that it has not a fourth power of."""
+    error = lfilter([1.0], [1.0, -0.9], np.random.default_rng(0).standard_normal(3000))
+    known = np.minimum(np.arange(error.size), LAGS)
+    sums, count = numerics.sums_of(error, known)
+    found, scaled = (Autoregression.of_sums(each, count) for each in (sums, sums * 2.0**power))
+    assert found.order == 1
+    assert (scaled.coefficients == found.coefficients).all()

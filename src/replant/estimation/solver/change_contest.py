@@ -26,7 +26,7 @@ generalized likelihood ratio approach to the detection and estimation of jumps",
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -114,8 +114,19 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
     if found.left > UNEXPLAINED:
         likeliest = max(claims, key=lambda claim: told[claim].fair)
         return likeliest if likeliest.supposition is Supposition.CUT else None
-    wins = all(told[found].fair - told[claim].fair >= _least_advantage(found, claim) for claim in claims)
+    wins = all(_advantage(found, claim, told) >= _least_advantage(found, claim) for claim in claims)
     return found if wins else None
+
+
+def _advantage(found: Claim, rival: Claim, told: Mapping[Claim, Claim]) -> float:
+    """Return how much likelier a claim is than another one.
+
+    What one G(s) explains beyond an output that answers to nothing is told beside the dispersion by itself: beyond a
+    third claim both grow as the logarithm of the samples, and their difference does not.
+    """
+    if rival.supposition is Supposition.CUT and found.supposition.is_of_plant:
+        return found.contest.weighed(found.fair - rival.fair)
+    return told[found].fair - told[rival].fair
 
 
 def _least_advantage(found: Claim, rival: Claim) -> float:
@@ -216,8 +227,9 @@ class Contest:
                 starts.append(claim.model)
                 yield claim
         plant = self._plant(starts)
-        if plant is not None and plant.refined is not None:
+        if plant is not None:
             yield plant
+        if plant is not None and plant.refined is not None:
             part = self.known.asked_for(plant.refined, self.structure.coefficients, self.stretch.price)
             claim = self._with_prior(Supposition.PART, part) if part is not None else None
             if claim is not None:
@@ -325,11 +337,14 @@ class Contest:
         return Root(model, done, self.known.noise, innovation, power, converged, converged, filters=self.known.filters)
 
     def _plant(self, given: Sequence[FloatArray]) -> Claim | None:
-        """Return the claim of a model of the samples since alone."""
+        """Return the claim of a model of the samples since alone; one that has not settled cannot win."""
         found = refine(self.structure, self.since, given, afresh=True, filtered=self.known.filters)
-        if found is None or not found.settled:
+        if found is None:
             return None
         run = self.problem.run(found.theta)
+        if not found.settled:
+            likelihood, numbers = self._likelihood(run), found.theta.size
+            return self._claim(Supposition.PLANT, likelihood, numbers, model=found.theta, left=math.inf)
         problem = self._drifting(run)
         if problem is not self.problem:
             root = problem.polished(found.theta)

@@ -43,13 +43,20 @@ SAME = 1e-9  # singular value of the scores' covariance below which a direction 
 
 
 @quiet
-def find_change(structure: Structure, record: Record, model: FloatArray) -> Claim | None:
-    """Return what of the plant has changed within a record; None where one model explains it, or that is not sure."""
+def samples_since_change(structure: Structure, record: Record, parameters: FloatArray) -> int:
+    """Return the samples since the plant has changed within a record; 0 where one G(s) may explain it.
+
+    Which of its coefficients have changed need not be sure.
+    """
     if record.r is not None or len(record.parts) > 1:
-        return None
+        return 0
+    model = without_nuisances(structure, parameters)
     begin = begin_of_change(structure, record, model)
     found = change_at(structure, record, model, begin) if begin else None
-    return found[0] if found is not None and is_sure(found[1], found[0]) else None
+    if found is None:
+        return 0
+    best, claims = found
+    return record.u.size - begin if is_sure([each for each in claims if not each.supposition.is_of_plant], best) else 0
 
 
 @quiet
@@ -70,9 +77,10 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
     found = decided(claims)
     if found is None or not found.supposition.is_of_plant:
         return None
-    # what changes on and on is no linear plant that has changed
-    changes_on = begin_of_change(structure, record.first(begin), before.theta)
-    changes_on = changes_on or begin_of_change(structure, contest.since, found.theta)
+    # what changes on and on is no linear plant that has changed; the change itself may lie somewhat beside the sample
+    away = least_since(structure)
+    changes_on = begin_of_change(structure, record.first(max(begin - away, 1)), before.theta)
+    changes_on = changes_on or begin_of_change(structure, contest.since.last(contest.since.u.size - away), found.theta)
     return None if changes_on else (found, claims)
 
 

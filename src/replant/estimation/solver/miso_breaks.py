@@ -66,14 +66,16 @@ def parted(
     whole: Solved,
     model_of: Callable[[Solved], Modelled | None],
     solved: Callable[[tuple[int, ...], FloatArray | None], Solved],
+    judge: Judge | None = None,
 ) -> Parted[Solved]:
     """Return the solution of a record that is parted at each load; ``whole`` where that is no likelier.
 
-    ``solved`` gives the solution of a record with loads, begun at a model, or afresh at None.
+    ``solved`` gives the solution of a record with loads, begun at a model, or afresh at None.  The first load is looked
+    for by ``judge``, in the place of the model of the whole.
     """
     found, loads, without = whole, tuple[int, ...](), set[tuple[int, int]]()
     while (model := model_of(found)) is not None:
-        change = _find_break(*model, without)
+        change = _find_break(model.row, judge if judge is not None and not loads else model.judge, without)
         if change is None:
             break
         if len(loads) == PARTS:

@@ -28,6 +28,8 @@ ROUNDING = 1e-13
 Derivation: some hundred times the precision of float64.
 """
 
+LEAST = 1e-300  # power of which the logarithm is taken at least: variances stay positive [output's unit squared]
+
 
 @kernel(
     "variances.size >= 1 and sums.shape[0] >= variances.size and sums.shape[1] >= variances.size",
@@ -43,7 +45,7 @@ def nested_models(sums: Matrix, count: float, models: Matrix, variances: Reals, 
     P = variances.size
     top = P - 1
     at_scaled = P * P  # forward solution, scaled by the pivots
-    least = max(ROUNDING * sums[0, 0], 1e-300)
+    least = max(ROUNDING * sums[0, 0], LEAST)
     power = max(sums[0, 0], least)
     for i in range(P):
         for j in range(P):
@@ -62,13 +64,13 @@ def nested_models(sums: Matrix, count: float, models: Matrix, variances: Reals, 
                 else:
                     work[i * top + i] = total
             pivot = work[i * top + i]
-            usable = usable and pivot > ROUNDING * sums[order, order] and pivot > 1e-300
+            usable = usable and pivot > ROUNDING * sums[order, order] and pivot > 0.0
             if usable:
                 total = -sums[order, 0]
                 for k in range(i):
                     total -= work[i * top + k] * work[k * top + k] * work[at_scaled + k]
                 work[at_scaled + i] = total / pivot
-                power = max(power - total * total / pivot, least)
+                power = max(power - total / pivot * total, least)  # total^2 may leave float64
                 for j in range(i, -1, -1):
                     solution = work[at_scaled + j]
                     for k in range(j + 1, order):
