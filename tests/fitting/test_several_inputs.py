@@ -162,7 +162,7 @@ class TestVerdict:
         u = toggling(1, correlation=0.9999, samples=2000)
         status, reasons = self.status(u, noisy(1, row_of(u, FAST, FAST)), poles=(2, 2))
         assert status == "inconsistent"
-        assert "inputs u1 and u2 move together" in reasons
+        assert "any of inputs u1 and u2 could be left out, but not all of them: they move together" in reasons
         status, reasons = self.status(u, row_of(u, FAST, FAST), poles=(2, 2))
         assert status == "trusted"  # without noise they are told apart
         u = toggling(1, correlation=0.9, samples=2000)
@@ -233,3 +233,54 @@ def test_what_does_not_match_is_named_in_a_line(u: Any, y: Any, asked: dict[str,
     with pytest.raises(rp.ReplantError, match=words) as caught:
         rp.fit(u, y, DT, **asked)
     assert "\n" not in str(caught.value)
+
+
+@every("seed", range(6), quick=2)
+def test_an_output_that_has_nothing_to_do_with_the_inputs_is_not_trusted(seed: int) -> None:
+    """A slow pole follows a random walk, and the standard deviations of what follows from the inputs are its size."""
+    walk = np.cumsum(np.random.default_rng(seed).standard_normal(3000))
+    assert rp.fit(toggling(seed, samples=3000), walk, DT, poles=(1, 1)).verdict.status != "trusted"
+
+
+def test_a_zero_that_may_cancel_a_pole_of_an_input_is_named() -> None:
+    u = toggling(0)
+    found = rp.fit(u, noisy(0, row_of(u, FAST, SLOW)), DT, poles=(2, 2), zeros=(0, 1), delay=(0.0, 0.3))
+    assert found.verdict.status == "converging"
+    assert any("input u2: a zero may cancel the pole" in reason for reason in found.verdict.reasons)
+
+
+def test_what_a_decimated_record_sees_ahead_is_no_controller() -> None:
+    u = toggling(1)
+    y = row_of(u, FAST, SLOW)
+    log = rp.Log(u[:, 0], y + 0.01 * np.random.default_rng(1).standard_normal(len(y)), DT, others={"u2": u[:, 1]},
+                 more_inputs=("u2",))  # fmt: skip
+    found = rp.fit(rp.decimate(log, 4), poles=(2, 1), delay=(0.0, 0.3))
+    assert not any("a controller makes it" in reason for reason in found.verdict.reasons)
+
+
+def test_a_table_gives_several_inputs() -> None:
+    pandas = pytest.importorskip("pandas")
+    u = toggling(2)
+    y = noisy(2, row_of(u, FAST, SLOW))
+    frame = pandas.DataFrame({"a": u[:, 0], "b": u[:, 1], "y": y})
+    found, arrays = rp.fit(frame, dt=DT, input=["a", "b"], output="y", **ASKED), rp.fit(u, y, DT, **ASKED)
+    assert (found.parameters == arrays.parameters).all()
+    assert found.model.input_names == ("a", "b")
+    for wrong, words in ((["a", "a"], "each column once"), (["a", "c"], "input must name a column, got 'c'")):
+        with pytest.raises(rp.ReplantError, match=words):
+            rp.fit(frame, dt=DT, input=wrong, output="y", **ASKED)
+
+
+def test_inputs_that_move_together_and_are_both_needed() -> None:
+    """Their difference is small beside the noise, and tells the second gain to a fifth."""
+    u = toggling(3, correlation=0.995, samples=2000)
+    found = rp.fit(u, noisy(3, row_of(u, FAST, FAST)), DT, poles=(2, 2))
+    assert any("inputs u1 and u2" in reason and "together" in reason for reason in found.verdict.reasons)
+
+
+def test_an_input_that_hardly_moves_is_named() -> None:
+    u = toggling(4, samples=2000)
+    u[:, 1] *= np.where(np.arange(2000) < 100, 0.3, 0.0)
+    found = rp.fit(u, noisy(4, row_of(u, FAST, SLOW)), DT, **ASKED)
+    assert found.verdict.status == "converging"
+    assert found.verdict.reasons[0].startswith("input u2: the uncertainty of its transfer function amounts to")

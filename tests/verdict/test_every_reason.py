@@ -439,10 +439,42 @@ ELSEWHERE = {
     ),
     "answers to disturbances of the output: a controller makes it": (
         "fitting/test_several_inputs.py: test_a_controller_that_makes_an_input",
+        "fitting/test_several_inputs.py: test_what_a_decimated_record_sees_ahead_is_no_controller",
+    ),
+    "does not move: move it, or leave it out": ("fitting/test_several_inputs.py: test_an_input_that_rests",),
+    "no input has moved for the last": (
+        "online/test_several_inputs.py: test_a_model_stays_trusted_while_all_inputs_rest_and_it_is_said",
+    ),
+    "move together: their gains correlate by": (
+        "fitting/test_several_inputs.py: test_inputs_that_move_together_and_are_both_needed",
+    ),
+    "could be left out, but not all of them": ("fitting/test_several_inputs.py: test_inputs_that_move_together",),
+    "is moved by the reference: the estimate is made from what that explains of it": (
+        "fitting/test_rows_in_feedback.py: test_with_a_reference_the_estimate_is_right_under_any_noise",
+    ),
+    "the reference explains nothing of any input": (
+        "fitting/test_rows_in_feedback.py: test_a_reference_of_no_use_changes_no_estimate",
+    ),
+    "the structure leaves slow parts of the output": ("fitting/test_several_inputs.py: test_a_pole_too_few",),
+    "the uncertainty of its transfer function amounts to x % of the modelled output": (
+        "fitting/test_several_inputs.py: test_an_input_that_hardly_moves_is_named",
+        "fitting/test_several_inputs.py: test_a_row_without_noise_is_found_exactly",
+    ),
+    "an update has made a pole unstable": (
+        "online/test_several_inputs.py: test_an_update_to_an_unstable_pole_is_named_and_solved_anew",
+    ),
+    "each input is told apart, and the inputs explain no more of the output": (
+        "fitting/test_several_inputs.py: test_three_inputs_with_zeros_are_told_apart",
     ),
 }
-#: No record is known where it is said: what noise hides so far moves no input either, and is no reference.
-UNSHOWN = ["what the model leaves may be chance"]
+#: No record is known where they are said.
+UNSHOWN = [
+    "a coefficient is known to x % only",
+    "what the model leaves may be chance",
+    "no input answers to disturbances: the reference is not needed",
+    "the estimate made with the reference did not come to rest",
+    "an update would have left float64",
+]
 
 
 def pieces(row: str) -> list[str]:

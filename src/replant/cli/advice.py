@@ -22,7 +22,7 @@ from replant.online.runs.result import Result
 
 TRIED = 6  # dead times that a suggested range has beside 0 [count]
 STEPS_OF_A_TEST = 2  # moves of the input in a step test: up, and down again [count]
-UNSURE = r"has a standard deviation|uncertainty of the estimate|cancel the poles?"
+UNSURE = r"has a standard deviation|uncertainty of (?:the estimate|its transfer)|cancel the poles?"
 FEWER = r"with fewer poles the record is likelier(?:: ask for (\d+|one) pole)?"
 COLUMN = r"^column (.+) explains"
 OTHER_LOG = "LOG2"  # stands for a log that is not there yet
@@ -187,7 +187,8 @@ _default = _repeat("use the method by default", "optimizer", "method", "startup"
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (COLUMN, _column),
     (FEWER, _fewer),
-    (r"the input is constant|has rested|hardly moves|came to rest|does not move|has moved for|move together", _move),
+    (r"the input is constant|has rested|hardly moves|came to rest", _move),
+    (r"does not move|has moved for|move together|could be left out", _move),
     (r"does not excite every coefficient", _fewer),
     (r"the output has only|explains almost nothing", _look),
     (r"s apart where dt says", _clock),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -18,7 +19,7 @@ from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.parted_record import differ, models_of_halves, solve_parted
-from replant.fitting.samples import RawRecord, Samples
+from replant.fitting.samples import RawRecord, Samples, is_frame, log_of_frame
 from replant.fitting.several_outputs import MatrixFit, fit_matrix, is_matrix
 from replant.kernels.schema import Doubt
 from replant.model.interop import in_our_words
@@ -65,7 +66,7 @@ def fit(
     preprocess: Preprocess | None = None,
     t: Any = None,
     reference: Any = None,
-    input: str | None = None,  # noqa: A002 - the field's word
+    input: str | Sequence[str] | None = None,  # noqa: A002 - the field's word
     output: str | None = None,
 ) -> FitResult | RowFit | MatrixFit:
     r"""Fit G(s) to a whole record.
@@ -114,8 +115,9 @@ def fit(
         left out.  Or (K, p) of p references, where there are several inputs: an input that none of them moves, or that
         answers to no disturbance, counts as one from outside.
     input, output : str, optional
-        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
-        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
+        Columns, several inputs as a list, of a table of pandas or polars, which is given in place of ``u``; ``t`` and
+        ``reference`` may name columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or
+        the index.
 
     Returns
     -------
@@ -151,6 +153,9 @@ def fit(
     >>> print(*row.transfer_functions, row.verdict.status, sep=", ")
     2 / (s + 0.5), 1 / (s + 3) exp(-0.3 s), trusted
     """
+    if is_frame(u) and y is None:
+        u, dt, t, reference = log_of_frame(u, input, output, t, dt, reference), None, None, None
+        input = output = None  # noqa: A001 - the log knows them
     if is_matrix(y) or is_row(u, poles, zeros, delay):
         given = {
             "structure": structure is not None, "method": method != AUTO, "filter": filter != AUTO,

@@ -14,9 +14,10 @@ from replant.estimation.simulation.miso import Point, Row, evaluate
 from replant.estimation.solver.miso_start import start_without
 from replant.estimation.solver.miso_steps import refine
 from replant.estimation.solver.refined_estimate import relative_uncertainty
+from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.verdict.estimate_tests import MOST_UNCERTAIN
+from replant.verdict.estimate_tests import MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import FEWEST, RESTED, moving
 from replant.verdict.miso_tests import lacking, moved
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, percent
@@ -39,6 +40,8 @@ def judged(
     findings = untold(row, record, point, covariance)
     if not findings:
         findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
+    if not findings:
+        findings += _unsure(row, point, covariance)
     if not findings and not is_of_record:
         findings += _outdated(row, point, noise, covariance)
     excited = not any(finding.status == "not excited" for finding in findings + others)
@@ -98,11 +101,51 @@ def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -
         of_it = replace(record, y=record.y, before=None)
         part = relative_uncertainty(structure, point.theta[rows], covariance[rows, rows], phi[:, rows], of_it)
         if i not in blamed and not part <= MOST_UNCERTAIN:
-            yield Finding(
+            yield _cancelled(row, i, point.theta[rows], covariance[rows, rows]) or Finding(
                 "converging",
                 f"input {row.names[i]}: a coefficient is known to {percent(part)} only; move the input more, or record "
                 "more",
             )
+
+
+def _cancelled(row: Row, number: int, theta: FloatArray, covariance: FloatArray) -> Finding | None:
+    """Return that a zero may cancel a pole of an input; None where none does."""
+    pole = cancelled_pole(row.structures[number], theta, covariance)
+    if pole is None:
+        return None
+    where = f"{pole.real + 0.0:.3g}"  # not -0
+    reason = (
+        f"input {row.names[number]}: a zero may cancel the pole near {where}: ask for one pole and zero fewer of it"
+    )
+    return Finding("converging", reason)
+
+
+def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]:
+    """Poles that a zero may cancel, and else that the estimate's error makes too much of the modelled output."""
+    ends = np.cumsum([each.size for each in row.structures]).tolist()
+    places = [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
+    found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows]) for i, rows in enumerate(places)]
+    yield from filter(None, found)
+    made, largest = _scatter(row.from_outside, point, covariance, places)
+    if not any(found) and not made <= MOST_SCATTER:
+        yield Finding(
+            "converging",
+            f"input {row.names[largest]}: the uncertainty of its transfer function amounts to {percent(made)} of the "
+            "modelled output; move the input more, or record more",
+        )
+
+
+def _scatter(row: Row, point: Point, covariance: FloatArray, places: list[slice]) -> tuple[float, int]:
+    """Return the deviation of the modelled output by the estimate's error, over that output's, and whose is largest."""
+    runs = [
+        [signal[stretch.measured] for signal in row.signals(point.theta, stretch, nuisances[1:])[:2]]
+        for stretch, nuisances in zip(row.stretches, point.nuisances, strict=True)
+    ]
+    outputs, slopes = (np.concatenate(each) for each in zip(*runs, strict=True))
+    spread, made = np.atleast_2d(np.cov(slopes.T)), float(outputs.sum(axis=1).std())
+    parts = [float(np.trace(covariance[rows, rows] @ spread[rows, rows])) for rows in places]
+    whole = math.sqrt(max(float(np.trace(covariance @ spread)), 0.0))
+    return whole / made if made > 0.0 else math.inf, int(np.argmax(parts))
 
 
 def _outdated(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
@@ -137,7 +180,9 @@ def _useless(row: Row, point: Point, noise: Autoregression, covariance: FloatArr
         if len(useless) > 1 and not _is_left_out(row, point, noise, *useless):
             named = " and ".join(row.names[i] for i in useless)
             yield Finding(
-                "inconsistent", f"inputs {named} move together, and any of them explains what all do: move one alone"
+                "inconsistent",
+                f"any of inputs {named} could be left out, but not all of them: they move together, or the output "
+                "drifts as a slow plant would; move one alone, and record more",
             )
             return
     for i in useless:

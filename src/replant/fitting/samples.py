@@ -232,10 +232,15 @@ def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | Non
     names = [str(name) for name in frame.columns]
     if input is None or output is None:
         raise ArgumentTypeError(f"name columns of the table, input=... and output=...; there are {', '.join(names)}")
-    roles = {"input": input, "output": output, "t": time, "reference": reference}
-    for role, name in roles.items():
+    first, *more = input if isinstance(input, list | tuple) and input else [input]
+    roles = {"input": first, "output": output, "t": time, "reference": reference}
+    given = [*roles.items(), *(("input", name) for name in more)]
+    for role, name in given:
         if name is not None and (not isinstance(name, str) or name not in names):
             raise InvalidArgumentError(f"{role} must name a column, got {shown(name)}; there are {', '.join(names)}")
+    named = [name for _, name in given if name is not None]
+    if len(set(named)) < len(named):
+        raise InvalidArgumentError(f"name each column once, got {', '.join(map(shown, named))}")
     signals = {role: _numbers(frame, name) for role, name in roles.items() if name is not None}
     found = [name for name in names if name.lower() in CLOCKS and name not in roles.values()]
     if time is None and len(found) == 1:
@@ -251,8 +256,8 @@ def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | Non
     used = {*roles.values(), *found}
     others = {name: _numbers(frame, name) for name in names if name not in used and _is_numeric(frame, name)}
     return Log(
-        signals["input"], signals["output"], dt, stamps, input, output,
-        reference=signals.get("reference"), reference_name=reference or "", others=others,
+        signals["input"], signals["output"], dt, stamps, first, output,
+        reference=signals.get("reference"), reference_name=reference or "", others=others, more_inputs=tuple(more),
     )  # fmt: skip
 
 

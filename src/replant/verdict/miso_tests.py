@@ -10,6 +10,7 @@ import numpy as np
 
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.estimation.simulation.miso import Point, Row, Stretch
+from replant.estimation.solver.change_contest import HARMLESS
 from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -74,8 +75,12 @@ def _of_filters(
 ) -> tuple[float, float]:
     """Return what filters of signals (K,) explain of the error: in limits of chance, and as part of the output."""
     significance, power = _explained(row, point, noise, _filtered(row, *signals), covariance=covariance)
-    whole = sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
-    return significance, power / max(whole, 1e-300)
+    return significance, power / max(_power(row, noise), np.finfo(float).tiny)
+
+
+def _power(row: Row, noise: Autoregression) -> float:
+    """Return the sum of squares of the whitened output."""
+    return sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
 
 
 def _filtered(row: Row, *signals: FloatArray) -> Callable[[Stretch], FloatArray]:
@@ -112,7 +117,8 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
     """Inputs that answer to the residual, beside those that references move.
 
     What filters of all inputs up to now explain of an input's later values is taken off them: where the structure is
-    not right the inputs explain some of the residual, which is no answer to it.
+    not right the inputs explain some of the residual, which is no answer to it.  What is too small to matter, as what a
+    filter that looks ahead puts into both, is not named.
     """
     past = cache(_filtered(row, *row.inputs.T))
     free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
@@ -122,7 +128,8 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
             u = np.append(stretch.inputs[i].u, np.full(LATER, stretch.inputs[i].u[-1]))
             return np.column_stack([u[lag : lag + stretch.y.size] for lag in range(1, LATER + 1)])
 
-        if _explained(row, point, noise, later, past)[0] > 1.0:
+        significance, power = _explained(row, point, noise, later, past)
+        if significance > 1.0 and power > HARMLESS**2 * _power(row, noise):
             yield Finding(
                 "inconsistent",
                 f"input {row.names[i]} answers to disturbances of the output: a controller makes it, and the transfer "
