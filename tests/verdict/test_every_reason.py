@@ -449,6 +449,9 @@ ELSEWHERE = {
         "fitting/test_several_inputs.py: test_inputs_that_move_together_and_are_both_needed",
     ),
     "could be left out, but not all of them": ("fitting/test_several_inputs.py: test_inputs_that_move_together",),
+    "explains nothing of the output: leave it out": (
+        "fitting/test_several_inputs.py: test_an_input_that_explains_nothing",
+    ),
     "is moved by the reference: the estimate is made from what that explains of it": (
         "fitting/test_rows_in_feedback.py: test_with_a_reference_the_estimate_is_right_under_any_noise",
     ),
