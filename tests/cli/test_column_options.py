@@ -30,9 +30,10 @@ def test_a_second_column_is_an_error_of_one_line(capsys, log, command, option, w
     assert f"{option} u {option} t: {words}" in err
 
 
-def test_the_same_column_twice_is_one(capsys, log) -> None:
+def test_the_same_column_twice_is_named(capsys, log) -> None:
     code, _, err = call(capsys, "fit", log, "-i", "u", "--input", "u", "-o", "y", "-p", 1)
-    assert (code, err) == (0, "")
+    assert code == 2
+    assert "-i u is given twice: name each column once" in err
 
 
 def test_a_log_in_the_place_of_the_model_is_said_to_be_none(capsys, log) -> None:

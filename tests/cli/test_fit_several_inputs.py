@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,19 @@ def test_the_model_is_printed_saved_shown_and_validated(capsys: Any, log: Path, 
     code, out, _ = call(capsys, "validate", saved, other, "--json")
     assert code == 0
     assert json.loads(out)[0]["verdict"]["status"] == "trusted"
+
+
+def test_the_next_command_has_the_orders_that_were_found_and_runs(
+    capsys: Any, log: Path, tmp_path: Path, monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = call(capsys, "fit", log, *NAMED, "-p", "1:2,1", "--delay", "0,0.3")
+    assert code == 0
+    typed = out.splitlines()[-1].replace("LOG2", str(written(tmp_path / "second.csv", 1)))
+    assert "--poles 1,1 --zeros 0,0 --delay 0,0.3" in typed
+    code, out, _ = call(capsys, *shlex.split(typed)[1:])
+    assert code == 0
+    assert "On second.csv" in out
 
 
 def test_the_json_is_that_of_the_model(capsys: Any, log: Path) -> None:

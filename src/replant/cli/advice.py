@@ -77,7 +77,7 @@ def dead_times(result: Result, log: Log) -> str:
     return f"0:{TRIED * step:.6g}:{step:.6g}"
 
 
-def _again(*without: str, **options: object) -> str:
+def again(*without: str, **options: object) -> str:
     """Return the command as it was typed, without some options, and with others."""
     words = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
     names = {name.replace("_", "-") for name in options}
@@ -90,7 +90,7 @@ def _look(situation: Situation, words: str = "look at the columns of the log") -
 
 def _fit(*without: str) -> list[str]:
     """Return the words of the command that fits what was typed, without some options."""
-    return ["replant", "fit", *shlex.split(_again(*without, "optimizer", "startup"))[2:]]
+    return ["replant", "fit", *shlex.split(again(*without, "optimizer", "startup"))[2:]]
 
 
 def _keep(situation: Situation) -> NextStep:
@@ -102,14 +102,14 @@ def _keep(situation: Situation) -> NextStep:
     if situation.is_searched:  # of what was searched for, what was found
         structure = situation.result.structure
         changed = {"poles": structure.poles, "zeros": structure.zeros, "delay": f"{structure.delay:.6g}"}
-    return NextStep(f"{words}; check it on another log", _again(**changed, save="model.json", validate=OTHER_LOG))
+    return NextStep(f"{words}; check it on another log", again(**changed, save="model.json", validate=OTHER_LOG))
 
 
 def _search(situation: Situation) -> NextStep:
     if situation.is_searched:
         half = 0.5 * situation.log.duration
         words = "no structure explains all of it: identify one half by itself, as a plant that changes needs"
-        return NextStep(words, _again("poles", "zeros", "delay", to=f"{half:.6g}", poles=situation.poles))
+        return NextStep(words, again("poles", "zeros", "delay", to=f"{half:.6g}", poles=situation.poles))
     delays = dead_times(situation.result, situation.log)
     searched = ["--poles", f"1:{min(situation.poles + 1, 4)}", "--delay", delays]
     command = shlex.join([*_fit("poles", "zeros", "delay", "method"), *searched])
@@ -122,15 +122,15 @@ def _wait(_: Situation) -> NextStep:
 
 def _dead_time(situation: Situation) -> NextStep:
     found = re.search(r"dead time of ([\d.e+-]+) s", situation.reason)
-    return _search(situation) if found is None else NextStep("set the dead time", _again(delay=found[1]))
+    return _search(situation) if found is None else NextStep("set the dead time", again(delay=found[1]))
 
 
 def _fewer(situation: Situation) -> NextStep:
     if situation.poles > 1:
         fewer = _likelier(situation.reason) or situation.poles - 1
-        return NextStep(f"try {_counted(fewer)}", _again("poles", "zeros", poles=fewer))
+        return NextStep(f"try {_counted(fewer)}", again("poles", "zeros", poles=fewer))
     if _is_step_test(situation.log.input) and click.get_current_context().params.get("x0") != REST:
-        return NextStep("say that it began at rest, if it did", _again(x0=REST))
+        return NextStep("say that it began at rest, if it did", again(x0=REST))
     words = _fit()
     return NextStep("record more, and fit both logs", shlex.join([*words[:3], OTHER_LOG, *words[3:]]))
 
@@ -155,14 +155,14 @@ def _part(situation: Situation) -> NextStep:
     seconds = 0.5 * situation.log.duration if ago is None else float(ago[1].replace(",", ""))
     begin = max(situation.log.duration - seconds, 0.0)
     begin += situation.log.begin or 0.0
-    return NextStep("identify the part since the change", _again("from", **{"from": f"{begin:.6g}"}))
+    return NextStep("identify the part since the change", again("from", **{"from": f"{begin:.6g}"}))
 
 
 def _column(situation: Situation) -> NextStep:
     found = re.search(COLUMN, situation.reason)
     name = "" if found is None else found[1]
     words = f"record with column {name} held still; or try it as the input"
-    return NextStep(words, _again("input", "reference", "delay", input=name))
+    return NextStep(words, again("input", "reference", "delay", input=name))
 
 
 def _reference(situation: Situation) -> NextStep:
@@ -173,7 +173,7 @@ def _reference(situation: Situation) -> NextStep:
 
 def _repeat(words: str, *without: str, **options: object) -> Callable[[Situation], NextStep]:
     """Return the step that repeats the command, without some options, and with others."""
-    return lambda situation: NextStep(words, _again(*without, **options))
+    return lambda situation: NextStep(words, again(*without, **options))
 
 
 _move = partial(_look, words="move the input and record again; what it did in this record")

@@ -234,15 +234,15 @@ def column_option(role: str, text: str, *, several: bool = False) -> Option:
 def _named(
     several: bool, role: str, context: click.Context, option: click.Parameter, given: tuple[str, ...]
 ) -> str | tuple[str, ...] | None:
-    if len(set(given)) < 2:
+    twice = next((each for each in given if given.count(each) > 1), None)
+    if twice is not None:
+        raise click.UsageError(f"{option.opts[0]} {twice} is given twice: name each column once", context)
+    if len(given) < 2:
         return given[0] if given else None
     if not several:
         typed = " ".join(f"{option.opts[0]} {each}" for each in given)
         who = "fit, run, validate, fleet and live" if role == "input" else "fit, run and validate"
         raise click.UsageError(f"{typed}: only replant {who} take several {role}s: name one of them here", context)
-    twice = next((each for each in given if given.count(each) > 1), None)
-    if twice is not None:
-        raise click.UsageError(f"{option.opts[0]} {twice} is given twice: name each column once", context)
     return given
 
 

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import click
 
+from replant.cli.advice import OTHER_LOG, again
 from replant.cli.conditioning_options import is_conditioned
 from replant.cli.deliver import CONDITIONED, Keeping, check_required, echo_json, make_folder, write_errors_reported
 from replant.cli.notes import is_quiet, progress_bar
@@ -159,7 +160,15 @@ def _print(
     for path in paths:
         click.echo(f"wrote {path}")
     if may_save and not validations and not is_quiet() and all(row.verdict.status == "trusted" for row in rows):
-        click.echo("\nNext: keep the model and check it on another log: --save model.json --validate LOG2")
+        chosen = {} if not searches or len(rows) > 1 else _orders(rows[0])  # of what was searched for, what was found
+        click.echo("\nNext: keep the model; check it on another log:")
+        click.echo(f"{again(**chosen, save='model.json', validate=OTHER_LOG)}")
+
+
+def _orders(row: RowFit) -> dict[str, object]:
+    """Return the options that ask for the structure of a row."""
+    names = "poles", "zeros", "delay"
+    return {name: ",".join(f"{getattr(each, name):.6g}" for each in row.model.structures) for name in names}
 
 
 def _reported(

@@ -169,7 +169,8 @@ class RowModel(model_file.Written, RowFields):
         columns = np.asarray(array_of_reals("u", u), np.float64)
         if columns.ndim != 2 or columns.shape[1] != len(self.structures):
             raise InvalidArgumentError(
-                f"u must have a column for each of {len(self.structures)} inputs, got shape {shown(columns.shape)}"
+                f"u must have a column for each of {len(self.structures)} inputs, {', '.join(self.input_names)}: got "
+                f"shape {shown(columns.shape)}"
             )
         return columns
 
