@@ -284,3 +284,16 @@ def test_an_input_that_hardly_moves_is_named() -> None:
     found = rp.fit(u, noisy(4, row_of(u, FAST, SLOW)), DT, **ASKED)
     assert found.verdict.status == "converging"
     assert found.verdict.reasons[0].startswith("input u2: the uncertainty of its transfer function amounts to")
+
+
+@every("power", [0, 10, 20], quick=1)
+def test_one_load_is_no_more_than_one_whatever_the_unit(power: int) -> None:
+    """A model that it has led astray sees others, which are needless once it is known."""
+    rng = np.random.default_rng(0)
+    plant = rp.TransferFunction([2.0], [1.0, 0.5]), rp.TransferFunction([3.0], [1.0, 1.5, 2.0])
+    u = np.column_stack([rng.choice([-1.0, 1.0], 188).repeat(8)[:1500], rng.uniform(-1.0, 1.0, 38).repeat(40)[:1500]])
+    y = np.sum([g.simulate(each.copy(), 0.1) for g, each in zip(plant, u.T, strict=True)], axis=0)
+    y += 0.3 * y.std() * rng.standard_normal(1500) + 5.0 * (np.arange(1500) >= 700)
+    found = rp.fit(u, y * 2.0**power, 0.1, poles=(1, 2))
+    assert found.loads.tolist() == pytest.approx([700], abs=5)
+    assert found.verdict.status == "trusted"

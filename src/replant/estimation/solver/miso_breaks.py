@@ -74,6 +74,7 @@ def parted(
     for by ``judge``, in the place of the model of the whole.
     """
     found, loads, without = whole, tuple[int, ...](), set[tuple[int, int]]()
+    first = model_of(whole)
     while (model := model_of(found)) is not None:
         change = _find_break(model.row, judge if judge is not None and not loads else model.judge, without)
         if change is None:
@@ -83,12 +84,21 @@ def parted(
         loads = tuple(sorted((*loads, change.begin)))
         found = solved(loads, model.judge.theta)
     if loads:
-        found = solved(loads, None)
-        models = model_of(found), model_of(whole)
+        tried = found = solved(loads, None)
+        while loads and first and (model := model_of(found)):
+            needless = _needless(first.row, model.judge, loads)
+            if not needless:
+                break
+            loads = tuple(load for load in loads if load != needless)
+            found = solved(loads, model.judge.theta)
+        if not loads:
+            return Parted(whole, tried)
+        models = model_of(found), first
         if models[0] is not None and models[1] is not None:
             more, least = _explained(models[0], models[1], loads)
             if more > least:
-                return Parted(found, found, loads, weighed(more, *_dispersion(*models[0])) > least)
+                return Parted(found, tried, loads, weighed(more, *_dispersion(*models[0])) > least)
+        found = tried
     return Parted(whole, found)
 
 
@@ -108,6 +118,29 @@ def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change
     return max(found, key=lambda each: each.evidence, default=None)
 
 
+def _needless(whole: Row, judge: Judge, loads: tuple[int, ...]) -> int:
+    """Return the load that explains least beside a model, where that is no more than it costs; else 0.
+
+    What seemed to be a change while another one was not known yet may be none.
+    """
+    row = without_unknown(whole, set(loads))
+
+    def cost(loads: tuple[int, ...]) -> float:
+        record = replace(row.record, begins=tuple(sorted({*row.record.begins, *loads})))
+        return evaluate(Row(row.structures, record, row.inputs, row.names), *judge).cost
+
+    usual = cost(loads)
+    if not 0.0 < usual < math.inf:
+        return 0
+    least, load = min((cost(tuple(each for each in loads if each != load)), load) for load in loads)
+    return load if 0.5 * row.count * math.log(least / usual) < _price(row) else 0
+
+
+def _price(row: Row) -> float:
+    """Return by how much likelier a load must make a row: by its numbers, and the odds against it."""
+    return 0.5 * row.nuisances * math.log(row.count) - math.log(ALPHA)
+
+
 def _explained(parted: Modelled, whole: Modelled, loads: tuple[int, ...]) -> tuple[float, float]:
     """Return how much likelier a row is that is parted at loads, and how much it has to be to be surely likelier."""
     models = parted, whole._replace(row=without_unknown(whole.row, set(loads)))
@@ -116,8 +149,7 @@ def _explained(parted: Modelled, whole: Modelled, loads: tuple[int, ...]) -> tup
         return 0.0, math.inf
     row, judge = parted
     cost *= worth_of_lags(row, judge.noise, whole.judge.noise)
-    price = 0.5 * row.nuisances * math.log(row.count) - math.log(ALPHA)
-    return 0.5 * row.count * math.log(usual / cost), len(loads) * price
+    return 0.5 * row.count * math.log(usual / cost), len(loads) * _price(row)
 
 
 def _dispersion(row: Row, judge: Judge) -> tuple[float, float]:
