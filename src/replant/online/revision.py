@@ -29,7 +29,7 @@ from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import quiet
+from replant.numerics.linear_algebra import quiet, roots
 from replant.online.begin_recursion import restart_at
 from replant.online.change_response import (
     AGAIN,
@@ -45,7 +45,6 @@ from replant.online.change_response import (
     since_change,
     tells_of_changes,
 )
-from replant.online.startup import is_refuted
 from replant.verdict import assess_running
 
 SURELY = -math.log(ALPHA)  # advantage of one of two models that is no chance [nats]
@@ -229,7 +228,9 @@ def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> 
     structure = settings.structure
     if record.r is not None:
         return whole, None, False
-    halves = models_of_halves(structure, whole) if is_refuted(settings, whole) else ()
+    slowest = float(roots(np.append(1.0, whole.found.theta[structure.denominator])).real.max())
+    # a pole slower than the record is long may have followed a load
+    halves = models_of_halves(structure, whole) if not slowest < -1.0 / record.span else ()
     models = itertools.chain([old.physical], halves)
     parted = solve_parted(structure, whole, lambda loads: solve(structure, replace(record, begins=loads)), models)
     if not parted.loads or parted.solution is None:

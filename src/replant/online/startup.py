@@ -176,7 +176,7 @@ def begin(
         if solution is not None:
             note_doubts(state, solution, raw.output)
             if not state.path_size:  # later no samples can tell
-                state.sums.refuted = float(is_refuted(settings, solution))
+                state.sums.refuted = float(_is_refuted(settings, solution))
         state.ready_at, state.solved_at = state.elapsed, state.samples
     state.take_over(
         old,
@@ -186,8 +186,8 @@ def begin(
     return state, error
 
 
-def is_refuted(settings: Settings, solution: Solution) -> bool:
-    """Return whether the samples of a record speak against the model that they give."""
+def _is_refuted(settings: Settings, solution: Solution) -> bool:
+    """Return whether the samples of a start-up speak against the model that they give."""
     size, found = settings.structure.size, solution.found
     verdict = assess_record(
         settings.structure, found.theta[:size], solution.record, settings.dt, found.covariance[:size, :size],
