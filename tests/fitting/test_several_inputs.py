@@ -239,7 +239,9 @@ def test_what_does_not_match_is_named_in_a_line(u: Any, y: Any, asked: dict[str,
 def test_an_output_that_has_nothing_to_do_with_the_inputs_is_not_trusted(seed: int) -> None:
     """A slow pole follows a random walk, and the standard deviations of what follows from the inputs are its size."""
     walk = np.cumsum(np.random.default_rng(seed).standard_normal(3000))
-    assert rp.fit(toggling(seed, samples=3000), walk, DT, poles=(1, 1)).verdict.status != "trusted"
+    verdict = rp.fit(toggling(seed, samples=3000), walk, DT, poles=(1, 1)).verdict
+    assert verdict.status != "trusted"
+    assert any("uncertainty of its transfer function" in reason for reason in verdict.reasons) is (seed in (1, 2))
 
 
 def test_a_zero_that_may_cancel_a_pole_of_an_input_is_named() -> None:
@@ -276,14 +278,6 @@ def test_inputs_that_move_together_and_are_both_needed() -> None:
     u = toggling(3, correlation=0.995, samples=2000)
     found = rp.fit(u, noisy(3, row_of(u, FAST, FAST)), DT, poles=(2, 2))
     assert any("inputs u1 and u2" in reason and "together" in reason for reason in found.verdict.reasons)
-
-
-def test_an_input_that_hardly_moves_is_named() -> None:
-    u = toggling(4, samples=2000)
-    u[:, 1] *= np.where(np.arange(2000) < 100, 0.3, 0.0)
-    found = rp.fit(u, noisy(4, row_of(u, FAST, SLOW)), DT, **ASKED)
-    assert found.verdict.status == "converging"
-    assert found.verdict.reasons[0].startswith("input u2: the uncertainty of its transfer function amounts to")
 
 
 @every("power", [0, 10, 20], quick=1)

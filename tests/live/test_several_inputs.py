@@ -252,7 +252,7 @@ TWO = ("-i", "Q1", "-i", "Q2", "-o", "T1")
         ((*TWO, "-p", "1,1", "--delay", "1,2,3"), "--delay must have a number for each of 2 inputs"),
         (TWO, "--poles is missing; give it, as in --poles 1,1"),
         ((*TWO, "-i", "Q1", "-p", "1,1,1"), "-i Q1 is given twice"),
-        (("-i", "Q1", "-i", "Q1", "-p", "1,1"), "--poles has 2 numbers, and there is one input, Q1"),
+        (("-i", "Q1", "-i", "Q1", "-p", "1,1"), "-i Q1 is given twice: name each column once"),
         (("-p", "1,1"), "--poles has 2 numbers, and there is one input: name the others, each with -i"),
         (("-i", "Q1", "-i", "T1", "-o", "T1", "-p", "1,1"), "'T1' is an input and the output: name each signal once"),
         (("-i", "Q1", "-i", "t", "-p", "1,1"), "'t' is the number, time or reference of a sample"),

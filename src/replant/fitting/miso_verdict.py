@@ -17,6 +17,8 @@ from replant.estimation.solver.refined_estimate import relative_uncertainty
 from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
+from replant.numerics.linear_algebra import least_norm
+from replant.numerics.projections import WEAKEST
 from replant.verdict.estimate_tests import MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import FEWEST, RESTED, moving
 from replant.verdict.miso_tests import lacking, moved
@@ -137,10 +139,12 @@ def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]
 
 def _scatter(row: Row, point: Point, covariance: FloatArray, places: list[slice]) -> tuple[float, int]:
     """Return the deviation of the modelled output by the estimate's error, over that output's, and whose is largest."""
-    runs = [
-        [signal[stretch.measured] for signal in row.signals(point.theta, stretch, nuisances[1:])[:2]]
-        for stretch, nuisances in zip(row.stretches, point.nuisances, strict=True)
-    ]
+    runs = []
+    for stretch, nuisances in zip(row.stretches, point.nuisances, strict=True):
+        signals = row.signals(point.theta, stretch, nuisances[1:])
+        output, slopes, free = (signal[stretch.measured] for signal in signals)
+        # offset and initial states are estimated with each model
+        runs.append((output, slopes - free @ least_norm(free, slopes, WEAKEST)[0]))
     outputs, slopes = (np.concatenate(each) for each in zip(*runs, strict=True))
     spread, made = np.atleast_2d(np.cov(slopes.T)), float(outputs.sum(axis=1).std())
     parts = [float(np.trace(covariance[rows, rows] @ spread[rows, rows])) for rows in places]
