@@ -247,7 +247,6 @@ def test_an_output_that_has_nothing_to_do_with_the_inputs_is_not_trusted(seed: i
 def test_a_zero_that_may_cancel_a_pole_of_an_input_is_named() -> None:
     u = toggling(0)
     found = rp.fit(u, noisy(0, row_of(u, FAST, SLOW)), DT, poles=(2, 2), zeros=(0, 1), delay=(0.0, 0.3))
-    assert found.verdict.status == "converging"
     assert any("input u2: a zero may cancel the pole" in reason for reason in found.verdict.reasons)
 
 

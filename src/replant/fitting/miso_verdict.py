@@ -19,7 +19,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import least_norm
 from replant.numerics.projections import WEAKEST
-from replant.verdict.estimate_tests import MOST_SCATTER, MOST_UNCERTAIN
+from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import FEWEST, RESTED, moving
 from replant.verdict.miso_tests import lacking, moved
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, percent
@@ -42,10 +42,10 @@ def judged(
     findings = untold(row, record, point, covariance)
     if not findings:
         findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
-    if not findings:
-        findings += _unsure(row, point, covariance)
+    unsure = [] if findings else list(_unsure(row, point, covariance))
     if not findings and not is_of_record:
         findings += _outdated(row, point, noise, covariance)
+    findings += unsure
     excited = not any(finding.status == "not excited" for finding in findings + others)
     told = conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
     if not excited or is_of_record or not (rest := _rest(row)):
@@ -110,7 +110,9 @@ def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -
             )
 
 
-def _cancelled(row: Row, number: int, theta: FloatArray, covariance: FloatArray) -> Finding | None:
+def _cancelled(
+    row: Row, number: int, theta: FloatArray, covariance: FloatArray, status: str = "converging"
+) -> Finding | None:
     """Return that a zero may cancel a pole of an input; None where none does."""
     pole = cancelled_pole(row.structures[number], theta, covariance)
     if pole is None:
@@ -119,16 +121,20 @@ def _cancelled(row: Row, number: int, theta: FloatArray, covariance: FloatArray)
     reason = (
         f"input {row.names[number]}: a zero may cancel the pole near {where}: ask for one pole and zero fewer of it"
     )
-    return Finding("converging", reason)
+    return Finding(status, reason)
 
 
 def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]:
-    """Poles that a zero may cancel, and else that the estimate's error makes too much of the modelled output."""
+    """Poles that a zero may cancel, and else that the estimate's error makes too much of the modelled output.
+
+    Where that makes little, what the model does is known, and a pole that may be cancelled is no obstacle to trust.
+    """
     ends = np.cumsum([each.size for each in row.structures]).tolist()
     places = [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
-    found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows]) for i, rows in enumerate(places)]
-    yield from filter(None, found)
     made, largest = _scatter(row.from_outside, point, covariance, places)
+    status = "trusted" if made <= MINOR_SCATTER else "converging"
+    found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows], status) for i, rows in enumerate(places)]
+    yield from filter(None, found)
     if not any(found) and not made <= MOST_SCATTER:
         yield Finding(
             "converging",
