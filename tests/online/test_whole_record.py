@@ -134,22 +134,23 @@ def changed(seed: int, after: rp.TransferFunction, at: int, samples: int = 1500)
     return u, y + 0.3 * SLOW.simulate(u, DT_SLOW).std() * rng.standard_normal(samples)
 
 
-@every("seed", range(6), quick=2)
-def test_what_is_known_since_a_change_is_no_mixture_of_two_plants(seed: int) -> None:
-    u, y = changed(seed, rp.TransferFunction([0.8], [1.0, 0.5]), 990)
+def finished(u: FloatArray, y: FloatArray) -> rp.Identifier:
     ident = rp.Identifier(poles=1, dt=DT_SLOW)
     ident.update_many(u, y)
     ident.finish()
+    return ident
+
+
+@every("seed", range(6), quick=2)
+def test_what_is_known_since_a_change_is_no_mixture_of_two_plants(seed: int) -> None:
+    ident = finished(*changed(seed, rp.TransferFunction([0.8], [1.0, 0.5]), 990))
     assert ident.parameters == pytest.approx([0.5, 0.8], rel=0.15)
 
 
 @every("seed", range(6), quick=2)
 def test_a_mixture_of_two_plants_is_trusted_by_neither_fit_nor_finish(seed: int) -> None:
     u, y = changed(seed, rp.TransferFunction([1.0], [1.0, 2.0]), 908)
-    ident = rp.Identifier(poles=1, dt=DT_SLOW)
-    ident.update_many(u, y)
-    ident.finish()
-    fitted = rp.fit(u, y, DT_SLOW, poles=1)
+    ident, fitted = finished(u, y), rp.fit(u, y, DT_SLOW, poles=1)
     assert fitted.verdict.status == "inconsistent"
     if ident.parameters == pytest.approx(fitted.parameters, rel=0.01):
         assert ident.assess().status == "inconsistent"

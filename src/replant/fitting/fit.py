@@ -18,7 +18,7 @@ from replant.estimation.solver.least_squares import choose_filter, least_squares
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
-from replant.fitting.parted_record import differ, models_of_halves, solve_parted
+from replant.fitting.parted_record import differ, solve_parted
 from replant.fitting.samples import RawRecord, Samples, is_frame, log_of_frame
 from replant.fitting.several_outputs import MatrixFit, fit_matrix, is_matrix
 from replant.kernels.schema import Doubt
@@ -228,8 +228,7 @@ def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples
     def with_loads(loads: tuple[int, ...]) -> RawRecord:
         return dataclasses.replace(raw, loads=tuple(rows[list(loads)].tolist()))
 
-    halves = models_of_halves(raw.structure, solution) if whole.verdict.status == "inconsistent" else ()
-    found = solve_parted(raw.structure, solution, lambda loads: _solution(with_loads(loads), None), halves)
+    found = solve_parted(raw.structure, solution, lambda loads: _solution(with_loads(loads), None))
     if not found.loads or found.solution is None:
         return whole
     rejected = {name: count for name, count in whole.rejected.items() if name not in ("outlier", "stuck")}

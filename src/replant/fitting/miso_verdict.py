@@ -48,11 +48,11 @@ def judged(
     findings += unsure
     excited = not any(finding.status == "not excited" for finding in findings + others)
     told = conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
+    verdict = Verdict(*told, excited=excited)
     if not excited or is_of_record or not (rest := _rest(row)):
-        return Verdict(*told, excited=excited)
-    return Verdict(
-        told[0], (*told[1], f"no input has moved for the last {duration(rest)}: move one to learn more"), False
-    )
+        return verdict
+    reason = f"no input has moved for the last {duration(rest)}: move one to learn more"
+    return replace(verdict, excited=False, reasons=(*verdict.reasons, reason))
 
 
 def _rest(row: Row) -> float:
@@ -74,9 +74,7 @@ def _at_rest(row: Row) -> Iterator[Finding]:
 
 def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -> Iterator[Finding]:
     """Inputs that move together, and else transfer functions that the record does not tell."""
-    ends = np.cumsum([each.size for each in row.structures]).tolist()
-    places = [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
-    phi, blamed = np.concatenate(point.phi), set()
+    places, phi, blamed = row.places, np.concatenate(point.phi), set()
     slopes = np.zeros((len(places), point.theta.size))  # of the gains b0/a0
     for number, (structure, rows) in enumerate(zip(row.structures, places, strict=True)):
         a0, b0 = point.theta[rows][structure.poles - 1], point.theta[rows][-1]
@@ -129,11 +127,9 @@ def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]
 
     Where that makes little, what the model does is known, and a pole that may be cancelled is no obstacle to trust.
     """
-    ends = np.cumsum([each.size for each in row.structures]).tolist()
-    places = [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
-    made, largest = _scatter(row.from_outside, point, covariance, places)
+    made, largest = _scatter(row.from_outside, point, covariance)
     status = "trusted" if made <= MINOR_SCATTER else "converging"
-    found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows], status) for i, rows in enumerate(places)]
+    found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows], status) for i, rows in enumerate(row.places)]
     yield from filter(None, found)
     if not any(found) and not made <= MOST_SCATTER:
         yield Finding(
@@ -143,7 +139,7 @@ def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]
         )
 
 
-def _scatter(row: Row, point: Point, covariance: FloatArray, places: list[slice]) -> tuple[float, int]:
+def _scatter(row: Row, point: Point, covariance: FloatArray) -> tuple[float, int]:
     """Return the deviation of the modelled output by the estimate's error, over that output's, and whose is largest."""
     runs = []
     for stretch, nuisances in zip(row.stretches, point.nuisances, strict=True):
@@ -153,7 +149,7 @@ def _scatter(row: Row, point: Point, covariance: FloatArray, places: list[slice]
         runs.append((output, slopes - free @ least_norm(free, slopes, WEAKEST)[0]))
     outputs, slopes = (np.concatenate(each) for each in zip(*runs, strict=True))
     spread, made = np.atleast_2d(np.cov(slopes.T)), float(outputs.sum(axis=1).std())
-    parts = [float(np.trace(covariance[rows, rows] @ spread[rows, rows])) for rows in places]
+    parts = [float(np.trace(covariance[rows, rows] @ spread[rows, rows])) for rows in row.places]
     whole = math.sqrt(max(float(np.trace(covariance @ spread)), 0.0))
     return whole / made if made > 0.0 else math.inf, int(np.argmax(parts))
 
@@ -201,10 +197,8 @@ def _useless(row: Row, point: Point, noise: Autoregression, covariance: FloatArr
 
 def _beyond_nought(row: Row, point: Point, covariance: FloatArray) -> Iterator[float]:
     """Yield of each input how far its numerator lies from nought, as a statistic over the criterion's limit."""
-    end = 0
-    for structure in row.structures:
-        end += structure.size
-        rows = slice(end - structure.zeros - 1, end)
+    for structure, whole in zip(row.structures, row.places, strict=True):
+        rows = slice(whole.stop - structure.zeros - 1, whole.stop)
         std = np.sqrt(np.maximum(np.diag(covariance[rows, rows]), np.finfo(float).tiny))
         b = point.theta[rows] / std
         statistic = float(b @ np.linalg.lstsq(covariance[rows, rows] / np.outer(std, std), b, rcond=None)[0])

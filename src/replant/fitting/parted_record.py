@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replant.estimation.simulation.miso import Row, RowRecord, evaluate, noise_of
+from replant.estimation.simulation.miso import Row, RowRecord
 from replant.estimation.solver.change_contest import NOTICED
 from replant.estimation.solver.miso_breaks import Modelled, Parted, find_plant_change, may_have_loads, parted
 from replant.estimation.solver.miso_change import Judge
@@ -18,9 +18,9 @@ from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.miso_solve import RowSolution, begun_at, solve_with, started
+from replant.fitting.model_fields import has_rest
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
-from replant.numerics.autoregression import Autoregression
 from replant.verdict.record_tests import changed_finding, loads_act
 from replant.verdict.verdict import Finding
 
@@ -75,19 +75,21 @@ def solve_parted(
     """Return a record of one input parted at its loads.
 
     ``whole`` is its solution without them, ``with_loads`` gives it with some.  A slow pole may have followed a load and
-    left nothing of it: then ``others``, models (T,), tell of it.
+    left nothing of it: then ``others``, models (T,), tell of it, or those of its halves.
     """
     model_of, first = partial(_model_of, structure), Parted[Solution | None](whole, whole)
     row = Row.of_one(structure, whole.record)
-    for theta in itertools.chain([whole.found.theta], others):
-        judge = _judge(row, theta[: structure.coefficients])
+    for theta in itertools.chain([whole.found.theta], others, _of_halves(structure, whole)):
+        judge = Judge.of(row, theta[: structure.coefficients])
         if may_have_loads(row, judge.theta):
             return parted(first.solution, model_of, lambda loads, _: with_loads(loads), judge)
     return first
 
 
-def models_of_halves(structure: Structure, whole: Solution) -> Iterator[FloatArray]:
-    """Yield the models (T,) of both halves of a record."""
+def _of_halves(structure: Structure, whole: Solution) -> Iterator[FloatArray]:
+    """Yield the models (T,) of both halves of a record that is too short for a pole of its model."""
+    if has_rest(structure.transfer_function(whole.found.theta[: structure.size]), whole.record.span):
+        return
     samples = whole.record.u.size
     for rows in (slice(0, samples // 2), slice(samples // 2, samples)):
         found = solve(structure, whole.record.part(rows))
@@ -113,9 +115,4 @@ def _model_of(structure: Structure, solution: Solution | None) -> Modelled | Non
     if solution is None:
         return None
     row = Row.of_one(structure, solution.record)
-    return Modelled(row, _judge(row, solution.found.theta[: structure.coefficients]))
-
-
-def _judge(row: Row, theta: FloatArray) -> Judge:
-    """Return a model with the noise that it leaves of a row."""
-    return Judge(theta, noise_of(row, evaluate(row, theta, Autoregression.white(1.0, row.count))))
+    return Modelled(row, Judge.of(row, solution.found.theta[: structure.coefficients]))

@@ -9,7 +9,6 @@ every sample, as `fit` does, unless the plant has changed.  Nothing that was dec
 
 from __future__ import annotations
 
-import itertools
 import math
 from dataclasses import replace
 
@@ -24,12 +23,12 @@ from replant.estimation.simulation.model_run import prediction_error, runs_away
 from replant.estimation.solver.change_contest import decided, is_sure
 from replant.estimation.solver.change_search import begin_of_change, change_at, samples_since_change
 from replant.estimation.solver.solve import Solution, solve
-from replant.fitting.parted_record import differ, models_of_halves, plant_changes, solve_parted
+from replant.fitting.parted_record import differ, plant_changes, solve_parted
 from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import quiet, roots
+from replant.numerics.linear_algebra import quiet
 from replant.online.begin_recursion import restart_at
 from replant.online.change_response import (
     AGAIN,
@@ -228,11 +227,9 @@ def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> 
     structure = settings.structure
     if record.r is not None:
         return whole, None, False
-    slowest = float(roots(np.append(1.0, whole.found.theta[structure.denominator])).real.max())
-    # a pole slower than the record is long may have followed a load
-    halves = models_of_halves(structure, whole) if not slowest < -1.0 / record.span else ()
-    models = itertools.chain([old.physical], halves)
-    parted = solve_parted(structure, whole, lambda loads: solve(structure, replace(record, begins=loads)), models)
+    parted = solve_parted(
+        structure, whole, lambda loads: solve(structure, replace(record, begins=loads)), [old.physical]
+    )
     if not parted.loads or parted.solution is None:
         return whole, None, False
     if parted.is_sure and not plant_changes(structure, parted.solution):

@@ -54,12 +54,10 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
     limit = chi2_quantile(1.0 - ALPHA, step.size) * widening(basis, error)
     if not float(step @ inverse_of(spread) @ step) > limit:  # nor where it is NaN: the samples do not tell
         return
-    states, parts, end = np.zeros(row.nuisances - 1), [], 0
+    states, parts = np.zeros(row.nuisances - 1), []
     outputs = np.concatenate([row.whitened(noise, row.signals(point.theta, s, states)[0], s) for s in row.stretches])
-    for structure, output in zip(row.structures, outputs.T, strict=True):
-        rows = slice(end, end + structure.size)
+    for rows, output in zip(row.places, outputs.T, strict=True):
         parts.append(float(np.sum((phi[:, rows] @ step[rows]) ** 2)) / max(float(output @ output), 1e-300))
-        end += structure.size
     part, name = max(zip(parts, row.names, strict=True))
     if part > MATTERS:
         yield Finding(

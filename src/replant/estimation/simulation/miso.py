@@ -114,6 +114,12 @@ class Row:
         sizes = np.cumsum([each.zeros + 1 for each in self.structures])[:-1].tolist()
         return [np.concatenate([theta[:poles], b]) for b in np.split(theta[poles:], sizes)]
 
+    @property
+    def places(self) -> list[slice]:
+        """Where the coefficients of each branch lie, of denominators of their own."""
+        ends = np.cumsum([each.size for each in self.structures]).tolist()
+        return [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
+
     def is_stable(self, theta: FloatArray) -> bool:
         """Whether all poles lie left of the imaginary axis."""
         each = zip(self.structures, self.branches(theta), strict=True)

@@ -121,8 +121,8 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
 def _advantage(found: Claim, rival: Claim, told: Mapping[Claim, Claim]) -> float:
     """Return how much likelier a claim is than another one.
 
-    What one G(s) explains beyond an output that answers to nothing is told beside the dispersion by itself: beyond a
-    third claim both grow as the logarithm of the samples, and their difference does not.
+    What another G(s) explains beyond an output that answers to nothing is weighed by itself.  Weighed beside a third
+    claim both grow as the logarithm of the samples, and their difference does not grow.
     """
     if rival.supposition is Supposition.CUT and found.supposition.is_of_plant:
         return found.contest.weighed(found.fair - rival.fair)
@@ -227,9 +227,10 @@ class Contest:
                 starts.append(claim.model)
                 yield claim
         plant = self._plant(starts)
-        if plant is not None:
-            yield plant
-        if plant is not None and plant.refined is not None:
+        if plant is None:
+            return
+        yield plant
+        if plant.refined is not None:
             part = self.known.asked_for(plant.refined, self.structure.coefficients, self.stretch.price)
             claim = self._with_prior(Supposition.PART, part) if part is not None else None
             if claim is not None:

@@ -73,33 +73,26 @@ def parted(
     ``solved`` gives the solution of a record with loads, begun at a model, or afresh at None.  The first load is looked
     for by ``judge``, in the place of the model of the whole.
     """
-    found, loads, without = whole, tuple[int, ...](), set[tuple[int, int]]()
-    first = model_of(whole)
-    while (model := model_of(found)) is not None:
-        change = _find_break(model.row, judge if judge is not None and not loads else model.judge, without)
-        if change is None:
-            break
+    loads, without = tuple[int, ...](), set[tuple[int, int]]()
+    model = first = model_of(whole)
+    if first is not None and judge is not None:
+        model = first._replace(judge=judge)
+    while model is not None and (change := _find_break(*model, without)) is not None:
         if len(loads) == PARTS:
             return Parted(whole, whole)
         loads = tuple(sorted((*loads, change.begin)))
+        model = model_of(solved(loads, model.judge.theta))
+    if not loads or first is None:
+        return Parted(whole, whole)
+    tried = found = solved(loads, None)
+    while (model := model_of(found)) is not None and loads and (needless := _needless(first.row, model.judge, loads)):
+        loads = tuple(load for load in loads if load != needless)
         found = solved(loads, model.judge.theta)
-    if loads:
-        tried = found = solved(loads, None)
-        while loads and first and (model := model_of(found)):
-            needless = _needless(first.row, model.judge, loads)
-            if not needless:
-                break
-            loads = tuple(load for load in loads if load != needless)
-            found = solved(loads, model.judge.theta)
-        if not loads:
-            return Parted(whole, tried)
-        models = model_of(found), first
-        if models[0] is not None and models[1] is not None:
-            more, least = _explained(models[0], models[1], loads)
-            if more > least:
-                return Parted(found, tried, loads, weighed(more, *_dispersion(*models[0])) > least)
-        found = tried
-    return Parted(whole, found)
+    if loads and model is not None:
+        more, least = _explained(model, first, loads)
+        if more > least:
+            return Parted(found, tried, loads, weighed(more, *_dispersion(*model)) > least)
+    return Parted(whole, tried)
 
 
 def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change | None:

@@ -52,6 +52,11 @@ class Judge(NamedTuple):
     theta: FloatArray  # (P,)
     noise: Autoregression  # what it left
 
+    @classmethod
+    def of(cls, row: Row, theta: FloatArray) -> Judge:
+        """Return a model with the noise that it leaves of a row."""
+        return cls(theta, noise_of(row, evaluate(row, theta, Autoregression.white(1.0, row.count))))
+
 
 @dataclass(frozen=True)
 class Change:
@@ -153,7 +158,7 @@ def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge
     before, since = parts = _parts(row, begin)
     if not (before.stretches and since.stretches):
         return None
-    noise = noise_of(before, evaluate(before, theta, Autoregression.white(1.0, before.count)))
+    noise = Judge.of(before, theta).noise
     least = 0.5 * min(each.size for each in row.structures) * math.log(row.count) - math.log(ALPHA)
     if sum(_explained_by_a_step(part, theta, noise) for part in parts) < least:
         return None
