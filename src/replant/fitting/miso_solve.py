@@ -21,13 +21,14 @@ import numpy as np
 from replant.estimation.simulation.miso import Point, Row, RowRecord, colour_of, evaluate, noise_of
 from replant.estimation.solver import solve
 from replant.estimation.solver.miso_start import start
-from replant.estimation.solver.miso_steps import STEPS, ends_of, explained_by, instrumental, path, refine
+from replant.estimation.solver.miso_steps import STEPS, ends_of, explained_by, instrumental, is_near, path, refine
 from replant.estimation.solver.srivc_steps import NEARLY_DONE
 from replant.fitting.miso_references import with_outside
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
+from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of
 from replant.numerics.projections import products
 from replant.verdict.miso_tests import answering, controlled, lacking
@@ -66,12 +67,15 @@ class RowEstimate:
         White where the noise model had to be given up.
     covariance : (P, P) array
     findings : tuple of Finding
+    is_alone : bool
+        Whether it is surely likelier than whatever else the begins led to.
     """
 
     point: Point
     noise: Autoregression
     covariance: FloatArray
     findings: tuple[Finding, ...] = ()
+    is_alone: bool = True
 
 
 class RowSolution(NamedTuple):
@@ -153,13 +157,13 @@ def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     """Return the estimate that begins lead to; ``again`` gives those to begin at with a noise model."""
     if row.outside is not None:
         return _by_instruments(row, likeliest(row.from_outside, begins, again).point.theta)
-    free, point, noise = likeliest(row, begins, again)
+    free, point, noise, is_alone = likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
     # without a noise model the two are the same; in feedback the estimate without one is that which is off
     if findings or not noise.order or not (_differs(row, free, point) or any(lacking(row, point, noise))):
-        return RowEstimate(point, noise, covariance_of(row, point), findings)
-    white = Autoregression.white(1.0, row.count)
-    return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), (Finding("inconsistent", GIVEN_UP),))
+        return RowEstimate(point, noise, covariance_of(row, point), findings, is_alone)
+    white, findings = Autoregression.white(1.0, row.count), (Finding("inconsistent", GIVEN_UP),)
+    return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), findings, is_alone)
 
 
 def _by_instruments(row: Row, theta: FloatArray) -> RowEstimate:
@@ -207,16 +211,25 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
             point = refine(row, point.theta, model, point, SHORT)
         found.append(_Estimates(free, point, model))
     quietest = min(each.point.power for each in found)
-    quiet_ones = (each for each in found if each.point.power <= LOUD * quietest)
-    return min(quiet_ones, key=lambda each: each.point.cost, default=_Estimates(free, free, white))
+    quiet_ones = [each for each in found if each.point.power <= LOUD * quietest]
+    best = min(quiet_ones, key=lambda each: each.point.cost, default=_Estimates(free, free, white))
+    is_alone = _is_alone(row, free, ends) and _is_alone(row, best.point, [each.point for each in quiet_ones])
+    return best._replace(is_alone=is_alone)
+
+
+def _is_alone(row: Row, best: Point, points: list[Point]) -> bool:
+    """Return whether a point is surely likelier than all others but those near it."""
+    limit = best.cost * ALPHA ** (-2.0 / max(row.count, 1))
+    return all(each.cost > limit or is_near(row, each, best) for each in points)
 
 
 class _Estimates(NamedTuple):
-    """The estimate without a noise model, that with one, and the model."""
+    """The estimate without a noise model, that with one, the model, and whether no other one may be as likely."""
 
     free: Point
     point: Point
     noise: Autoregression
+    is_alone: bool = True
 
 
 def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:

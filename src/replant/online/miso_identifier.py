@@ -66,9 +66,10 @@ class RowIdentifier(Shared):
 
     Notes
     -----
-    Each time that the record has grown by 1.3, up to 10000 samples, it is solved again as a whole.  In between, and
-    later, a joint update of all coefficients follows the samples.  Then and once in between a change is looked for: a
-    load, since which the offset is another one, or another plant, since which the record begins anew.
+    Each time that the record has grown by half, up to 10000 samples, it is solved again as a whole, and where an input
+    has moved half as much again.  In between, and later, a joint update of all coefficients follows the samples.  Then
+    and once in between a change is looked for: a load, since which the offset is another one, or another plant, since
+    which the record begins anew.
 
     A sample whose inputs or time are not finite, or larger than 1e150, is rejected; one whose output alone is missing
     (NaN) moves the model, and nothing is learned from it.  Where the record is solved again, and for the verdict,

@@ -1,7 +1,10 @@
 """What an identification of several inputs knows, and how samples change it.
 
-Each time that the record has grown by `GROWTH` it is solved again as a whole, from the present estimate; where
-something is found against what comes of that, and the record has doubled since the last start, from a start, too.
+Each time that the record has grown by `AGAIN` it is solved again as a whole, from the present estimate; so it is where
+an input has moved as much more, as one that begins to move late.  Each time that an input has moved twice as much as at
+the last start, it is solved from a start, too, where something is found against what comes of the estimate, or where
+that start led to another model that may be as likely: of a short record a fast branch can do what a slow one does.
+
 In between a recursion follows.  Each time that the record has grown by `LOOK` a change is looked for: since a load it
 has another offset and initial state, since the plant has changed it begins anew.
 
@@ -31,23 +34,17 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import quiet
+from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
 from replant.verdict.miso_tests import controlled, lacking
 from replant.verdict.record_tests import left_out_finding
 from replant.verdict.verdict import Finding, Verdict
 
-GROWTH = 1.3
-"""Growth of the record after which it is solved again [ratio of lengths].
-Origin: two heaters with time constants of 196 and 679 s; at 2 a slow branch was lost beside correlated inputs and noise
-with a pole at .9.
-Sensitivity: see origin; halved, it takes twice the time.
-"""
-
 # as often as it is solved again, and once in between
-LOOK = math.sqrt(GROWTH)  # growth of the record, as far as it is looked at, after which a change is looked for [ratio]
+LOOK = math.sqrt(AGAIN)  # growth of the record, as far as it is looked at, after which a change is looked for [ratio]
 
 # the oldest of them is of half of the record
-JUDGES = math.ceil(math.log(2.0) / math.log(GROWTH))  # solutions that judge whether there is a change [count]
+JUDGES = math.ceil(math.log(2.0) / math.log(AGAIN))  # solutions that judge whether there is a change [count]
 
 REASONS = "not finite", "too large", "not later", "no output"
 ROOM = 256  # rows that there is room for at first [samples]
@@ -122,7 +119,9 @@ class RowState:
     kept: RowHistory
     solve_at: int  # samples, at first outputs, at which the record is solved again; 0: never
     samples: int = 0  # accepted so far
-    afresh_at: int = 0  # length of the record from which on a solution that is not settled begins afresh, too
+    solved_at: int = 0  # length of the record when it was last solved
+    started_at: int = 0  # the same, from a start
+    is_alone: bool = True  # whether the last start led to no other model that may be as likely
     look_at: int = 0  # samples at which a change is looked for; 0: never
     record_began: int = 0  # samples before those that one plant has made
     loads: tuple[int, ...] = ()  # samples since which offset and initial states are other ones
@@ -233,8 +232,16 @@ class RowState:
 
     def _attended(self) -> RowState:
         """Return the state after what is due: a change is looked for, the record solved."""
-        new = self._looked() if 0 < self.look_at <= self.samples else self
-        return new.solved() if new.recursion is None or 0 < new.solve_at <= new.samples else new
+        looks = 0 < self.look_at <= self.samples
+        new = self._looked() if looks else self
+        tells_more = looks and new.solve_at > 0 and new._has_told(AGAIN, new.solved_at)
+        return new.solved() if new.recursion is None or tells_more or 0 < new.solve_at <= new.samples else new
+
+    def _has_told(self, times: float, length: int) -> bool:
+        """Return whether an input has moved so many times as much as when the record was so long."""
+        u = self.kept.values[-self.length :, : len(self.settings.structures)]
+        before, now = (len(part) * part.var(axis=0) if len(part) else 0.0 for part in (u[:length], u))
+        return bool(np.any((now > 0.0) & (now >= times * before)))
 
     def _looked(self) -> RowState:
         """Return the state after a change was looked for, and after the record is solved with it where there is one."""
@@ -254,7 +261,7 @@ class RowState:
             loads = (*(each for each in self.loads if each > began), at)
             changed = replace(new, record_began=began, loads=loads).solved()
         else:
-            changed = replace(new, record_began=at, loads=(), afresh_at=0, judges=()).solved()
+            changed = replace(new, record_began=at, loads=(), solved_at=0, started_at=0, judges=()).solved()
         if changed.recursion is self.recursion:  # no model was found with it
             return new
         return replace(changed, look_at=changed._next_look)
@@ -270,8 +277,9 @@ class RowState:
         It begins at the present estimate, and ``afresh``, or where something is found against that, at a start, too.
         """
         whole, starting = self.length <= len(self.kept.values), self.recursion is None
-        later = math.ceil(GROWTH * (self.kept.measured if starting else self.length))
-        new = replace(self, solve_at=self.record_began + later if later <= RECENT or starting else 0)
+        later = math.ceil(AGAIN * (self.kept.measured if starting else self.length))
+        solve_at = self.record_began + later if later <= RECENT or starting else 0
+        new = replace(self, solve_at=solve_at, solved_at=self.length)
         if not (self.adapts and whole):
             return new
         ready, row, references = self.record()
@@ -282,9 +290,10 @@ class RowState:
         solve = partial(solve_with, settings.structures, ready, references, settings.input_names)
         afresh = afresh or present is None
         done = solve(partial(_begins, present, afresh=afresh))
-        if not afresh and self.afresh_at <= self.length and not _is_settled(done[1]):
+        if not afresh and self._has_told(2.0, self.started_at) and not (self.is_alone and _is_settled(done[1])):
             done, afresh = solve(partial(_begins, present, afresh=True)), True
-        new = replace(new, afresh_at=2 * self.length) if afresh else new
+        if afresh:
+            new = replace(new, started_at=self.length, is_alone=done[1] is None or done[1].found.is_alone)
         if RECENT < later <= settings.history and not _is_settled(done[1]):  # as where an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
         ready, solution, of_references = done

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Row, RowRecord, evaluate
 from replant.estimation.solver.miso_start import start, truncated
-from replant.estimation.solver.miso_steps import refine
+from replant.estimation.solver.miso_steps import is_near, refine
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import Autoregression
 from support.cases import every
+from support.rows import DT, noisy, row_of, toggling
 
 
 def test_poles_that_zeros_cancel_are_truncated() -> None:
@@ -30,6 +32,18 @@ def test_poles_that_zeros_cancel_are_truncated() -> None:
 def test_no_pole_is_left_of_what_does_nothing_or_has_a_pole_twice() -> None:
     assert truncated(np.zeros(2), np.array([3.0, 2.0]), 1) is None
     assert truncated(np.array([1.0, 2.0]), np.array([2.0, 1.0]), 1) is None
+
+
+def test_nothing_is_near_a_model_of_which_the_samples_tell_nothing() -> None:
+    """Steps from other models ended there: of two poles that are too fast to be seen its slopes are nearly nought."""
+    plant, u = TransferFunction([20.0], [1.0, 11.0, 10.0]), toggling(0, inputs=1, samples=1000)
+    y = noisy(0, row_of(u, plant))
+    row = Row((Structure(2),), Record(u[:, 0].copy(), y - y.mean(), np.array([DT])), u)
+    white = Autoregression.white(1.0, row.count)
+    true, unseen = (evaluate(row, np.array(each), white) for each in ([11.0, 10.0, 20.0], [5e8, 4e8, 8e8]))
+    assert is_near(row, true, true)
+    assert not is_near(row, true, unseen)
+    assert not is_near(row, unseen, true)
 
 
 @pytest.mark.slow

@@ -164,18 +164,20 @@ def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge
         return None
     known, noise = _model_before(before, theta, judges)
     together, *apart = (_best(each, [theta, known], noise).cost for each in (row, before, since))
+    evidence = -math.inf
     if all(0.0 < cost < math.inf for cost in (together, *apart)):
         evidence = 0.5 * row.count * math.log(together / sum(apart)) - 0.5 * theta.size * math.log(row.count)
-        if evidence > -math.log(ALPHA):
-            return Change(Supposition.PLANT, begin, evidence)
-    if begin not in row.record.begins:  # but behind a gap, which a branch cannot be followed over
-        return None
-    first = max(each.rows.start for each in row.stretches if each.rows.start < begin)
-    end = min(each.rows.stop for each in row.stretches if each.rows.stop > begin)
-    record = replace(row.record.part(slice(first, end)), begins=())
-    joined = without_unknown(Row(row.structures, record, row.inputs[first:end], row.names), {begin - first})
-    found = _surest(joined, {begin - first}, [theta, known], noise)
-    return replace(found, begin=begin) if found is not None and found.supposition is Supposition.PLANT else None
+    if begin in row.record.begins:  # not behind a gap, which a branch cannot be followed over
+        first = max(each.rows.start for each in row.stretches if each.rows.start < begin)
+        end = min(each.rows.stop for each in row.stretches if each.rows.stop > begin)
+        record = replace(row.record.part(slice(first, end)), begins=())
+        joined = Row(row.structures, record, row.inputs[first:end], row.names)
+        # what was a load at first may have begun elsewhere
+        begins = {begin - first, *_suspected(joined, theta, judges)}
+        found = _surest(without_unknown(joined, begins), begins, [theta, known], noise)
+        if found is not None and found.supposition is Supposition.PLANT:
+            return replace(found, begin=first + found.begin)
+    return Change(Supposition.PLANT, begin, evidence) if evidence > -math.log(ALPHA) else None
 
 
 def _explained_by_a_step(row: Row, theta: FloatArray, noise: Autoregression) -> float:

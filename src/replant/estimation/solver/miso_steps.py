@@ -10,6 +10,7 @@ consistent whatever the noise and the controller.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 
 import numpy as np
@@ -91,15 +92,20 @@ def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> 
 
 
 def is_near(row: Row, point: Point, other: Point) -> bool:
-    """Say whether a point lies within a standard deviation of another one: steps lead to the same from both."""
+    """Say whether two points lie within a standard deviation of each other: steps lead to the same from both.
+
+    One of which the samples say nothing has everything near it.
+    """
     move = point.theta - other.theta
-    return bool(move @ other.information @ move <= other.cost / max(row.count, 1))
+    return all(bool(move @ each.information @ move <= each.cost / max(row.count, 1)) for each in (point, other))
 
 
-def ends_of(row: Row, paths: Iterable[Iterator[Point]]) -> list[Point]:
-    """Return the last point of each path, but for paths that come near the end of one before."""
+def ends_of(row: Row, paths: Iterable[Iterator[Point]], most: float = math.inf) -> list[Point]:
+    """Return the last points of paths, at most so many, but for paths that come near the end of one before."""
     ends: list[Point] = []
     for each in paths:
+        if len(ends) == most:
+            break
         for point in each:
             if any(is_near(row, point, end) for end in ends):
                 break

@@ -31,7 +31,7 @@ OF_INSTRUMENTS, OF_LAW = ("origin", "tail"), ("poles", "origins", "states", "wei
 OF_NOISE = "coefficients", "models", "powers", "sums"
 HOLDS = "zoh", "foh"
 FINDINGS = "findings", "of_references"
-COUNTS = "samples", "solve_at", "afresh_at", "look_at", "record_began"
+COUNTS = "samples", "solve_at", "solved_at", "started_at", "look_at", "record_began"
 
 
 def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -41,6 +41,7 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
         "structures": [[each.poles, each.zeros, each.delay] for each in structures],
         "dt": dt, "startup": startup, "history": history, "hold": hold, "names": names,
         "rejected": state.rejected, "stamped": state.stamped, "references": state.references, "adapts": state.adapts,
+        "is_alone": state.is_alone,
         **{name: [[each.status, each.reason] for each in getattr(state, name)] for name in FINDINGS},
         **{name: getattr(state, name) for name in COUNTS}, "loads": state.loads,
     }  # fmt: skip
@@ -90,7 +91,8 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     _check("kept", kept, (len(kept), len(structures) + references + 2))
     # checkpoints of before look for no change
     looks = len(arrays) and plain["adapts"]
-    plain = {"look_at": plain["samples"] + 1 if looks else 0, "record_began": 0, "loads": []} | plain
+    before: dict[str, Any] = {"look_at": plain["samples"] + 1 if looks else 0, "record_began": 0, "loads": []}
+    plain = {**before, "solved_at": 0, "started_at": plain.get("afresh_at", 0) // 2, **plain}
     loads = tuple(plain["loads"])
     counts = [
         settings.startup,
@@ -108,7 +110,8 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
         raise DamagedCheckpointError("its samples or findings are not valid")
     return replace(
         state, kept=RowHistory(kept, settings.history, 0, len(kept)), rejected=plain["rejected"],
-        stamped=plain["stamped"], adapts=bool(plain["adapts"]), **{name: plain[name] for name in COUNTS}, loads=loads,
+        stamped=plain["stamped"], adapts=bool(plain["adapts"]),
+        is_alone=bool(plain.get("is_alone", True)), **{name: plain[name] for name in COUNTS}, loads=loads,
         findings=_findings(findings["findings"]), of_references=_findings(findings["of_references"]),
         recursion=_recursion(structures, hold, references, arrays) if arrays else None,
         judges=tuple(_judges(structures, arrays)),
