@@ -35,7 +35,7 @@ def likeliest_from(
     ready = RowRecord.of(u, y, dt)
     row = Row(structures, ready.record, ready.inputs)
     begin = [evaluate(row, truth, Autoregression.white(1.0, row.count))]
-    _, point, _ = likeliest(row, begin, lambda _: begin)
+    point = likeliest(row, begin, lambda _: begin).point
     return Estimate(point.theta, covariance_of(row, point))
 
 
