@@ -67,15 +67,15 @@ class RowEstimate:
         White where the noise model had to be given up.
     covariance : (P, P) array
     findings : tuple of Finding
-    is_alone : bool
-        Whether it is surely likelier than whatever else the begins led to.
+    rivals : tuple of (P,) arrays
+        Other models that the begins led to, and that may be as likely.
     """
 
     point: Point
     noise: Autoregression
     covariance: FloatArray
     findings: tuple[Finding, ...] = ()
-    is_alone: bool = True
+    rivals: tuple[FloatArray, ...] = ()
 
 
 class RowSolution(NamedTuple):
@@ -156,17 +156,18 @@ def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -
 def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> RowEstimate:
     """Return the estimate that begins lead to; ``again`` gives those to begin at with a noise model."""
     if row.outside is not None:
-        return _by_instruments(row, likeliest(row.from_outside, begins, again).point.theta)
-    free, point, noise, is_alone = likeliest(row, begins, again)
+        found = likeliest(row.from_outside, begins, again)
+        return _by_instruments(row, found.point.theta, found.rivals)
+    free, point, noise, rivals = likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
     # without a noise model the two are the same; in feedback the estimate without one is that which is off
     if findings or not noise.order or not (_differs(row, free, point) or any(lacking(row, point, noise))):
-        return RowEstimate(point, noise, covariance_of(row, point), findings, is_alone)
+        return RowEstimate(point, noise, covariance_of(row, point), findings, rivals)
     white, findings = Autoregression.white(1.0, row.count), (Finding("inconsistent", GIVEN_UP),)
-    return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), findings, is_alone)
+    return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), findings, rivals)
 
 
-def _by_instruments(row: Row, theta: FloatArray) -> RowEstimate:
+def _by_instruments(row: Row, theta: FloatArray, rivals: tuple[FloatArray, ...]) -> RowEstimate:
     """Return the estimate by instruments, its noise model that of what it leaves."""
     before = evaluate(row, theta, Autoregression.white(1.0, row.count))
     noise = noise_of(row, before)
@@ -179,7 +180,7 @@ def _by_instruments(row: Row, theta: FloatArray) -> RowEstimate:
     findings = list(controlled(row, point, noise))
     if not explained_by(row, point) <= NEARLY_DONE:
         findings.append(Finding("converging", NOT_SOLVED))
-    return RowEstimate(point, noise, _sandwich(row, point), tuple(findings))
+    return RowEstimate(point, noise, _sandwich(row, point), tuple(findings), rivals)
 
 
 def _sandwich(row: Row, point: Point) -> FloatArray:
@@ -203,7 +204,7 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     free = min(ends, key=lambda point: point.cost)
     noise = noise_of(row, free)
     found = []
-    begins = [free, *(again(noise) if noise.order else [])]
+    begins = [*_as_likely(row, free, ends), free, *(again(noise) if noise.order else [])]
     for point in ends_of(row, (path(row, begin.theta, noise, begin, SHORT) for begin in begins)):
         model = noise
         for _ in range(ROUNDS - 1):
@@ -213,23 +214,23 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     quietest = min(each.point.power for each in found)
     quiet_ones = [each for each in found if each.point.power <= LOUD * quietest]
     best = min(quiet_ones, key=lambda each: each.point.cost, default=_Estimates(free, free, white))
-    is_alone = _is_alone(row, free, ends) and _is_alone(row, best.point, [each.point for each in quiet_ones])
-    return best._replace(is_alone=is_alone)
+    rivals = _as_likely(row, best.point, [each.point for each in quiet_ones])
+    return best._replace(rivals=tuple(each.theta for each in rivals))
 
 
-def _is_alone(row: Row, best: Point, points: list[Point]) -> bool:
-    """Return whether a point is surely likelier than all others but those near it."""
+def _as_likely(row: Row, best: Point, points: list[Point]) -> list[Point]:
+    """Return the points beside which the best one is not surely likelier, but those near it."""
     limit = best.cost * ALPHA ** (-2.0 / max(row.count, 1))
-    return all(each.cost > limit or is_near(row, each, best) for each in points)
+    return [each for each in points if each.cost <= limit and not is_near(row, each, best)]
 
 
 class _Estimates(NamedTuple):
-    """The estimate without a noise model, that with one, the model, and whether no other one may be as likely."""
+    """The estimate without a noise model, that with one, the model, and others that may be as likely."""
 
     free: Point
     point: Point
     noise: Autoregression
-    is_alone: bool = True
+    rivals: tuple[FloatArray, ...] = ()
 
 
 def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:

@@ -1,9 +1,10 @@
 """What an identification of several inputs knows, and how samples change it.
 
 Each time that the record has grown by `AGAIN` it is solved again as a whole, from the present estimate; so it is where
-an input has moved as much more, as one that begins to move late.  Each time that an input has moved twice as much as at
-the last start, it is solved from a start, too, where something is found against what comes of the estimate, or where
-that start led to another model that may be as likely: of a short record a fast branch can do what a slow one does.
+an input has moved as much more, as one that begins to move late.  Other models that may be as likely are carried along:
+of a short record a fast branch can do what a slow one does.  Each time that an input has moved twice as much as at the
+last start, it is solved from a start, too, where something is found against what comes of the estimate, or was against
+that start.
 
 In between a recursion follows.  Each time that the record has grown by `LOOK` a change is looked for: since a load it
 has another offset and initial state, since the plant has changed it begins anew.
@@ -121,7 +122,7 @@ class RowState:
     samples: int = 0  # accepted so far
     solved_at: int = 0  # length of the record when it was last solved
     started_at: int = 0  # the same, from a start
-    is_alone: bool = True  # whether the last start led to no other model that may be as likely
+    is_sure: bool = False  # whether nothing was found against what the last start led to
     look_at: int = 0  # samples at which a change is looked for; 0: never
     record_began: int = 0  # samples before those that one plant has made
     loads: tuple[int, ...] = ()  # samples since which offset and initial states are other ones
@@ -129,6 +130,7 @@ class RowState:
     stamped: bool | None = None  # whether samples come with a time stamp; None before the first
     adapts: bool = True
     recursion: RowRecursion | None = None  # None before the first model
+    rivals: tuple[FloatArray, ...] = ()  # other models (P,) that may be as likely as the last solution
     judges: tuple[Judge, ...] = ()  # the last solutions of the record, the newest last
     findings: tuple[Finding, ...] = ()  # of the last solution
     of_references: tuple[Finding, ...] = ()  # likewise
@@ -261,7 +263,7 @@ class RowState:
             loads = (*(each for each in self.loads if each > began), at)
             changed = replace(new, record_began=began, loads=loads).solved()
         else:
-            changed = replace(new, record_began=at, loads=(), solved_at=0, started_at=0, judges=()).solved()
+            changed = replace(new, record_began=at, loads=(), solved_at=0, started_at=0, rivals=(), judges=()).solved()
         if changed.recursion is self.recursion:  # no model was found with it
             return new
         return replace(changed, look_at=changed._next_look)
@@ -289,11 +291,12 @@ class RowState:
         present = known if known is not None and row.is_stable(known.parameters) else None
         solve = partial(solve_with, settings.structures, ready, references, settings.input_names)
         afresh = afresh or present is None
-        done = solve(partial(_begins, present, afresh=afresh))
-        if not afresh and self._has_told(2.0, self.started_at) and not (self.is_alone and _is_settled(done[1])):
-            done, afresh = solve(partial(_begins, present, afresh=True)), True
+        done = solve(partial(_begins, present, self.rivals, afresh=afresh))
+        is_sure = self.is_sure and not self.rivals
+        if not afresh and self._has_told(2.0, self.started_at) and not (is_sure and _is_settled(done[1])):
+            done, afresh = solve(partial(_begins, present, self.rivals, afresh=True)), True
         if afresh:
-            new = replace(new, started_at=self.length, is_alone=done[1] is None or done[1].found.is_alone)
+            new = replace(new, started_at=self.length, is_sure=_is_settled(done[1]))
         if RECENT < later <= settings.history and not _is_settled(done[1]):  # as where an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
         ready, solution, of_references = done
@@ -301,7 +304,7 @@ class RowState:
             return new
         return replace(
             new, recursion=self._behind(ready, solution.row, solution.found), findings=solution.found.findings,
-            of_references=of_references, look_at=new.look_at or self._next_look,
+            of_references=of_references, look_at=new.look_at or self._next_look, rivals=solution.found.rivals,
             judges=(*self.judges, Judge(solution.found.point.theta, solution.found.noise))[-JUDGES:],
         )  # fmt: skip
 
@@ -367,12 +370,14 @@ def finite_and_small(u: FloatArray, y: FloatArray) -> tuple[BoolArray, BoolArray
     return np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
 
 
-def _begins(present: RowRecursion | None, row: Row, *, afresh: bool = False) -> Callable[[Autoregression], list[Point]]:
-    """Return what begins with a row at the present estimate, where there is one, or from the record, or at both."""
+def _begins(
+    present: RowRecursion | None, rivals: tuple[FloatArray, ...], row: Row, *, afresh: bool = False
+) -> Callable[[Autoregression], list[Point]]:
+    """Return what begins with a row at the present estimate and its rivals, or from the record, or at all of them."""
     if present is None:
         return started(row)
-    point = evaluate(row.from_outside, present.parameters, present.noise)
-    return lambda noise: [*(started(row)(noise) if afresh else ()), point]
+    points = [evaluate(row.from_outside, each, present.noise) for each in (present.parameters, *rivals)]
+    return lambda noise: [*(started(row)(noise) if afresh else ()), *points]
 
 
 def _is_settled(solution: RowSolution | None) -> bool:

@@ -62,3 +62,18 @@ def test_a_begin_leads_to_the_minimum_near_the_truth(seed: int) -> None:
     assert min(refine(row, each.theta, white).cost for each in begins) == pytest.approx(near.cost, rel=1e-6)
     broken = replace(ready.record, y=np.where(np.arange(y.size) == 700, 1e300, ready.record.y))
     start(structures, broken, row.inputs)  # whatever comes of it, it comes without an error
+
+
+@every("seed", range(8), quick=2)
+def test_a_row_of_steps_leads_to_the_least_cost(seed: int) -> None:
+    """Of each input there is one step: dealt models that are alike at first lead to minima of very different cost."""
+    u = np.where(np.arange(300)[:, None] < np.array([1, 150]), 0.0, np.array([4.0, 1.0]))
+    plant = TransferFunction([0.1], [1.0, 1 / 15], 4.0), TransferFunction([0.05], [1.0, 0.1], 2.0)
+    y = np.sum([g.simulate(column.copy(), 1.0) for g, column in zip(plant, u.T, strict=True)], axis=0)
+    y += 0.05 * np.random.default_rng(seed).standard_normal(300)
+    structures = Structure(1, delay=4.0), Structure(1, delay=2.0)
+    ready = RowRecord.of(u, y, 1.0)
+    row = Row(structures, ready.record, ready.inputs)
+    best = start(structures, ready.record, ready.inputs)[0]
+    near = refine(row, np.array([1 / 15, 0.1, 0.1, 0.05]), Autoregression.white(1.0, row.count))
+    assert best.cost <= 1.01 * near.cost

@@ -27,7 +27,9 @@ from replant.numerics.projections import WEAKEST
 
 CUTOFFS = 6  # from 5 per record to one per sampling time [count]
 ROUNDS = 6  # of refined instruments from each cutoff [count]
-KEPT = 4  # models that dealt ones lead to, at the most [count]
+TRIED = 16  # of the dealt models, the likeliest, that some steps are made from [count]
+FIRST = 2  # steps of each of them [count]
+KEPT = 4  # models that they lead to, at the most [count]
 SHORT = 8  # steps of each [count]
 SPLIT = 4  # common denominators whose branches are reduced, at the most [count]
 ANOTHER = 1.02  # cost above which a common denominator is another one [ratio]
@@ -77,8 +79,9 @@ def _best_of(row: Row, models: Iterable[FloatArray], noise: Autoregression) -> l
     for theta in models:
         cost, model = _with_numerators(row, theta, noise)
         tried.add((cost, tuple(model)))
-    begins = (np.array(begin) for _, begin in sorted(tried))
-    ends = ends_of(row, (path(row, begin, noise, steps=SHORT) for begin in begins), KEPT)
+    begins = (refine(row, np.array(begin), noise, steps=FIRST) for _, begin in sorted(tried)[:TRIED])
+    nearer = sorted(begins, key=lambda point: point.cost)
+    ends = ends_of(row, (path(row, point.theta, noise, point, SHORT) for point in nearer), KEPT)
     return sorted(ends, key=lambda point: point.cost)
 
 

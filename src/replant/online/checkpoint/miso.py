@@ -41,7 +41,7 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
         "structures": [[each.poles, each.zeros, each.delay] for each in structures],
         "dt": dt, "startup": startup, "history": history, "hold": hold, "names": names,
         "rejected": state.rejected, "stamped": state.stamped, "references": state.references, "adapts": state.adapts,
-        "is_alone": state.is_alone,
+        "is_sure": state.is_sure,
         **{name: [[each.status, each.reason] for each in getattr(state, name)] for name in FINDINGS},
         **{name: getattr(state, name) for name in COUNTS}, "loads": state.loads,
     }  # fmt: skip
@@ -55,6 +55,8 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
             arrays["instruments.is_moved"] = made.is_moved.astype(np.int64)
             arrays |= {f"law.{name}": getattr(made.law, name) for name in OF_LAW}
             arrays |= _of_branches(made.models, "instruments.")
+    if state.rivals:
+        arrays["rivals"] = np.array(state.rivals)
     for number, judge in enumerate(state.judges):
         arrays |= {f"judges.{number}.theta": judge.theta} | _of_noise(judge.noise, f"judges.{number}.")
     return plain, arrays
@@ -111,10 +113,10 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     return replace(
         state, kept=RowHistory(kept, settings.history, 0, len(kept)), rejected=plain["rejected"],
         stamped=plain["stamped"], adapts=bool(plain["adapts"]),
-        is_alone=bool(plain.get("is_alone", True)), **{name: plain[name] for name in COUNTS}, loads=loads,
+        is_sure=bool(plain.get("is_sure", False)), **{name: plain[name] for name in COUNTS}, loads=loads,
         findings=_findings(findings["findings"]), of_references=_findings(findings["of_references"]),
         recursion=_recursion(structures, hold, references, arrays) if arrays else None,
-        judges=tuple(_judges(structures, arrays)),
+        rivals=_rivals(settings.size, arrays), judges=tuple(_judges(structures, arrays)),
     )  # fmt: skip
 
 
@@ -154,6 +156,12 @@ def _noise(arrays: dict[str, FloatArray], before: str = "") -> Autoregression:
     if not 0 <= order <= LAGS:
         raise DamagedCheckpointError("its numbers are not valid")
     return Autoregression(power=float(numbers[0]), count=float(numbers[1]), **noise)
+
+
+def _rivals(size: int, arrays: dict[str, FloatArray]) -> tuple[FloatArray, ...]:
+    rivals = arrays.get("rivals", np.zeros((0, size)))
+    _check("rivals", rivals, (len(rivals), size))
+    return tuple(rivals)
 
 
 def _judges(structures: tuple[Structure, ...], arrays: dict[str, FloatArray]) -> Iterator[Judge]:
