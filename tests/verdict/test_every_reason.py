@@ -130,6 +130,12 @@ def changed(gain: float, *, more: int, load: float = 0.0) -> tuple[Array, Array]
     return u, y + 0.05 * noise(3, 6000)
 
 
+def drifting(gain: float) -> tuple[Array, Array]:
+    """A gain that grows steadily from one."""
+    u = binary(3, 6000, 8)
+    return u, LAG.simulate(u, DT) * np.linspace(1.0, gain, 6000) + 0.05 * noise(3, 6000)
+
+
 def without(y: Array, samples: int) -> Array:
     return np.append(y[:-samples], np.full(samples, np.nan))
 
@@ -301,6 +307,10 @@ PAIRS: dict[str, Pair] = {
     "the plant seems to have changed": (
         lambda: fit(*changed(1.4, more=3000)),
         lambda: fit(*changed(1.0, more=3000, load=1.0)),
+    ),
+    "the plant seems to change all along, or not to be linear": (
+        lambda: fit(*drifting(2.0)),
+        lambda: fit(*drifting(1.05)),
     ),
     "the output is constant to the bit": (
         lambda: run(U, stuck(out(U), 200)),

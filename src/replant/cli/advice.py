@@ -155,7 +155,8 @@ def _part(situation: Situation) -> NextStep:
     seconds = 0.5 * situation.log.duration if ago is None else float(ago[1].replace(",", ""))
     begin = max(situation.log.duration - seconds, 0.0)
     begin += situation.log.begin or 0.0
-    return NextStep("identify the part since the change", again("from", **{"from": f"{begin:.6g}"}))
+    words = "identify the newest half by itself" if ago is None else "identify the part since the change"
+    return NextStep(words, again("from", **{"from": f"{begin:.6g}"}))
 
 
 def _column(situation: Situation) -> NextStep:
@@ -200,7 +201,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
         _no_reference,
     ),
     (r"either its disturbances have more colour|only a reference|give its reference|answers to dist", _reference),
-    (r"the plant seems to have changed|its response differs|another load may act", _part),
+    (r"the plant seems to (?:have )?change|its response differs|another load may act", _part),
     (r"another load acts since", _look),
     (r"to the bit|stuck|extreme of the output|no output has arrived|output is constant|left out", _sensor),
     (r"noise biases an estimate|left the range of float64|an update ", _default),

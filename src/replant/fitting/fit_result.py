@@ -13,7 +13,7 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.filters import Filter, StateVariableFilter
 from replant.estimation.simulation.miso import Row
-from replant.estimation.solver.change_search import samples_since_change
+from replant.estimation.solver.change_search import PlantChange, change_within
 from replant.estimation.solver.miso_breaks import find_plant_change
 from replant.estimation.solver.refined_estimate import Refined
 from replant.fitting import model_notation
@@ -145,7 +145,7 @@ class FitResult(Identified):
             usual_interval=self.usual_interval,
             disagreement=self.disagreement,
             left_out=self.stuck.size,
-            since_change=self._since_change if self.method == "srivc" else 0,
+            plant_change=self._plant_change if self.method == "srivc" else None,
         )
         if self.method == "srivc" and is_asked_for(verdict, self.structure):
             verdict = with_fewer_poles(verdict, self.structure, self.parameters, self._kept)
@@ -171,13 +171,13 @@ class FitResult(Identified):
         return [self._kept.first(begin + 1).span for begin in self._kept.begins]
 
     @property
-    def _since_change(self) -> int:
-        """The samples since the plant has changed, of those that the verdict looks at; 0 where it has not."""
+    def _plant_change(self) -> PlantChange | None:
+        """That the plant has changed within the samples that the verdict looks at; None where it has not."""
         if self.loads.size:
             row = Row.of_one(self.structure, self._kept)
             change = find_plant_change(row, self.parameters[: self.structure.coefficients])
-            return 0 if change is None else self._kept.u.size - change.begin
-        return samples_since_change(self.structure, self._kept.last(MOST_SAMPLES), self.parameters)
+            return None if change is None else PlantChange(self._kept.u.size - change.begin)
+        return change_within(self.structure, self._kept.last(MOST_SAMPLES), self.parameters)
 
     @cached_property
     def model(self) -> Model:

@@ -21,7 +21,7 @@ from replant.estimation.engine.state import State
 from replant.estimation.settings import STORED, Settings
 from replant.estimation.simulation.model_run import prediction_error, runs_away
 from replant.estimation.solver.change_contest import decided, is_sure
-from replant.estimation.solver.change_search import begin_of_change, change_at, samples_since_change
+from replant.estimation.solver.change_search import begin_of_change, change_at, change_within
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.parted_record import differ, plant_changes, solve_parted
 from replant.kernels.schema import Alarm, Doubt, Supposition
@@ -159,8 +159,8 @@ def renew(old: State, settings: Settings) -> State | None:
     if solution is None:
         return None
     found = change_at(structure, solution.record, solution.found.theta, begin) if begin else None
-    if found is not None:
-        return believed(old, settings, found[0], undecided=not is_sure(found[1], found[0]))
+    if found is not None and not found.goes_on:
+        return believed(old, settings, found.claim, undecided=not is_sure(found.claims, found.claim))
     if not (is_whole and _advantage(solution, settings, old.physical) > SURELY):
         return None
     new = restart_at(old, settings, solution, began)
@@ -207,7 +207,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     solution, new, undecided = _parted(old, settings, record, solution)
     if new is None:
         parameters = solution.found.theta[: settings.structure.size]
-        if old.change.is_of_plant and samples_since_change(settings.structure, solution.record, parameters):
+        if old.change.is_of_plant and change_within(settings.structure, solution.record, parameters):
             return None
         if _advantage(solution, settings, old.physical) < -SURELY:
             return None

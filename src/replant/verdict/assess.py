@@ -26,7 +26,7 @@ from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import GAP, SHORTEST_STEP, State
 from replant.estimation.settings import STORED, Request, Settings
-from replant.estimation.solver.change_search import samples_since_change
+from replant.estimation.solver.change_search import PlantChange, change_within
 from replant.kernels.schema import PAST, Doubt, Supposition
 from replant.model.shared_root import cancelled_pole
 from replant.model.structure import Structure
@@ -67,7 +67,7 @@ def assess_record(
     usual_interval: float | None = None,
     disagreement: float = 0.0,
     left_out: int = 0,
-    since_change: int = 0,
+    plant_change: PlantChange | None = None,
 ) -> Assessment:
     """Return the verdict on a model by a record: in sample, unless the model has not seen it.
 
@@ -98,7 +98,7 @@ def assess_record(
         instruments=instruments,
         disagreement=disagreement,
         left_out=left_out,
-        since_change=since_change,
+        plant_change=plant_change,
         usual_interval=usual_interval or (float(np.median(record.intervals[1:])) if irregular else 0.0),
     )
     verdict = judge(evidence)
@@ -187,7 +187,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         trusted_before=state.trusted_at > 0,
         since_trusted=samples - state.trusted_at,
         finished=finished,
-        since_change=_since_change(settings, record, state) if finished else 0,
+        plant_change=_plant_change(settings, record, state) if finished else None,
         disagreement=state.disagreement if finished else 0.0,
         input_zero=-state.input_offset,
         missing=_missing(in_use),
@@ -212,13 +212,11 @@ def _in_use(kept: RecentSamples, state: State) -> RecentSamples:
     return kept[-max(state.samples - max(state.record_began, state.gap_at), 1) :]
 
 
-def _since_change(settings: Settings, record: Record, state: State) -> int:
-    """Return the samples since the plant has changed within a record of one model; 0 where it has not."""
+def _plant_change(settings: Settings, record: Record, state: State) -> PlantChange | None:
+    """Return that the plant has changed within a record of one model; None where it has not."""
     if state.change is not Supposition.NOTHING:
-        return 0
-    return samples_since_change(
-        settings.structure, record.last(MOST_SAMPLES), state.physical[: settings.structure.size]
-    )
+        return None
+    return change_within(settings.structure, record.last(MOST_SAMPLES), state.physical[: settings.structure.size])
 
 
 def _is_well(kept: RecentSamples) -> bool:

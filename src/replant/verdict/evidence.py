@@ -9,6 +9,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, run_model
+from replant.estimation.solver.change_search import PlantChange
 from replant.model.structure import Structure
 from replant.model.uncertainty import UncertainMode, Uncertainty
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
@@ -48,7 +49,7 @@ class Evidence:
     disagreement: float = 0.0  # difference of two estimates of the record that a right structure makes equal
     grown: int = 0  # samples since the residual began to exceed its usual size beyond chance; else 0
     after_change: bool = False  # whether the estimate was begun anew, or revised, after a change that it remembers
-    since_change: int = 0  # samples since the plant has changed within the record, so that no one model explains it
+    plant_change: PlantChange | None = None  # that no one model explains the record
     undecided: bool = False  # whether the samples since the last change do not yet tell what it was
     after_alarm: bool = False  # whether the record begins where an alarm ended, and nothing is believed to have changed
     trusted_before: bool = False  # whether the model was trusted when the input came to rest, and no alarm came since

@@ -146,8 +146,10 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
         evidence.seconds(evidence.grown) if evidence.grown else 0.0,
         evidence.undecided,
     )
-    if evidence.since_change:
-        findings.append(record_tests.changed_finding(evidence.seconds(evidence.since_change)))
+    change = evidence.plant_change
+    if change is not None:
+        seconds = evidence.seconds(change.samples)
+        findings.append(record_tests.changing_finding() if change.goes_on else record_tests.changed_finding(seconds))
     return findings
 
 

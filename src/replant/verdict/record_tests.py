@@ -202,6 +202,12 @@ def changed_finding(seconds: float) -> Finding:
     return Finding("inconsistent", f"{reason}: identify the parts before and since by themselves")
 
 
+def changing_finding() -> Finding:
+    """Return the finding that no one model explains a record, nor two its parts."""
+    reason = "the plant seems to change all along, or not to be linear"
+    return Finding("inconsistent", f"{reason}: identify shorter parts by themselves")
+
+
 def loads_act(seconds: list[float]) -> str:
     """Return what is said of loads that were found so long after the first sample."""
     return f"another load acts since {_after(seconds)}: offset and initial state are new there"

@@ -7,7 +7,7 @@ import numpy as np
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.change_contest import Supposition
-from replant.estimation.solver.change_search import begin_of_change, change_at, samples_since_change
+from replant.estimation.solver.change_search import PlantChange, begin_of_change, change_at, change_within
 from replant.estimation.solver.solve import Solution, solve
 from support.builders import binary
 from support.cases import every
@@ -42,10 +42,10 @@ def test_a_gain_a_fifth_up_is_found_where_it_changed(seed: int) -> None:
     begin = begin_in(solution)
     assert abs(begin - SAMPLES // 2) < SAMPLES // 10
     structure, theta = rp.Structure(1), solution.found.theta
-    assert samples_since_change(structure, solution.record, theta[: structure.size]) == SAMPLES - begin
+    assert change_within(structure, solution.record, theta[: structure.size]) == PlantChange(SAMPLES - begin)
     found = change_at(structure, solution.record, theta, begin)
     assert found is not None
-    claim, _ = found
+    claim = found.claim
     assert claim.supposition is Supposition.PART
     refined = claim.contest.estimate(claim)
     assert refined is not None

@@ -371,15 +371,15 @@ class Contest:
             still[self.structure.numerator] = 0.0
             yield self._claim(Supposition.CUT, likelihood, self._nuisances, model=still)
 
-    def differ(self, model: FloatArray, other: FloatArray) -> bool:
-        """Return whether the outputs that the G(s) of two models make of the record's whole input differ."""
+    def differ(self, model: FloatArray, other: FloatArray, part: float = NOTICED) -> bool:
+        """Return whether the outputs that the G(s) of two models make of the whole input differ by a part of these."""
         outputs = []
         for each in (model, other):
             bare = each.copy()
             bare[self.structure.coefficients :] = 0.0
             outputs.append(self._whole.run_whole(bare).output)
         away = float(np.std(outputs[0] - outputs[1]))
-        return not away < NOTICED * float(np.std(outputs[1]))
+        return not away < part * float(np.std(outputs[1]))
 
     def estimate(self, claim: Claim) -> Refined | None:
         """Return the estimate of a claim about the samples since, what was known before included."""

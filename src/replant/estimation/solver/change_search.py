@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
-from replant.numerics.levels import ALPHA
+from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile, inverse_of, quiet
 
 # a change in between loses a thirty-second of the samples that tell it
@@ -42,26 +43,43 @@ BLOCKS = 64  # blocks of samples whose scores tell how these scatter [count]
 SAME = 1e-9  # singular value of the scores' covariance below which a direction tells nothing [part of the largest]
 
 
-@quiet
-def samples_since_change(structure: Structure, record: Record, parameters: FloatArray) -> int:
-    """Return the samples since the plant has changed within a record; 0 where one G(s) may explain it.
+class PlantChange(NamedTuple):
+    """That no one G(s) explains a record."""
 
-    Which of its coefficients have changed need not be sure.
+    samples: int  # since the plant has changed
+    goes_on: bool = False  # whether it changes before and since, too: it drifts, or is not linear
+
+
+@quiet
+def change_within(structure: Structure, record: Record, parameters: FloatArray) -> PlantChange | None:
+    """Return that the plant has changed within a record, or changes on and on; None where one G(s) may explain it.
+
+    Which of its coefficients have changed need not be sure.  That it changes on and on counts where it matters.
     """
     if record.r is not None or len(record.parts) > 1:
-        return 0
+        return None
     model = without_nuisances(structure, parameters)
     begin = begin_of_change(structure, record, model)
     found = change_at(structure, record, model, begin) if begin else None
-    if found is None:
-        return 0
-    best, claims = found
-    return record.u.size - begin if is_sure([each for each in claims if not each.supposition.is_of_plant], best) else 0
+    if found is None or not is_sure([each for each in found.claims if not each.supposition.is_of_plant], found.claim):
+        return None
+    contest = found.claim.contest
+    if found.goes_on and not contest.differ(found.claim.theta, contest.known.mean, math.sqrt(MATTERS)):
+        return None
+    return PlantChange(record.u.size - begin, found.goes_on)
+
+
+class Found(NamedTuple):
+    """What of the plant has changed at a sample, all claims about that, and whether it changes elsewhere, too."""
+
+    claim: Claim
+    claims: list[Claim]
+    goes_on: bool
 
 
 @quiet
-def change_at(structure: Structure, record: Record, model: FloatArray, begin: int) -> tuple[Claim, list[Claim]] | None:
-    """Return what of the plant has changed at a sample, and all claims; None where a model (T,) of all explains it."""
+def change_at(structure: Structure, record: Record, model: FloatArray, begin: int) -> Found | None:
+    """Return what of the plant has changed at a sample; None where a model (T,) of all explains it."""
     before = refine(structure, record.first(begin), [model], afresh=True)
     if before is None or not before.settled:
         return None
@@ -79,9 +97,9 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
         return None
     # what changes on and on is no linear plant that has changed; the change itself may lie somewhat beside the sample
     away = least_since(structure)
-    changes_on = begin_of_change(structure, record.first(max(begin - away, 1)), before.theta)
-    changes_on = changes_on or begin_of_change(structure, contest.since.last(contest.since.u.size - away), found.theta)
-    return None if changes_on else (found, claims)
+    goes_on = begin_of_change(structure, record.first(max(begin - away, 1)), before.theta)
+    goes_on = goes_on or begin_of_change(structure, contest.since.last(contest.since.u.size - away), found.theta)
+    return Found(found, claims, goes_on > 0)
 
 
 @quiet
