@@ -215,7 +215,7 @@ U, Y = toggling(0, samples=400), np.arange(400.0)
 @every(
     "u, y, asked, words",
     [
-        (U, Y, {"poles": 1}, r"u has 2 inputs: give the number of poles of each, poles=\(1, 1\)"),
+        (U, Y, {"poles": 1}, r"there are 2 inputs: give the number of poles of each, poles=\(1, 1\)"),
         (U, Y, {"poles": (1, 1, 1)}, "poles has 3 entries and u 2 inputs"),
         (U, Y, {"poles": (1, 1), "delay": (0.1,)}, "delay has 1 entry and u 2 inputs"),
         (U, Y, {"poles": (1, 1), "zeros": (0, 1)}, "zeros must be fewer than poles"),
@@ -243,6 +243,24 @@ def test_an_output_that_has_nothing_to_do_with_the_inputs_is_not_trusted(seed: i
     assert verdict.status != "trusted"
     if seed in (1, 2):  # of the others something else is said
         assert any("uncertainty of its transfer function" in reason for reason in verdict.reasons)
+
+
+@every("seed", [119, 122, 127, 140], quick=1)
+def test_a_model_beside_which_others_are_as_likely_is_not_trusted(seed: int) -> None:
+    """Standard deviations are of one minimum: these are 20 and more of them away from the truth, which is as likely."""
+    plant = rp.TransferFunction([0.4], [1.0, 2.1, 0.2]), rp.TransferFunction([10.0], [1.0, 5.0], delay=0.3)
+    u = toggling(seed, samples=2000, correlation=0.9)
+    found = rp.fit(u, noisy(seed, row_of(u, *plant), 0.9), DT, **ASKED)
+    assert found.verdict.status != "trusted"
+    assert any("another model explains the record as well" in reason for reason in found.verdict.reasons)
+
+
+@every("size", [1e-80, 1e80, 1e140])
+def test_the_unit_of_the_signals_changes_no_estimate(size: float) -> None:
+    u = toggling(0, samples=1000)
+    y = noisy(0, row_of(u, FAST, SLOW))
+    usual = rp.fit(u, y, DT, **ASKED).parameters
+    assert rp.fit(u * size, y * size, DT, **ASKED).parameters == pytest.approx(usual, rel=1e-6)
 
 
 def test_a_zero_that_may_cancel_a_pole_of_an_input_is_named() -> None:

@@ -271,6 +271,11 @@ def test_a_model_stays_trusted_while_all_inputs_rest_and_it_is_said() -> None:
     [
         (lambda: rp.Identifier(poles=(1, 1)), "give the sampling time"),
         (lambda: rp.Identifier(poles=1, zeros=(0, 0), dt=DT), "poles has 1 entry|give the number of poles of each"),
+        (lambda: rp.Identifier(poles=(), dt=DT), "poles must have one entry for each input"),
+        (lambda: rp.Identifier(None, DT, 500, poles=(1, 1)), "takes structure and dt without their names, got 3"),
+        (lambda: begun(input_names="ab"), "input_names must be a list or tuple of names"),
+        (lambda: begun(input_names=None), "input_names must be a list or tuple of names"),
+        (lambda: rp.Ensemble(begun(), 2), "an Identifier of one input and one structure"),
         (lambda: rp.Identifier(poles=(1, 1), delay=(0.1,), dt=DT), "delay has 1 entry and u 2 inputs"),
         (lambda: rp.Identifier(poles=(6, 6), dt=DT), "at most 10 in all, got 12"),
         (lambda: rp.Identifier(poles=(1, 1), dt=DT, optimizer="adam"), "several inputs take no optimizer yet"),
@@ -303,6 +308,32 @@ def test_an_update_to_an_unstable_pole_is_named_and_solved_anew() -> None:
     ident.finish()
     assert distance(ident) < chi2_quantile(0.9999, TRUE.size)
     assert ident.assess().status == "trusted"
+
+
+def test_finish_in_start_up_leaves_when_the_first_model_is_made() -> None:
+    u, y = record(0, 600)
+    ident, usual = begun(), begun()
+    for part in (slice(0, 5), slice(5, 600)):
+        ident.update_many(u[part], y[part])
+        if part.start == 0:
+            ident.finish()
+    usual.update_many(u, y)
+    assert (ident.parameters == usual.parameters).all()
+
+
+def test_finish_does_not_learn_what_came_while_the_estimate_was_frozen() -> None:
+    u, y = record(0, 1500)
+    y[1000:1300] *= 3.0
+    ident = begun()
+    for end in (1000, 1300, 1500):
+        ident.update_many(u[ident.samples : end], y[ident.samples : end])
+        if end == 1000:
+            ident.freeze()
+        elif end == 1300:
+            ident.resume()
+    before = ident.parameters
+    ident.finish()
+    assert (ident.parameters == before).all()
 
 
 @every("poles, seed, again", [((2, 1), 0, False), ((2, 1), 1, True), ((1, 1), 0, True)])

@@ -473,6 +473,10 @@ ELSEWHERE = {
         "fitting/test_several_inputs.py: test_an_output_that_has_nothing_to_do_with_the_inputs_is_not_trusted",
         "fitting/test_several_inputs.py: test_a_row_without_noise_is_found_exactly",
     ),
+    "another model explains the record as well, in which input": (
+        "fitting/test_several_inputs.py: test_a_model_beside_which_others_are_as_likely_is_not_trusted",
+        "fitting/test_several_inputs.py: test_three_inputs_with_zeros_are_told_apart",
+    ),
     "an update has made a pole unstable": (
         "online/test_several_inputs.py: test_an_update_to_an_unstable_pole_is_named_and_solved_anew",
     ),

@@ -226,7 +226,7 @@ def structures_of(inputs: int, poles: Any, zeros: Any, delay: Any) -> tuple[Stru
     """
     if not iterable(poles):
         raise InvalidArgumentError(
-            f"u has {inputs} inputs: give the number of poles of each, poles=({', '.join(['1'] * inputs)})"
+            f"there are {inputs} inputs: give the number of poles of each, poles=({', '.join(['1'] * inputs)})"
         )
     given = {"poles": poles, "zeros": zeros, "delay": delay}
     each: dict[str, list[Any]] = {k: list(v) if iterable(v) else [v] * inputs for k, v in given.items()}

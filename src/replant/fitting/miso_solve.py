@@ -31,7 +31,7 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of
 from replant.numerics.projections import products
-from replant.verdict.miso_tests import answering, controlled, lacking
+from replant.verdict.miso_tests import answering, controlled, lacking, of_rivals
 from replant.verdict.verdict import Finding
 
 GIVEN_UP = (
@@ -162,6 +162,7 @@ def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     findings = tuple(controlled(row, point, noise))
     # without a noise model the two are the same; in feedback the estimate without one is that which is off
     if findings or not noise.order or not (_differs(row, free, point) or any(lacking(row, point, noise))):
+        findings += tuple(of_rivals(row, point, rivals))
         return RowEstimate(point, noise, covariance_of(row, point), findings, rivals)
     white, findings = Autoregression.white(1.0, row.count), (Finding("inconsistent", GIVEN_UP),)
     return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), findings, rivals)

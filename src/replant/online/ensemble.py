@@ -376,12 +376,13 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
         _refuse_others([identifiers])
         number = 1 if members is None else count("members", members, 1, _numbers(identifiers))
         return [identifiers.clone() for _ in range(number)]
-    if members is not None:
-        raise InvalidArgumentError("members goes with one identifier; a sequence of them is as long as it is")
     if not iterable(identifiers):
         raise ArgumentTypeError(
-            f"identifiers must be an Identifier or a sequence of them, got {type(identifiers).__name__}"
+            "identifiers must be an Identifier of one input and one structure, or a sequence of them, got a "
+            f"{type(identifiers).__name__}"
         )
+    if members is not None:
+        raise InvalidArgumentError("members goes with one identifier; a sequence of them is as long as it is")
     each = list(identifiers)
     wrong = next((type(one).__name__ for one in each if not isinstance(one, Identifier)), None)
     if wrong is not None:

@@ -150,6 +150,8 @@ class Identifier(Lifecycle):
     def __new__(cls, *args: Any, **given: Any) -> Any:
         """Return an identifier; of several inputs, or of several structures, one of its own kind."""
         structure = args[0] if args else given.get("structure")
+        if cls is Identifier and len(args) > 2:
+            raise ArgumentTypeError(f"Identifier takes structure and dt without their names, got {len(args)} values")
         if cls is Identifier and isinstance(structure, list | tuple):
             from replant.online.bank import Bank
             from replant.online.bank_members import asked_for

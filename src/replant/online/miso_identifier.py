@@ -67,7 +67,7 @@ class RowIdentifier(Shared):
     Notes
     -----
     Each time that the record has grown by half, up to 10000 samples, it is solved again as a whole, and where an input
-    has moved half as much again.  In between, and later, a joint update of all coefficients follows the samples.  Then
+    has moved half as often again.  In between, and later, a joint update of all coefficients follows the samples.  Then
     and once in between a change is looked for: a load, since which the offset is another one, or another plant, since
     which the record begins anew.
 
@@ -95,10 +95,15 @@ class RowIdentifier(Shared):
             raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
         if dt is None:
             raise ArgumentTypeError("give the sampling time in s, dt: Identifier(poles=(2, 1), dt=0.01)")
-        structures = structures_of(len(poles) if isinstance(poles, list | tuple) else 1, poles, zeros, delay)
+        if isinstance(poles, list | tuple) and not poles:
+            raise InvalidArgumentError("poles must have one entry for each input, got none")
+        inputs = next((len(each) for each in (poles, zeros, delay) if isinstance(each, list | tuple)), 1)
+        structures = structures_of(inputs, poles, zeros, delay)
         least = LEAST * sum(each.size + each.poles + 1 for each in structures)
         history = whole("history", history, RECENT, STORED)
         startup = max(whole("startup", startup, 1, history), least)
+        if not isinstance(input_names, list | tuple):
+            raise ArgumentTypeError(f"input_names must be a list or tuple of names, got {shown(input_names)}")
         names = tuple(text("input_names", each) for each in input_names)
         names = names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
         if len(set(names)) != len(structures) or len(names) != len(structures):
@@ -278,13 +283,17 @@ class RowIdentifier(Shared):
     def finish(self) -> None:
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
-        The estimate stays where it is frozen, and where older samples are no longer kept.  Samples may follow.
+        The estimate stays where it is frozen or was, as a solution would learn the samples that came meanwhile, and
+        where older samples are no longer kept.  Samples may follow.
         """
         now = self._now
-        if now.kept.measured:
-            done = now.solved(afresh=True)
-            # it is solved again when it would have been, or sooner where this was the first model
-            self._now = done if now.recursion is None else replace(done, solve_at=now.solve_at, look_at=now.look_at)
+        if not now.kept.measured or now.was_frozen:
+            return
+        done = now.solved(afresh=True)
+        if now.recursion is not None:  # it is solved again when it would have been
+            self._now = replace(done, solve_at=now.solve_at, look_at=now.look_at)
+        elif done.recursion is not None:
+            self._now = done
 
     @changes
     def freeze(self) -> None:

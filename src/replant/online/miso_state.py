@@ -1,10 +1,10 @@
 """What an identification of several inputs knows, and how samples change it.
 
 Each time that the record has grown by `AGAIN` it is solved again as a whole, from the present estimate; so it is where
-an input has moved as much more, as one that begins to move late.  Other models that may be as likely are carried along:
-of a short record a fast branch can do what a slow one does.  Each time that an input has moved twice as much as at the
-last start, it is solved from a start, too, where something is found against what comes of the estimate, or was against
-that start.
+an input has moved as many times more, as one that begins to move late.  Other models that may be as likely are carried
+along: of a short record a fast branch can do what a slow one does.  Each time that an input has moved twice as often as
+at the last start, it is solved from a start, too, where something is found against what comes of the estimate, or was
+against that start.
 
 In between a recursion follows.  Each time that the record has grown by `LOOK` a change is looked for: since a load it
 has another offset and initial state, since the plant has changed it begins anew.
@@ -152,6 +152,11 @@ class RowState:
         return np.zeros(self.settings.size) if self.recursion is None else self.recursion.parameters
 
     @property
+    def was_frozen(self) -> bool:
+        """Whether the estimate is frozen, or was since the record began: no change is looked for from then on."""
+        return self.recursion is not None and not self.look_at
+
+    @property
     def due(self) -> int:
         """Samples, at first outputs, at which the record is next looked into; 0: never."""
         return min((each for each in (self.solve_at, self.look_at) if each), default=0)
@@ -240,10 +245,10 @@ class RowState:
         return new.solved() if new.recursion is None or tells_more or 0 < new.solve_at <= new.samples else new
 
     def _has_told(self, times: float, length: int) -> bool:
-        """Return whether an input has moved so many times as much as when the record was so long."""
-        u = self.kept.values[-self.length :, : len(self.settings.structures)]
-        before, now = (len(part) * part.var(axis=0) if len(part) else 0.0 for part in (u[:length], u))
-        return bool(np.any((now > 0.0) & (now >= times * before)))
+        """Return whether an input has moved so many times as often as when the record was so long."""
+        moves = np.diff(self.kept.values[-self.length :, : len(self.settings.structures)], axis=0) != 0.0
+        before, now = (np.count_nonzero(part, axis=0) for part in (moves[: max(length - 1, 0)], moves))
+        return bool(np.any((now > 0) & (now >= times * before)))
 
     def _looked(self) -> RowState:
         """Return the state after a change was looked for, and after the record is solved with it where there is one."""
@@ -263,7 +268,9 @@ class RowState:
             loads = (*(each for each in self.loads if each > began), at)
             changed = replace(new, record_began=began, loads=loads).solved()
         else:
-            changed = replace(new, record_began=at, loads=(), solved_at=0, started_at=0, rivals=(), judges=()).solved()
+            changed = replace(
+                new, record_began=at, loads=(), solved_at=0, started_at=0, is_sure=False, rivals=(), judges=()
+            ).solved()
         if changed.recursion is self.recursion:  # no model was found with it
             return new
         return replace(changed, look_at=changed._next_look)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from functools import cache
 
@@ -66,6 +67,28 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
             f"{percent(float(np.sqrt(part)))} from the estimate's, beyond chance: the plant has changed; if it stays "
             "so, learn it anew with reset",
         )
+
+
+def of_rivals(row: Row, point: Point, rivals: Iterable[FloatArray]) -> Iterator[Finding]:
+    """The input whose part of the output differs most between the estimate and a model as likely, if that matters."""
+    own = _parts(row, point.theta)
+    size, name, largest = float(own.sum(axis=1).std()), "", 0.0
+    for theta in rivals:
+        parts = np.std(_parts(row, theta) - own, axis=0)
+        if float(parts.max()) > largest:
+            name, largest = row.names[int(parts.argmax())], float(parts.max())
+    if largest > math.sqrt(MATTERS) * size:
+        yield Finding(
+            "converging",
+            f"another model explains the record as well, in which input {name} makes another part of the output: move "
+            "that input more, or record more",
+        )
+
+
+def _parts(row: Row, theta: FloatArray) -> FloatArray:
+    """Return what the inputs make of the measured outputs (K, q), each stretch from rest."""
+    states = np.zeros(row.nuisances - 1)
+    return np.concatenate([row.signals(theta, each, states)[0][each.measured] for each in row.stretches])
 
 
 def _of_filters(

@@ -39,7 +39,7 @@ DAMPING = (1e-3, 6.0, 8)  # first damping [part of the diagonal], its growth aft
 
 def solved(matrix: FloatArray, vector: FloatArray) -> FloatArray:
     """Return the least-squares solution, rows and columns scaled: a direction that nothing tells is not moved."""
-    left, right = (np.where(size > 0.0, size, 1.0) for size in (np.linalg.norm(matrix, axis=k) for k in (1, 0)))
+    left, right = (np.where(size > 0.0, size, 1.0) for size in (np.abs(matrix).max(axis=k) for k in (1, 0)))
     return least_norm(matrix / left[:, None] / right, vector / left, 1e-13)[0] / right
 
 
