@@ -312,6 +312,10 @@ PAIRS: dict[str, Pair] = {
         lambda: fit(*drifting(2.0)),
         lambda: fit(*drifting(1.05)),
     ),
+    "the estimate is that of the samples since": (
+        lambda: run(*changed(1.5, more=3000)),
+        lambda: run(*changed(1.0, more=3000, load=1.0)),
+    ),
     "the output is constant to the bit": (
         lambda: run(U, stuck(out(U), 200)),
         coarse_of_twelve,

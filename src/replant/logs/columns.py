@@ -219,7 +219,7 @@ def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Cloc
         guess=guess,
         unit=unit.seconds,
         doubt=unit.doubt,
-        dt=float(f"{usual * unit.seconds:.9g}"),
+        dt=float(f"{_usual_interval(stamps, steps, usual) * unit.seconds:.9g}"),
         jitter=float(regular.std()) * unit.seconds if regular.size else np.nan,
         gaps=int(rising.size - regular.size),
         longest=float(rising.max()) * unit.seconds if rising.size else np.nan,
@@ -227,6 +227,15 @@ def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Cloc
         duration=float(known.max() - known.min()) * unit.seconds if known.size else np.nan,
         problem=unit.doubt if unit.refused else _refusal(table, column.name, stamps),
     )
+
+
+def _usual_interval(stamps: FloatArray, steps: FloatArray, usual: float) -> float:
+    """Return the usual interval of the rows: less than that of stamps too coarse to tell most rows apart."""
+    rises = np.flatnonzero(steps > 0.0)
+    if rises.size < 2 or not np.count_nonzero(steps == 0.0) > rises.size:
+        return usual
+    first, last = rises[0] + 1, rises[-1] + 1
+    return float((stamps[last] - stamps[first]) / (last - first))
 
 
 def _refusal(table: Table, name: str, stamps: FloatArray) -> str:

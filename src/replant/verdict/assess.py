@@ -183,6 +183,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         grown=samples - state.change_began if state.alarm else 0,
         after_change=changed > 0 and not (follows and samples - changed > RECENT),
         undecided=state.undecided > 0,
+        begun_anew=samples - state.changed_at if state.change.is_of_plant and not state.undecided else 0,
         after_alarm=not finished and began and bool(in_use.interval[0] <= GAP * dt),
         trusted_before=state.trusted_at > 0,
         since_trusted=samples - state.trusted_at,

@@ -49,6 +49,7 @@ class Evidence:
     disagreement: float = 0.0  # difference of two estimates of the record that a right structure makes equal
     grown: int = 0  # samples since the residual began to exceed its usual size beyond chance; else 0
     after_change: bool = False  # whether the estimate was begun anew, or revised, after a change that it remembers
+    begun_anew: int = 0  # samples since a change of the plant that the estimate has followed
     plant_change: PlantChange | None = None  # that no one model explains the record
     undecided: bool = False  # whether the samples since the last change do not yet tell what it was
     after_alarm: bool = False  # whether the record begins where an alarm ended, and nothing is believed to have changed

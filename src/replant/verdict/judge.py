@@ -123,6 +123,9 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         if evidence.largest_power > (RESTING * float(np.abs(u).max())) ** 2:
             reason = record_tests.rested(evidence.seconds(evidence.samples))
         return [*findings, Finding("not excited", reason)]
+    known = evidence.raw[evidence.used]
+    if known.size and not np.ptp(known) > 0.0:
+        return [*findings, Finding("inconsistent", _constant(evidence))]
     if evidence.counted < evidence.enough:
         since = "" if evidence.in_sample else " (since the last interruption)"
         reason = f"{evidence.counted} samples{since} are too few for a verdict: it takes {evidence.enough}"
@@ -146,6 +149,8 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
         evidence.seconds(evidence.grown) if evidence.grown else 0.0,
         evidence.undecided,
     )
+    if evidence.begun_anew:
+        findings.append(record_tests.followed_finding(evidence.seconds(evidence.begun_anew)))
     change = evidence.plant_change
     if change is not None:
         seconds = evidence.seconds(change.samples)
@@ -222,13 +227,17 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
             return [Finding("trusted", reason)]
         return []
     if math.isnan(fit):
-        return [Finding("inconsistent", f"the output is constant over {evidence.span} while the input moves")]
+        return [Finding("inconsistent", _constant(evidence))]
     run = f"{_how_run(evidence, loop)} over {evidence.span}{' (in sample)' if evidence.in_sample else ''}"
     figure = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
     reason = f"{run}, the model explains almost nothing of the output (fit {figure})"
     if evidence.record.r is None:
         reason += f": {COLOURED}" if loop.feedback.found else ": if a controller moves the input, give its reference"
     return [Finding("inconsistent", reason)]
+
+
+def _constant(evidence: Evidence) -> str:
+    return f"the output is constant over {evidence.span} while the input moves"
 
 
 def _how_run(evidence: Evidence, loop: Loop) -> str:

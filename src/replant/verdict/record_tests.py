@@ -202,6 +202,11 @@ def changed_finding(seconds: float) -> Finding:
     return Finding("inconsistent", f"{reason}: identify the parts before and since by themselves")
 
 
+def followed_finding(seconds: float) -> Finding:
+    """Return the finding that an estimate has followed a change of the plant, so long ago."""
+    return Finding("trusted", f"the plant changed {duration(seconds)} ago: the estimate is that of the samples since")
+
+
 def changing_finding() -> Finding:
     """Return the finding that no one model explains a record, nor two its parts."""
     reason = "the plant seems to change all along, or not to be linear"

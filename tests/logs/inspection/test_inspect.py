@@ -252,6 +252,17 @@ def test_jitter_and_gaps_are_measured(tmp_path: Path) -> None:
     assert found.clock.longest == pytest.approx(1.0 + DT, abs=0.3 * DT)
 
 
+@pytest.mark.parametrize("rows", [2, 4, 7, 10])
+def test_stamps_too_coarse_for_their_rows_are_counted(tmp_path: Path, rows: int) -> None:
+    """In whole seconds, so many rows a second: one second apart, a time constant would be so many times as long."""
+    signals = open_loop(1000)
+    found = inspect(save(tmp_path / "log.csv", signals | {"t": np.floor(np.arange(1000) / rows)}))
+    assert found.clock is not None
+    assert found.clock.dt == pytest.approx(1.0 / rows)
+    assert options_of(found)[-2] == "--dt"
+    assert float(options_of(found)[-1]) == pytest.approx(1.0 / rows, rel=1e-5)
+
+
 def test_a_long_log_is_looked_at_from_its_beginning(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("replant.logs.columns.MOST_ROWS", 800)
     found = inspect(save(tmp_path / "log.csv", open_loop(2000)))
