@@ -118,6 +118,27 @@ def test_the_verdict_leads_with_what_to_do(capsys, log: Path) -> None:
     assert "Next: search the structure and the dead time:" in lines
 
 
+def test_where_dead_times_alone_were_searched_for_the_number_of_poles_is_next(capsys, tmp_path: Path) -> None:
+    u = np.where(np.arange(600) < 200, 0.0, 1.0)
+    y = rp.TransferFunction([3.0], [1.0, 1.5, 1.0], 0.75).simulate(u, 0.1)
+    y += 0.025 * np.random.default_rng(1).standard_normal(600)
+    log = tmp_path / "step.csv"
+    log.write_text("t_s,u,y\n" + "".join(f"{0.1 * k:.1f},{u[k]:g},{y[k]:.5f}\n" for k in range(600)))
+    lines = of_log(capsys, log, "fit", "-p", 1, "--delay", "0:2:0.4")
+    assert lines[-2] == "Next: search the number of poles, too:"
+    code, out, _ = call(capsys, *shlex.split(lines[-1])[1:])
+    assert code == 0
+    assert "Verdict  trusted: keep the model" in out
+
+
+def test_fit_has_used_all_samples_and_asks_for_more(capsys, tmp_path: Path) -> None:
+    log = tmp_path / "short.csv"
+    log.write_text("t_s,u,y\n" + "".join(f"{k},{k // 7 % 2},{k // 7 % 2 * 0.9 + k % 3 * 0.1:g}\n" for k in range(40)))
+    lines = of_log(capsys, log, "fit", "-p", 1)
+    assert "40 samples are too few for a verdict: it takes 100" in " ".join(lines)
+    assert lines[-2] == "Next: record more, and fit both logs:"
+
+
 def test_a_model_that_was_saved_is_checked_next(capsys, log: Path, tmp_path: Path) -> None:
     saved = tmp_path / "model.json"
     lines = of_log(capsys, log, "fit", "-p", 1, "--delay", 3, "--save", saved)

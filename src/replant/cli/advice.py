@@ -106,6 +106,8 @@ def _keep(situation: Situation) -> NextStep:
 
 
 def _search(situation: Situation) -> NextStep:
+    if situation.is_searched and re.fullmatch(r"\d+", _typed("--poles")):  # dead times were searched for, orders not
+        return NextStep("search the number of poles, too", again("poles", poles=f"1:{min(situation.poles + 2, 4)}"))
     if situation.is_searched:
         half = 0.5 * situation.log.duration
         words = "no structure explains all of it: identify one half by itself, as a plant that changes needs"
@@ -116,8 +118,21 @@ def _search(situation: Situation) -> NextStep:
     return NextStep("search the structure and the dead time", command)
 
 
+def _typed(option: str) -> str:
+    """Return the value that an option was given; empty where it was not."""
+    words = shlex.split(command_line())
+    return words[words.index(option) + 1] if option in words else ""
+
+
 def _wait(_: Situation) -> NextStep:
+    if click.get_current_context().info_name == "fit":  # it has used them
+        return _more()
     return NextStep("use all samples at once", shlex.join(_fit()))
+
+
+def _more() -> NextStep:
+    words = _fit()
+    return NextStep("record more, and fit both logs", shlex.join([*words[:3], OTHER_LOG, *words[3:]]))
 
 
 def _dead_time(situation: Situation) -> NextStep:
@@ -131,8 +146,7 @@ def _fewer(situation: Situation) -> NextStep:
         return NextStep(f"try {_counted(fewer)}", again("poles", "zeros", poles=fewer))
     if _is_step_test(situation.log.input) and click.get_current_context().params.get("x0") != REST:
         return NextStep("say that it began at rest, if it did", again(x0=REST))
-    words = _fit()
-    return NextStep("record more, and fit both logs", shlex.join([*words[:3], OTHER_LOG, *words[3:]]))
+    return _more()
 
 
 def _is_step_test(u: FloatArray) -> bool:
@@ -207,7 +221,8 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"noise biases an estimate|left the range of float64|an update ", _default),
     (r"make it an input, too|explains nothing of the output", _look),
     (
-        r"inputs? could explain|leaves slow parts|filtered by its noise model|leave float64|spoke against the model",
+        r"(?:inputs?|reference) could explain|leaves slow parts|filtered by its noise model|leave float64"
+        r"|spoke against the model",
         _search,
     ),
     (r"residual (began to|had) grow|power of the residual|largest power|alone would put|residual is as usual", _part),

@@ -126,7 +126,8 @@ def response(u: FloatArray, y: FloatArray) -> Response | None:
     sums = _correlation(now, y[1:])[:longest] - before
     if not sums.size:
         return None
-    spread = np.array([(y[1 + lag :] - y[: y.size - 1 - lag]).std() for lag in _few(longest)])
+    # the root mean square, as with it the correlation is at most one
+    spread = np.array([np.sqrt(np.mean((y[1 + lag :] - y[: y.size - 1 - lag]) ** 2)) for lag in _few(longest)])
     spread = np.interp(np.arange(longest), _few(longest), spread)
     correlation = sums / np.maximum(float(np.sqrt(now @ now)) * spread * np.sqrt(now.size), np.finfo(float).tiny)
     significant = np.abs(correlation) > CHANCE / np.sqrt(now.size)
@@ -136,7 +137,7 @@ def response(u: FloatArray, y: FloatArray) -> Response | None:
     rising = np.sign(sums[best]) * sums[: best + 1] / abs(sums[best])
     fifth, half = _crossing(rising, 0.2), _crossing(rising, 0.5)
     onset = fifth - (half - fifth) * 0.2 / 0.3
-    return Response(max(0.0, onset - 1.0), round(half), best, float(correlation[best]))
+    return Response(max(0.0, onset - 1.0), round(half), best, float(np.clip(correlation[best], -1.0, 1.0)))
 
 
 def _few(longest: int) -> FloatArray:
