@@ -37,6 +37,19 @@ def test_a_right_model_passes_on_other_records(model: rp.Model) -> None:
         assert found.by_frequency.worst < 0.05
 
 
+def test_outliers_and_a_stuck_sensor_are_left_out(model: rp.Model) -> None:
+    """As in the record that a model is made from: they are no fault of the model."""
+    u, y = record(1)
+    usual = model.validate(u, y)
+    y[::97] += 40.0
+    y[1500:1800] = y[1500]
+    found = model.validate(u, y)
+    assert found.verdict.status == "trusted"
+    assert found.fit == pytest.approx(usual.fit, abs=1.0)
+    assert (found.outliers, found.stuck) == (np.count_nonzero(np.abs(y - usual.output) > 20.0), 300)
+    assert found.samples == u.size - found.outliers - found.stuck
+
+
 def test_another_working_point_is_no_fault(model: rp.Model) -> None:
     u, y = record(1)
     shifted = model.validate(u, y + 100.0)

@@ -20,7 +20,10 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import fit_percent
 from replant.estimation.simulation.model_run import model_output
+from replant.estimation.solver.bad_samples import doubts, suspicious
+from replant.estimation.solver.solve import ROUNDS
 from replant.fitting.model_fields import ModelFields
+from replant.kernels.schema import Doubt
 from replant.model.preprocess import accepted, screen
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
@@ -97,6 +100,8 @@ class Validation:
         Samples with a measured output.
     is_prediction : bool
         Whether ``output`` is predicted one step ahead, as of an unstable model.
+    outliers, stuck : int
+        Outputs that were left out, as `replant.fit` does.
     """
 
     fit: float
@@ -110,6 +115,8 @@ class Validation:
     verdict: Verdict
     samples: int
     is_prediction: bool
+    outliers: int = 0
+    stuck: int = 0
 
     @property
     def how(self) -> str:
@@ -151,9 +158,18 @@ def validate(
     kept, needed = np.isfinite(y), model.structure.size + 1
     if kept.sum() < needed:
         raise InvalidArgumentError(f"the record has {int(kept.sum())} usable samples, a validation needs {needed}")
-    g = model.transfer_function
-    simulation = model_output(g, v, y, dt, input_hold=model.input_hold, t=t)
-    residual = y - simulation.output
+    g, given = model.transfer_function, y
+    noise = np.ones(1) if model.noise is None else model.noise.coefficients
+    doubt = suspicious(v, given)
+    for _ in range(ROUNDS):  # what is bad is told with the model's output, and that has another level without it
+        y = np.where(doubt == Doubt.NONE, given, np.nan)
+        if np.isfinite(y).sum() < needed:  # as it came
+            y, doubt = given, np.where(kept, Doubt.NONE, Doubt.MISSING)
+        simulation, before = model_output(g, v, y, dt, input_hold=model.input_hold, t=t), doubt
+        doubt = doubts(v, given, simulation.output, noise)
+        if (doubt == before).all():
+            break
+    kept, residual = np.isfinite(y), y - simulation.output
     clock = np.asarray(dt * np.arange(u.size), np.float64) if t is None else t
     one_step_fit = simulation.fit if simulation.is_prediction else fit_percent(y, y - one_step(residual))
     lags = correlation_lags([mode.time_constant for mode in g.modes], u.size, dt)
@@ -166,27 +182,31 @@ def validate(
         clock,
         correlations(residual, v, lags) if _is_more_than_rounding(residual, y) else None,
         _by_frequency(model, v, residual, dt) if t is None else None,
-        _verdict(model, v, y, clock, r, dt, regular=t is None),
+        _verdict(model, v, y, simulation.output, clock, r, dt, int((before == Doubt.STUCK).sum()), regular=t is None),
         int(kept.sum()),
         simulation.is_prediction,
+        *(int((before == each).sum()) for each in (Doubt.OUTLIER, Doubt.STUCK)),
     )
 
 
 def _verdict(
-    model: ModelFields, v: FloatArray, y: FloatArray, clock: FloatArray, r: FloatArray | None, dt: float, *,
-    regular: bool,
+    model: ModelFields, v: FloatArray, y: FloatArray, modelled: FloatArray, clock: FloatArray, r: FloatArray | None,
+    dt: float, stuck: int, *, regular: bool,
 ) -> Verdict:  # fmt: skip
-    """Return the verdict on the model by the samples of a record that have input and output."""
-    kept = np.isfinite(y)
-    intervals = np.array([dt]) if regular and kept.all() else np.diff(clock[kept], prepend=clock[kept][:1] - dt)
+    """Return the verdict on the model by the rows of a record whose input is known."""
+    rows = np.isfinite(v) & np.isfinite(modelled)
+    intervals = np.array([dt]) if regular and rows.all() else np.diff(clock[rows], prepend=clock[rows][:1] - dt)
+    measured, level = np.isfinite(y[rows]), float(y[np.isfinite(y)].mean())
     # the constant beside G(s) is estimated from the record: its mean keeps the numbers small
     record = Record(
-        v[kept] - v[kept].mean(), y[kept] - y[kept].mean(), intervals, model.input_hold, None if r is None else r[kept]
-    )
+        v[rows] - v[rows].mean(), np.where(measured, y[rows], modelled[rows]) - level, intervals, model.input_hold,
+        None if r is None else r[rows], measured=None if measured.all() else measured,
+    )  # fmt: skip
     instruments = model.provenance.method != "least_squares"
     found = assess_record(
-        model.structure, model.parameters, record, dt, model.covariance, instruments=instruments, unseen=True
-    )
+        model.structure, model.parameters, record, dt, model.covariance, instruments=instruments, unseen=True,
+        left_out=stuck,
+    )  # fmt: skip
     return Verdict(found.status, found.reasons, found.excited)
 
 

@@ -415,5 +415,6 @@ def print_validation(console: Any, validation: Validation, source: str) -> None:
         worst = validation.by_frequency.worst
         error = f"up to {share(worst)} of |G|" if worst else "none beyond chance"
         console.print(f"Error    {error}, by frequency", highlight=False)
-    console.print(f"Samples  {validation.samples:,}", highlight=False)
+    left_out = {"outlier": validation.outliers, "stuck": validation.stuck}
+    console.print(f"Samples  {_samples(validation.samples, left_out)}", highlight=False)
     print_verdict(console, validation.verdict)
