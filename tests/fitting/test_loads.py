@@ -121,3 +121,17 @@ def test_a_load_is_found_that_a_slow_pole_has_followed(seed: int) -> None:
 def test_the_model_keeps_what_the_verdict_says_of_loads() -> None:
     model = fitted(*record(0)).model
     assert any("another load acts since" in reason for reason in model.verdict.reasons)
+
+
+@every("seed", range(4), quick=1)
+def test_a_step_of_the_sensor_in_the_middle_is_found(seed: int) -> None:
+    """Each half has an offset of its own, which is no colour of its noise; in all of it a pole near nought follows."""
+    rng = np.random.default_rng(seed)
+    u = rng.uniform(-1.0, 1.0, 100).repeat(20)
+    y = rp.TransferFunction([2.0 / 3.0], [1.0, 1.0 / 3.0]).simulate(u, 0.1) + 0.05 * rng.standard_normal(2000)
+    y[1000:] += 1.5
+    fitted = rp.fit(u, y, 0.1, poles=1)
+    assert np.abs(fitted.loads - 1000).max(initial=0) <= 20
+    assert fitted.loads.size == 1
+    assert fitted.transfer_function.dc_gain == pytest.approx(2.0, rel=0.03)
+    assert fitted.verdict.status == "trusted"

@@ -327,10 +327,12 @@ class _Fitted:
         return cls(row, theta.size, np.column_stack([slopes, free]), np.where(rows, left, 0.0))
 
     def noise(self, rows: BoolArray | bool = True) -> Autoregression:
-        """Return the noise model of the error, or of some of its rows (K,)."""
+        """Return the noise model of the error, or of some of its rows (K,), which have an offset of their own."""
         (stretch,) = self.row.stretches
-        count = int((stretch.measured & rows).sum())
-        return Autoregression.of_residual(self.error, np.where(rows, stretch.known, 0), count)
+        used = stretch.measured & rows
+        level = float(self.error[used].mean()) if used.any() else 0.0
+        error = np.where(stretch.measured, self.error - level, 0.0)
+        return Autoregression.of_residual(error, np.where(rows, stretch.known, 0), int(used.sum()))
 
     def noise_of_parts(self, count: int) -> list[Autoregression]:
         """Return that of so many parts: that of all takes the step of a load for noise."""
