@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -22,6 +21,7 @@ from replant.fitting.miso_solve import RowSolution, begun_at, solve_with, starte
 from replant.fitting.model_fields import has_rest
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
+from replant.numerics.autoregression import duration_of
 from replant.verdict.record_tests import changed_finding, loads_act
 from replant.verdict.verdict import Finding
 
@@ -93,19 +93,13 @@ def solve_parted(
 def _of_halves(structure: Structure, whole: Solution) -> Iterator[FloatArray]:
     """Yield the models (T,) of both halves of a record that is too short for a pole of its model, or of its noise."""
     g, noise = structure.transfer_function(whole.found.theta[: structure.size]), whole.found.noise_model.coefficients
-    if has_rest(g, whole.record.span) and whole.record.count > FEW * _duration(noise):
+    if has_rest(g, whole.record.span) and whole.record.count > FEW * duration_of(noise):
         return
     samples = whole.record.u.size
     for rows in (slice(0, samples // 2), slice(samples // 2, samples)):
         found = solve(structure, whole.record.part(rows))
         if found is not None:
             yield found.found.theta
-
-
-def _duration(noise: FloatArray) -> float:
-    """Return after how many samples the noise 1/D (p + 1,) is another one: those in which it decays e-fold, twice."""
-    slowest = float(np.abs(np.roots(noise)).max(initial=0.0))
-    return math.inf if slowest >= 1.0 else -2.0 / math.log(slowest) if slowest > 0.0 else 0.0
 
 
 def plant_changes(structure: Structure, parted: Solution) -> bool:

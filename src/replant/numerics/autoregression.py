@@ -33,6 +33,18 @@ Sensitivity: not measured.
 """
 
 
+def duration_of(coefficients: FloatArray) -> float:
+    """Return after how many samples the noise 1/D (p + 1,) is another one: twice those in which it decays e-fold.
+
+    >>> duration_of(np.array([1.0])), round(duration_of(np.array([1.0, -0.9])))
+    (1.0, 19)
+    """
+    slowest = float(np.abs(roots(coefficients)).max(initial=0.0))
+    if slowest >= 1.0:
+        return math.inf
+    return max(-2.0 / math.log(slowest), 1.0) if slowest > 0.0 else 1.0
+
+
 @dataclass(frozen=True, eq=False)
 class Autoregression:
     r"""The model :math:`e_k + d_1 e_{k-1} + \ldots + d_p e_{k-p} = w_k`, w white."""

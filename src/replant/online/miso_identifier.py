@@ -23,7 +23,7 @@ from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
 from replant.numerics.limits import duration, stamps_of
 from replant.online.locking import Shared, Turn, changes, reads
-from replant.online.miso_state import RowSettings, RowState
+from replant.online.miso_state import RowSettings, RowState, fewest
 from replant.online.miso_step import Kept
 from replant.online.trace import Trace
 from replant.verdict import fit_percent
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from replant.online.checkpoint.files import AnyPath
 
 PIECE = 8192  # samples after which Ctrl-C is answered while a chunk is taken [samples]
-LEAST = 4  # outputs for the first model, at the least [count for each unknown]
 
 
 class RowIdentifier(Shared):
@@ -99,9 +98,8 @@ class RowIdentifier(Shared):
             raise InvalidArgumentError("poles must have one entry for each input, got none")
         inputs = next((len(each) for each in (poles, zeros, delay) if isinstance(each, list | tuple)), 1)
         structures = structures_of(inputs, poles, zeros, delay)
-        least = LEAST * sum(each.size + each.poles + 1 for each in structures)
         history = whole("history", history, RECENT, STORED)
-        startup = max(whole("startup", startup, 1, history), least)
+        startup = max(whole("startup", startup, 1, history), fewest(structures))
         if not isinstance(input_names, list | tuple):
             raise ArgumentTypeError(f"input_names must be a list or tuple of names, got {shown(input_names)}")
         names = tuple(text("input_names", each) for each in input_names)

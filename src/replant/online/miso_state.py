@@ -4,7 +4,7 @@ Each time that the record has grown by `AGAIN` it is solved again as a whole, fr
 an input has moved as many times more, as one that begins to move late.  Other models that may be as likely are carried
 along: of a short record a fast branch can do what a slow one does.  Each time that an input has moved twice as often as
 at the last start, it is solved from a start, too, where something is found against what comes of the estimate, or was
-against that start.
+against that start, as that its record had too few independent samples.
 
 In between a recursion follows.  Each time that the record has grown by `LOOK` a change is looked for: since a load it
 has another offset and initial state, since the plant has changed it begins anew.
@@ -33,7 +33,7 @@ from replant.fitting.miso_verdict import judged, untold
 from replant.kernels.schema import LARGEST, Doubt, Supposition
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
-from replant.numerics.autoregression import Autoregression
+from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
@@ -47,6 +47,7 @@ LOOK = math.sqrt(AGAIN)  # growth of the record, as far as it is looked at, afte
 # the oldest of them is of half of the record
 JUDGES = math.ceil(math.log(2.0) / math.log(AGAIN))  # solutions that judge whether there is a change [count]
 
+LEAST = 4  # outputs for the first model, at the least [count for each unknown]
 REASONS = "not finite", "too large", "not later", "no output"
 ROOM = 256  # rows that there is room for at first [samples]
 
@@ -303,7 +304,7 @@ class RowState:
         if not afresh and self._has_told(2.0, self.started_at) and not (is_sure and _is_settled(done[1])):
             done, afresh = solve(partial(_begins, present, self.rivals, afresh=True)), True
         if afresh:
-            new = replace(new, started_at=self.length, is_sure=_is_settled(done[1]))
+            new = replace(new, started_at=self.length, is_sure=_is_settled(done[1]) and _is_told(done[1]))
         if RECENT < later <= settings.history and not _is_settled(done[1]):  # as where an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
         ready, solution, of_references = done
@@ -394,6 +395,19 @@ def _is_settled(solution: RowSolution | None) -> bool:
     row, found, _ = solution
     findings = [*found.findings, *untold(row, row.record, found.point, found.covariance)]
     return not (findings or any(lacking(row, found.point, found.noise)))
+
+
+def _is_told(solution: RowSolution | None) -> bool:
+    """Return whether a record has enough independent samples for a first model: noise that lasts makes fewer."""
+    if solution is None:
+        return False
+    row, found, _ = solution
+    return row.count >= duration_of(found.noise.coefficients) * fewest(row.structures)
+
+
+def fewest(structures: tuple[Structure, ...]) -> int:
+    """Return the fewest outputs for a first model: `LEAST` for each coefficient, initial state and offset."""
+    return LEAST * sum(each.size + each.poles + 1 for each in structures)
 
 
 def _over(row: Row, known: RowRecursion) -> Point:
