@@ -346,7 +346,7 @@ def test_what_an_ensemble_shows() -> None:
         (lambda: rp.Ensemble([identifier(), 3]), "got a int among them"),
         (lambda: rp.Ensemble(identifier(), 2, n_jobs=0), "n_jobs must not be 0"),
         (lambda: rp.Ensemble(identifier(), 2, n_jobs=1.5), "n_jobs must be a whole number"),
-        (lambda: rp.Ensemble(3), "identifiers must be an Identifier or a sequence of them, got int"),
+        (lambda: rp.Ensemble(3), "identifiers must be an Identifier .* or a sequence of them, got int"),
         (lambda: rp.Ensemble(identifier(), 2).update(np.zeros(3), 0.0), r"u must be a number or have shape \(2,\)"),
         (lambda: rp.Ensemble(identifier(), 2).update_many([1.0], [[1.0] * 3]), r"\(K, 2\), a column a member"),
         (lambda: rp.Ensemble(identifier(), 2).update_many(np.zeros(3), np.zeros(4)), "same length, got 3 and 4"),

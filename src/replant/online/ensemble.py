@@ -378,7 +378,7 @@ def _copies(identifiers: Identifier | Iterable[Identifier], members: int | None)
         return [identifiers.clone() for _ in range(number)]
     if not iterable(identifiers):
         raise ArgumentTypeError(
-            "identifiers must be an Identifier of one input and one structure, or a sequence of them, got a "
+            "identifiers must be an Identifier of one input and one structure, or a sequence of them, got "
             f"{type(identifiers).__name__}"
         )
     if members is not None:
