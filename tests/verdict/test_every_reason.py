@@ -477,7 +477,7 @@ ELSEWHERE = {
         "fitting/test_several_inputs.py: test_an_output_that_has_nothing_to_do_with_the_inputs_is_not_trusted",
         "fitting/test_several_inputs.py: test_a_row_without_noise_is_found_exactly",
     ),
-    "another model explains the record as well, in which input": (
+    "another model is as likely, with another response to input": (
         "fitting/test_several_inputs.py: test_a_model_beside_which_others_are_as_likely_is_not_trusted",
         "fitting/test_several_inputs.py: test_three_inputs_with_zeros_are_told_apart",
     ),

@@ -203,7 +203,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (COLUMN, _column),
     (FEWER, _fewer),
     (r"the input is constant|has rested|hardly moves|came to rest", _move),
-    (r"does not move|has moved for|move together|could be left out|explains the record as well", _move),
+    (r"does not move|has moved for|move together|could be left out|another model is as likely", _move),
     (r"does not excite every coefficient", _fewer),
     (r"the output has only|explains almost nothing", _look),
     (r"s apart where dt says", _clock),

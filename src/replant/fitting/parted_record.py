@@ -25,7 +25,7 @@ from replant.numerics.autoregression import duration_of
 from replant.verdict.record_tests import changed_finding, loads_act
 from replant.verdict.verdict import Finding
 
-# of a step of the sensor amid a record a model leaves what lasts for an eighth of it, noise with a pole at .9 for less
+# what a model leaves of a step of the sensor amid a record lasts for a fifth to two fifths of it
 FEW = 10  # times that noise can change within a record, up to which it may be a load [count]
 
 

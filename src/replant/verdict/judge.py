@@ -124,7 +124,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
             reason = record_tests.rested(evidence.seconds(evidence.samples))
         return [*findings, Finding("not excited", reason)]
     known = evidence.raw[evidence.used]
-    if known.size and not np.ptp(known) > 0.0:
+    if known.size and known.min() == known.max():
         return [*findings, Finding("inconsistent", _constant(evidence))]
     if evidence.counted < evidence.enough:
         since = "" if evidence.in_sample else " (since the last interruption)"

@@ -80,8 +80,7 @@ def of_rivals(row: Row, point: Point, rivals: Iterable[FloatArray]) -> Iterator[
     if largest > math.sqrt(MATTERS) * size:
         yield Finding(
             "converging",
-            f"another model explains the record as well, in which input {name} makes another part of the output: move "
-            "that input more, or record more",
+            f"another model is as likely, with another response to input {name}: move that input more, or record more",
         )
 
 

@@ -29,7 +29,7 @@ CUTOFFS = 6  # from 5 per record to one per sampling time [count]
 ROUNDS = 6  # of refined instruments from each cutoff [count]
 # of two inputs with one step each the fifth likeliest leads to the least cost, the first four to one beyond it
 TRIED = 16  # of the dealt models, the likeliest, that some steps are made from [count]
-# they tell a branch of the wrong speed: its cost is then still many times the least
+# of 30 records with one step at each of two inputs `fit` then finds the minimum near the truth in all
 FIRST = 2  # steps of each of them [count]
 KEPT = 4  # models that they lead to, at the most [count]
 SHORT = 8  # steps of each [count]
