@@ -69,7 +69,7 @@ def change_within(structure: Structure, record: Record, parameters: FloatArray) 
     return PlantChange(record.u.size - begin, found.goes_on)
 
 
-class Found(NamedTuple):
+class ClaimedChange(NamedTuple):
     """What of the plant has changed at a sample, all claims about that, and whether it changes elsewhere, too."""
 
     claim: Claim
@@ -78,7 +78,7 @@ class Found(NamedTuple):
 
 
 @quiet
-def change_at(structure: Structure, record: Record, model: FloatArray, begin: int) -> Found | None:
+def change_at(structure: Structure, record: Record, model: FloatArray, begin: int) -> ClaimedChange | None:
     """Return what of the plant has changed at a sample; None where a model (T,) of all explains it."""
     before = refine(structure, record.first(begin), [model], afresh=True)
     if before is None or not before.settled:
@@ -99,7 +99,7 @@ def change_at(structure: Structure, record: Record, model: FloatArray, begin: in
     away = least_since(structure)
     goes_on = begin_of_change(structure, record.first(max(begin - away, 1)), before.theta)
     goes_on = goes_on or begin_of_change(structure, contest.since.last(contest.since.u.size - away), found.theta)
-    return Found(found, claims, goes_on > 0)
+    return ClaimedChange(found, claims, goes_on > 0)
 
 
 @quiet
