@@ -146,7 +146,9 @@ def test_what_cannot_be_used_is_counted_and_changes_nothing(awkward: Any) -> Non
     u, y, t = awkward
     ident = begun()
     ident.update_many(u, y, t)
-    assert ident.rejected == {"not finite": 2, "too large": 0, "not later": 1, "no output": 5}
+    assert {reason: count for reason, count in ident.rejected.items() if count} == {
+        "not finite": 2, "not later": 1, "no output": 5,
+    }  # fmt: skip
     assert (ident.samples, ident.taken) == (LENGTH - 3, LENGTH)
     before = ident.to_bytes()
     for sample in (((1.0, np.nan), 2.0, 1e3), ((1.0, 2.0), np.inf, 1e3), ((1.0, 2.0), 2.0, np.nan), ((1, 1), 2, 0.0)):

@@ -188,8 +188,9 @@ class RowIdentifier(Shared):
         y : float
             NaN: no output.
         t : float, optional
-            Time stamp in s, given with every sample or with none.  One that does not advance is rejected; after a gap
-            of 20 dt offset and initial states are estimated anew.
+            Time stamp in s, given with every sample or with none, see `Identifier.update`: one that does not advance
+            is rejected, one that leaps waits for the next, and after ten in a row the clock was set.  After a gap of
+            20 dt offset and initial states are estimated anew.
         r : float or sequence of float, optional
             Where a controller makes an input: the set-point or a dither, or several of them, given with every sample or
             with none, as for `replant.fit`.  NaN leaves the output of the sample out.

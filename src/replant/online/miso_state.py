@@ -30,13 +30,14 @@ from replant.estimation.solver.srivc_steps import SOONEST
 from replant.fitting.miso_references import with_outside
 from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of, solve_with, started
 from replant.fitting.miso_verdict import judged, untold
-from replant.kernels.schema import LARGEST, Doubt, Supposition
+from replant.kernels.schema import Doubt, Supposition
 from replant.model.structure import Structure
-from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
+from replant.online.miso_screen import REASONS, RowClock, Screened
 from replant.verdict.miso_tests import controlled, lacking
 from replant.verdict.record_tests import left_out_finding
 from replant.verdict.verdict import Finding, Verdict
@@ -48,7 +49,6 @@ LOOK = math.sqrt(AGAIN)  # growth of the record, as far as it is looked at, afte
 JUDGES = math.ceil(math.log(2.0) / math.log(AGAIN))  # solutions that judge whether there is a change [count]
 
 LEAST = 4  # outputs for the first model, at the least [count for each unknown]
-REASONS = "not finite", "too large", "not later", "no output"
 ROOM = 256  # rows that there is room for at first [samples]
 
 
@@ -129,6 +129,7 @@ class RowState:
     loads: tuple[int, ...] = ()  # samples since which offset and initial states are other ones
     rejected: dict[str, int] = field(default_factory=lambda: dict.fromkeys(REASONS, 0))
     stamped: bool | None = None  # whether samples come with a time stamp; None before the first
+    clock: RowClock = field(default_factory=RowClock)
     adapts: bool = True
     recursion: RowRecursion | None = None  # None before the first model
     rivals: tuple[FloatArray, ...] = ()  # other models (P,) that may be as likely as the last solution
@@ -182,32 +183,57 @@ class RowState:
         References (K, p) come with them, p = 0 where there are none.
         ``errors`` (K,), which are NaN, and ``estimates`` (K, P) are written.
         """
+        if held := self.clock.held:
+            return self._with_held(held, u, y, t, r, errors, estimates)
         y = np.where(np.isfinite(r).all(axis=1), y, np.nan)
-        usable, reasons = self._screened(u, y, t)
-        counted = usable & np.isfinite(y) if self.recursion is None else usable
-        before, due = self.kept.measured if self.recursion is None else self.samples, self.due
-        reached = np.flatnonzero(np.cumsum(counted) >= due - before) if due else np.zeros(0, int)
+        dt, is_first = self.settings.dt, self.recursion is None
+        last = float(self.kept.values[-1, -1]) if self.samples else -math.inf
+        done = Screened.of(self.clock, u, y, t, r, last, dt)
+        counted = done.is_taken & np.isfinite(y) if is_first else done.is_taken
+        is_now = done.is_taken & ~done.is_believed  # another one is taken with its successor
+        before, due = self.kept.measured if is_first else self.samples, self.due
+        reached = np.flatnonzero((np.cumsum(counted) >= due - before) & is_now) if due else np.zeros(0, int)
         end = int(reached[0]) + 1 if reached.size else y.size
-        rows = np.flatnonzero(usable[:end])
-        rejected = {name: self.rejected[name] + int(each[:end].sum()) for name, each in reasons.items()}
-        clock = np.zeros(rows.size) if t is None else t[rows]
+        if end < y.size:
+            u, y, t, r, is_now = u[:end], y[:end], None if t is None else t[:end], r[:end], is_now[:end]
+            done = Screened.of(self.clock, u, y, t, r, last, dt)
+        rejected = {name: self.rejected[name] + int(each.sum()) for name, each in done.turned_away.items()}
+        rows = np.flatnonzero(done.is_taken)
         r = self._held(r[rows])
         kept = self.kept if self.samples else RowHistory(np.empty((0, u.shape[1] + r.shape[1] + 2)), self.kept.most)
-        kept = kept.with_more(np.column_stack([u[rows], r, y[rows], clock]))
+        kept = kept.with_more(np.column_stack([u[rows], r, y[rows], done.times[rows]]))
         stamped = t is not None if rows.size else self.stamped
-        new = replace(self, kept=kept, samples=self.samples + rows.size, rejected=rejected, stamped=stamped)
+        new = replace(
+            self, kept=kept, samples=self.samples + rows.size, rejected=rejected, stamped=stamped, clock=done.clock
+        )
         estimates[:end] = self.parameters
         if self.recursion is not None and rows.size:
-            last = self.kept.values[-1:, -1]
-            intervals = np.full(rows.size, self.settings.dt) if t is None else np.diff(clock, prepend=last)
+            intervals = np.full(rows.size, dt) if t is None else np.diff(done.times[rows], prepend=last)
             recursion, errors[rows], after = self.recursion.take(u[rows], y[rows], r, intervals, learns=self.adapts)
-            newest = np.cumsum(usable[:end]) - 1  # the estimate after a sample is that after the last usable one
+            errors[:end][done.is_believed] = np.nan  # nothing was predicted while it waited
+            newest = np.maximum.accumulate(np.where(is_now, np.cumsum(done.is_taken) - 1, -1))  # taken by then
             estimates[:end][newest >= 0] = after[newest[newest >= 0]]
             new = replace(new, recursion=recursion)
         if reached.size:
             new = new._attended()
             estimates[end - 1] = new.parameters
         return new, end
+
+    def _with_held(
+        self, held: tuple[float, ...], u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray,
+        errors: FloatArray, estimates: FloatArray,
+    ) -> tuple[RowState, int]:  # fmt: skip
+        """Take the sample that waits once more, and the others behind it."""
+        assert t is not None, "a sample waits for the next stamp"
+        inputs, row = u.shape[1], np.array(held)
+        all_errors, all_estimates = np.full(1 + y.size, np.nan), np.empty((1 + y.size, self.settings.size))
+        rejected = self.rejected | {"time leap": self.rejected["time leap"] - 1}
+        state, end = replace(self, clock=self.clock._replace(held=()), rejected=rejected).take(
+            np.vstack([row[:inputs], u]), np.append(row[-2], y), np.append(row[-1], t), np.vstack([row[inputs:-2], r]),
+            all_errors, all_estimates,
+        )  # fmt: skip
+        errors[: end - 1], estimates[: end - 1] = all_errors[1:end], all_estimates[1:end]
+        return state, end - 1
 
     def take_all(self, rows: list[tuple[float, ...]]) -> RowState:
         """Return the state after further rows of inputs, output and time, at none of which the record is solved."""
@@ -224,19 +250,6 @@ class RowState:
         r = np.vstack([before if len(before) else np.zeros((1, r.shape[1])), r])
         newest = np.maximum.accumulate(np.where(np.isfinite(r), np.arange(len(r))[:, None], 0), axis=0)
         return np.take_along_axis(r, newest, axis=0)[1:]
-
-    def _screened(self, u: FloatArray, y: FloatArray, t: FloatArray | None) -> tuple[BoolArray, dict[str, BoolArray]]:
-        """Return which samples (K,) can be used, and which each reason turns away."""
-        missing, clock = np.isnan(y), np.zeros(y.size) if t is None else t
-        finite, small = finite_and_small(u, y)
-        finite &= np.isfinite(clock)
-        usable, late = finite & small, np.zeros(y.size, bool)
-        if t is not None:
-            last = self.kept.values[-1, -1] if self.samples else -math.inf
-            newest = np.maximum.accumulate(np.concatenate([[last], np.where(usable, t, -math.inf)]))[:-1]
-            late = usable & ~(t > newest)
-            usable = usable & ~late
-        return usable, dict(zip(REASONS, (~finite, finite & ~small, late, usable & missing), strict=True))
 
     def _attended(self) -> RowState:
         """Return the state after what is due: a change is looked for, the record solved."""
@@ -370,12 +383,6 @@ class RowState:
         found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
         verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
         return Newest(ready, row, found, verdict, doubt)
-
-
-def finite_and_small(u: FloatArray, y: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Return which samples (K,) have finite inputs and outputs, missing ones aside, and which have none too large."""
-    signals = np.column_stack([u, np.where(np.isnan(y), 0.0, y)])
-    return np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
 
 
 def _begins(

@@ -15,7 +15,7 @@ import numpy as np
 from replant.estimation.engine.state import GAP
 from replant.estimation.simulation.auxiliary_model import NOTHING
 from replant.kernels.filters.whitening import IRREGULAR
-from replant.kernels.schema import LARGEST
+from replant.kernels.schema import LARGEST, LEAP
 from replant.numerics.arguments import FloatArray
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_state import RowState
@@ -115,8 +115,10 @@ class Kept(NamedTuple):
             return None
         if t is None:
             return state.settings.dt
-        interval = t - (since[-1][-1] if since else float(state.kept.values[-1, -1]))
-        return interval if 0.0 < interval <= GAP * known.dt else None
+        shift = state.clock.shift
+        interval = t + shift - (since[-1][-1] + shift if since else float(state.kept.values[-1, -1]))
+        longest = min(GAP * known.dt, LEAP * state.settings.dt)
+        return interval if 0.0 < interval <= longest else None
 
     def step_behind(self) -> RowStep:
         """Return what takes samples behind the newest one."""

@@ -19,6 +19,7 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import duration
 from replant.online.checkpoint.encoding import ARRAYS, ROW, described
 from replant.online.miso_recursion import Instruments, RowRecursion
+from replant.online.miso_screen import RowClock
 from replant.online.miso_state import JUDGES, RowHistory, RowSettings, RowState
 from replant.verdict.verdict import STATUSES, Finding
 
@@ -31,6 +32,7 @@ OF_INSTRUMENTS, OF_LAW = ("origin", "tail"), ("poles", "origins", "states", "wei
 OF_NOISE = "coefficients", "models", "powers", "sums"
 HOLDS = "zoh", "foh"
 FINDINGS = "findings", "of_references"
+CLOCK = 3  # numbers of a clock, beside the sample that waits [count]
 COUNTS = "samples", "solve_at", "solved_at", "started_at", "look_at", "record_began"
 
 
@@ -46,6 +48,8 @@ def parts_of(state: RowState) -> tuple[dict[str, Any], dict[str, Any]]:
         **{name: getattr(state, name) for name in COUNTS}, "loads": state.loads,
     }  # fmt: skip
     arrays, known = {"kept": state.kept.values}, state.recursion
+    shift, earlier, earlier_time, held = state.clock
+    arrays["clock"] = np.array([shift, earlier, earlier_time, *held])
     if known is not None:
         arrays |= {name: getattr(known, name) for name in VECTORS}
         arrays["numbers"] = np.array([getattr(known, name) for name in NUMBERS])
@@ -87,10 +91,16 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     hold, names = one_of("input_hold", plain["hold"], HOLDS), tuple(map(str, plain["names"]))
     settings = RowSettings(structures, duration("dt", plain["dt"]), plain["startup"], plain["history"], hold, names)
     kept, state = arrays.pop("kept"), RowState.of(settings)
+    clock = arrays.pop("clock", np.zeros(CLOCK))  # checkpoints of before have none
     references = plain.get("references", 0)  # checkpoints of before have none
     if type(references) is not int or references < 0:
         raise DamagedCheckpointError("its references are not valid")
     _check("kept", kept, (len(kept), len(structures) + references + 2))
+    held = clock.size - CLOCK
+    _check("clock", clock, (CLOCK + held if held in (0, kept.shape[1]) else CLOCK,))
+    if not (np.isfinite(clock[:CLOCK]).all() and clock[1] >= 0.0):
+        raise DamagedCheckpointError("its clock is not valid")
+    plain = {**plain, "rejected": dict.fromkeys(state.rejected, 0) | plain["rejected"]}  # fewer reasons before
     # checkpoints of before look for no change
     looks = len(arrays) and plain["adapts"]
     before: dict[str, Any] = {"look_at": plain["samples"] + 1 if looks else 0, "record_began": 0, "loads": []}
@@ -113,6 +123,7 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     return replace(
         state, kept=RowHistory(kept, settings.history, 0, len(kept)), rejected=plain["rejected"],
         stamped=plain["stamped"], adapts=bool(plain["adapts"]),
+        clock=RowClock(float(clock[0]), int(clock[1]), float(clock[2]), tuple(clock[CLOCK:].tolist())),
         is_sure=bool(plain.get("is_sure", False)), **{name: plain[name] for name in COUNTS}, loads=loads,
         findings=_findings(findings["findings"]), of_references=_findings(findings["of_references"]),
         recursion=_recursion(structures, hold, references, arrays) if arrays else None,

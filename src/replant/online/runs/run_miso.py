@@ -16,7 +16,7 @@ from replant.fitting.samples import Samples
 from replant.numerics.arguments import vector
 from replant.numerics.limits import increasing
 from replant.online.miso_identifier import RowIdentifier
-from replant.online.miso_state import finite_and_small
+from replant.online.miso_screen import RowClock, Screened
 
 CHUNK = 8192  # samples taken between two marks of progress [samples]
 
@@ -55,7 +55,8 @@ def run_row(
     names = ident.request.input_names
     model = ident.model.of_log(names, given.output_name, given.source, given.sha256)
     none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
-    taken = np.flatnonzero(np.logical_and(*finite_and_small(u, y)))
+    screened = Screened.of(RowClock(), u, y, t, np.empty((y.size, 0)), -np.inf, given.dt)
+    taken = np.flatnonzero(screened.is_taken)
     began, *loads = (int(taken[each]) for each in ident.begins)
     ready = RowRecord.of(u, y, given.dt, t, given.input_hold, (began, *loads))
     output = ready.simulated(*evaluated(model, ready))

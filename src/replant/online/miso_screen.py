@@ -1,0 +1,100 @@
+"""Which samples of several inputs are taken: their numbers, and the clock, as those of one input are judged."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from replant.estimation.engine.state import GAP
+from replant.kernels.schema import FARTHEST, LARGEST, LEAP, MOST_EARLIER
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+
+# what becomes of a sample; one that leaps is believed when its successor is taken
+TAKEN, BELIEVED, UNUSABLE, NOT_LATER, LEAPS, TOO_COARSE = range(6)
+REASONS = "not finite", "too large", "not later", "time leap", "time too coarse", "no output"
+
+
+class RowClock(NamedTuple):
+    """What is known of the stamps up to a sample."""
+
+    shift: float = 0.0  # from a stamp to the time that is kept, since the clock was set [s]
+    earlier: int = 0  # stamps in a row that advance, but not beyond the newest one accepted [count]
+    earlier_time: float = 0.0  # the last of these [s]
+    held: tuple[float, ...] = ()  # the sample whose stamp leaps ahead, until its successor tells whether it was misread
+
+    def judged(
+        self, t: FloatArray, usable: BoolArray, last: float, dt: float
+    ) -> tuple[RowClock, FloatArray, IntArray, int | None]:
+        """Return the clock after stamps (K,), their times as they are kept, and what becomes of each sample.
+
+        Further which of them leaps ahead and waits for its successor: it is to come again, before that.
+        ``last`` is the newest time kept, -inf before the first.
+        """
+        times = t + self.shift
+        steps = np.diff(times[usable], prepend=last)
+        if last > -np.inf and bool(((steps > 0.0) & (steps <= LEAP * dt)).all()):
+            clock = self._replace(earlier=0, held=()) if usable.any() else self
+            return clock, times, np.where(usable, TAKEN, UNUSABLE), None
+        return self._one_by_one(t, usable, last, dt)
+
+    def _one_by_one(
+        self, t: FloatArray, usable: BoolArray, last: float, dt: float
+    ) -> tuple[RowClock, FloatArray, IntArray, int | None]:
+        shift, earlier, earlier_time, _ = self
+        times, fate, held = t + shift, np.full(t.size, UNUSABLE), None
+        for k in np.flatnonzero(usable).tolist():
+            now = times[k] = t[k] + shift
+            is_later, leaps = now > last, now - last > LEAP * dt
+            if (leaps or not is_later) and abs(t[k]) > FARTHEST * dt:
+                fate[k] = TOO_COARSE
+                continue
+            if not is_later:
+                earlier = earlier + 1 if earlier > 0 and t[k] > earlier_time else 1
+                earlier_time, fate[k] = float(t[k]), NOT_LATER
+                if earlier <= MOST_EARLIER:
+                    continue
+                shift = float(last + 2.0 * GAP * dt - t[k])  # how long it was nobody knows: a gap
+                now = times[k] = t[k] + shift
+            elif leaps and last > -np.inf:
+                # there are slow rigs, each of whose stamps leaps as far
+                if held is None or not 0.0 < now - times[held] <= max(LEAP * dt, 2.0 * (times[held] - last)):
+                    held, fate[k] = k, LEAPS
+                    continue
+                fate[held] = BELIEVED
+            earlier, held, last, fate[k] = 0, None, now, TAKEN
+        return RowClock(shift, earlier, earlier_time), times, fate, held
+
+
+class Screened(NamedTuple):
+    """What becomes of samples (K,)."""
+
+    clock: RowClock  # after them
+    times: FloatArray  # (K,): as they are kept, in s; zero without stamps
+    is_taken: BoolArray  # (K,)
+    is_believed: BoolArray  # (K,): whether it waited for its successor
+    turned_away: dict[str, BoolArray]  # which samples (K,), by reason
+
+    @classmethod
+    def of(
+        cls, clock: RowClock, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, last: float, dt: float
+    ) -> Screened:
+        """Screen samples behind the time ``last``, -inf where there is none."""
+        finite, small = finite_and_small(u, y)
+        finite = finite if t is None else finite & np.isfinite(t)
+        usable = finite & small
+        times, fate = np.zeros(y.size), np.where(usable, TAKEN, UNUSABLE)
+        if t is not None:
+            clock, times, fate, held = clock.judged(t, usable, last, dt)
+            if held is not None:
+                clock = clock._replace(held=tuple(np.concatenate([u[held], r[held], [y[held], t[held]]]).tolist()))
+        is_taken = fate <= BELIEVED
+        turned = ~finite, finite & ~small, *(fate == each for each in (NOT_LATER, LEAPS, TOO_COARSE))
+        turned_away = dict(zip(REASONS, (*turned, is_taken & np.isnan(y)), strict=True))
+        return cls(clock, times, is_taken, fate == BELIEVED, turned_away)
+
+
+def finite_and_small(u: FloatArray, y: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Return which samples (K,) have finite inputs and outputs, missing ones aside, and which have none too large."""
+    signals = np.column_stack([u, np.where(np.isnan(y), 0.0, y)])
+    return np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
