@@ -27,7 +27,7 @@ from replant.fitting.miso_references import with_outside
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
-from replant.numerics.autoregression import Autoregression
+from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of
 from replant.numerics.projections import products
@@ -205,7 +205,8 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     free = min(ends, key=lambda point: point.cost)
     noise = noise_of(row, free)
     found = []
-    begins = [*_as_likely(row, free, ends), free, *(again(noise) if noise.order else [])]
+    others = _as_likely(row, free, ends, duration_of(noise.coefficients))
+    begins = [*others, free, *(again(noise) if noise.order else [])]
     for point in ends_of(row, (path(row, begin.theta, noise, begin, SHORT) for begin in begins)):
         model = noise
         for _ in range(ROUNDS - 1):
@@ -219,9 +220,12 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     return best._replace(rivals=tuple(each.theta for each in rivals))
 
 
-def _as_likely(row: Row, best: Point, points: list[Point]) -> list[Point]:
-    """Return the points beside which the best one is not surely likelier, but those near it."""
-    limit = best.cost * ALPHA ** (-2.0 / max(row.count, 1))
+def _as_likely(row: Row, best: Point, points: list[Point], duration: float = 1.0) -> list[Point]:
+    """Return the points beside which the best one is not surely likelier, but those near it.
+
+    Where the cost is one without a noise model, as many samples as the noise lasts count as one.
+    """
+    limit = best.cost * ALPHA ** (-2.0 * duration / max(row.count, 1))
     return [each for each in points if each.cost <= limit and not is_near(row, each, best)]
 
 

@@ -80,6 +80,11 @@ LARGEST: Final = 1e150
 """Largest magnitude of a sample that is accepted: its square, and sums of such, are still far inside float64 [number].
 """
 
+OUTLYING: Final = 6.0
+"""Distance of a residual from what is expected of it beyond which it is an outlier [robust standard deviations].
+Level: 2e-9 for normal noise.
+"""
+
 # Columns of the raw samples kept; a state that does not examine its outputs has the first three, the last one stands
 # where there is a reference.
 INPUT, OUTPUT, STEP, BRIDGED, DOUBTED, REFERENCE = range(6)

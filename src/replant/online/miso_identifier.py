@@ -72,7 +72,8 @@ class RowIdentifier(Shared):
 
     A sample whose inputs or time are not finite, or larger than 1e150, is rejected; one whose output alone is missing
     (NaN) moves the model, and nothing is learned from it.  Where the record is solved again, and for the verdict,
-    outliers and outputs of a stuck sensor are left out, as by `fit`; until then the update follows them.
+    outliers and outputs of a stuck sensor are left out, as by `fit`; until then an error counts as six standard
+    deviations at the most.
 
     Examples
     --------

@@ -3,8 +3,8 @@
 Each time that the record has grown by `AGAIN` it is solved again as a whole, from the present estimate; so it is where
 an input has moved as many times more, as one that begins to move late.  Other models that may be as likely are carried
 along: of a short record a fast branch can do what a slow one does.  Each time that an input has moved twice as often as
-at the last start, it is solved from a start, too, where something is found against what comes of the estimate, or was
-against that start, as that its record had too few independent samples.
+at the last start, it is solved from a start, too, where the noise had a colour then, which may have been a slow branch,
+or where something is found against what comes of the estimate, or was against that start.
 
 In between a recursion follows.  Each time that the record has grown by `LOOK` a change is looked for: since a load it
 has another offset and initial state, since the plant has changed it begins anew.
@@ -33,7 +33,7 @@ from replant.fitting.miso_verdict import judged, untold
 from replant.kernels.schema import Doubt, Supposition
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
-from replant.numerics.autoregression import Autoregression, duration_of
+from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
@@ -311,13 +311,17 @@ class RowState:
         known, settings = self.recursion, self.settings
         present = known if known is not None and row.is_stable(known.parameters) else None
         solve = partial(solve_with, settings.structures, ready, references, settings.input_names)
+        begins = Begins() if present is None else Begins(present.noise, (present.parameters, *self.rivals))
         afresh = afresh or present is None
-        done = solve(partial(_begins, present, self.rivals, afresh=afresh))
+        done = solve(begins.afresh if afresh else begins.there)
         is_sure = self.is_sure and not self.rivals
         if not afresh and self._has_told(2.0, self.started_at) and not (is_sure and _is_settled(done[1])):
-            done, afresh = solve(partial(_begins, present, self.rivals, afresh=True)), True
+            if done[1] is not None:
+                found = done[1].found
+                begins = Begins(found.noise, (found.point.theta, *found.rivals))
+            done, afresh = solve(begins.afresh), True
         if afresh:
-            new = replace(new, started_at=self.length, is_sure=_is_settled(done[1]) and _is_told(done[1]))
+            new = replace(new, started_at=self.length, is_sure=_is_settled(done[1]) and _is_white(done[1]))
         if RECENT < later <= settings.history and not _is_settled(done[1]):  # as where an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
         ready, solution, of_references = done
@@ -385,14 +389,25 @@ class RowState:
         return Newest(ready, row, found, verdict, doubt)
 
 
-def _begins(
-    present: RowRecursion | None, rivals: tuple[FloatArray, ...], row: Row, *, afresh: bool = False
-) -> Callable[[Autoregression], list[Point]]:
-    """Return what begins with a row at the present estimate and its rivals, or from the record, or at all of them."""
-    if present is None:
-        return started(row)
-    points = [evaluate(row.from_outside, each, present.noise) for each in (present.parameters, *rivals)]
-    return lambda noise: [*(started(row)(noise) if afresh else ()), *points]
+class Begins(NamedTuple):
+    """Where a solution begins: at models (P,) that were found with a noise model, or at none."""
+
+    noise: Autoregression | None = None
+    models: tuple[FloatArray, ...] = ()
+
+    def there(self, row: Row) -> Callable[[Autoregression], list[Point]]:
+        """Return what begins at the models."""
+        points = [evaluate(row.from_outside, each, self.noise) for each in self.models] if self.noise else []
+        return lambda _: points
+
+    def afresh(self, row: Row) -> Callable[[Autoregression], list[Point]]:
+        """Return what begins at a start, too: with a noise model, where one is known."""
+        points, is_coloured = (
+            self.there(row)(Autoregression.white(1.0, row.count)),
+            bool(self.noise and self.noise.order),
+        )
+        begin = started(row)
+        return lambda noise: [*(begin(noise) if noise.order or not is_coloured else ()), *points]
 
 
 def _is_settled(solution: RowSolution | None) -> bool:
@@ -404,12 +419,9 @@ def _is_settled(solution: RowSolution | None) -> bool:
     return not (findings or any(lacking(row, found.point, found.noise)))
 
 
-def _is_told(solution: RowSolution | None) -> bool:
-    """Return whether a record has enough independent samples for a first model: noise that lasts makes fewer."""
-    if solution is None:
-        return False
-    row, found, _ = solution
-    return row.count >= duration_of(found.noise.coefficients) * fewest(row.structures)
+def _is_white(solution: RowSolution | None) -> bool:
+    """Return whether the noise has no colour: an autoregression may have taken a slow branch, until samples tell."""
+    return solution is not None and solution.found.noise.order == 0
 
 
 def fewest(structures: tuple[Structure, ...]) -> int:

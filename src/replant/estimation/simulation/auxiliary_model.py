@@ -179,6 +179,24 @@ class AuxiliaryModel:
         error = target - phi @ theta if state.serves_reflected else ahead
         return Pass(phi, zeta, target, output, error, ahead)
 
+    def branch(self, theta: FloatArray, record: Record) -> tuple[FloatArray, FloatArray]:
+        """Return instruments (K, T) and output (K,) of a record without a gap, from rest: by its input alone."""
+        self.begin(theta)
+        rows, output = self.branch_on(record)
+        unknown = record.unknown(self._delay)
+        if unknown:
+            output[:unknown] = output[min(unknown, record.u.size - 1)]
+            rows[:unknown] = 0.0
+        return rows, output
+
+    def branch_on(self, record: Record) -> tuple[FloatArray, FloatArray]:
+        """Return the same from where the last run ended."""
+        from replant.kernels.step.branch import branch
+
+        rows, output = np.empty((record.u.size, self.entries)), np.empty(record.u.size)
+        branch(*self._state.arrays, record.u, record.intervals, rows, output)
+        return rows, output
+
 
 def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:
     """Return the passes over the parts of a record as one.

@@ -204,13 +204,15 @@ def evaluate(
         states = np.zeros(row.nuisances - 1) if before is None else before.nuisances[number][1:]
         outputs, slopes, free = row.signals(theta, stretch, states)
         left = stretch.y - outputs.sum(axis=1)
-        basis, back = _basis(row.whitened(noise, free, stretch))
-        weights = back @ (basis.T @ row.whitened(noise, left, stretch))
+        nuisance = free.shape[1]
+        white = row.whitened(noise, np.column_stack([free, left, slopes]), stretch)
+        basis, back = _basis(white[:, :nuisance])
+        weights = back @ (basis.T @ white[:, nuisance])
         e = np.where(stretch.measured, left - free @ weights, 0.0)
-        made = row.whitened(noise, np.column_stack([slopes, e]), stretch)
-        made = _freed(made, basis)
-        error.append(made[:, -1])
-        phi.append(made[:, :-1])
+        white[:, nuisance] -= white[:, :nuisance] @ weights
+        made = _freed(white[:, nuisance:], basis)
+        error.append(made[:, 0])
+        phi.append(made[:, 1:])
         instruments = row.instruments(theta, stretch, states)
         zeta.append(phi[-1] if instruments is None else _freed(row.whitened(noise, instruments, stretch), basis))
         if pulled:

@@ -47,10 +47,10 @@ class Branches:
         """Return of each branch the output (K,) with that of its initial state, the slopes and the responses."""
         outputs, slopes, free = [], [], []
         for model, structure, theta, record in self._each(coefficients, states, records):
-            done = model.go_on(theta, record) if on else model.run(theta, record)
-            outputs.append(done.output)
-            slopes.append(done.zeta[:, : structure.coefficients])
-            free.append(done.zeta[:, -structure.poles :])
+            rows, output = model.branch_on(record) if on else model.branch(theta, record)
+            outputs.append(output)
+            slopes.append(rows[:, : structure.coefficients])
+            free.append(rows[:, -structure.poles :])
         return outputs, slopes, free
 
     def begin(self, coefficients: Sequence[FloatArray], states: FloatArray) -> None:

@@ -17,15 +17,10 @@ import math
 import numpy as np
 
 from replant.estimation.engine.recent_samples import IN_A_ROW
-from replant.kernels.schema import Doubt
+from replant.kernels.schema import OUTLYING, Doubt
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.levels import MATTERS
 from replant.numerics.robust import SECTIONS, never_ties, robust_std, still_runs, tie_share, usual_step, without_spikes
-
-SIGMAS = 6.0
-"""Distance of a residual from what its neighbours tell beyond which it is an outlier [robust standard deviations].
-Level: 2e-9 for normal noise.
-"""
 
 LEAST = 0.25
 """The same beside the output, so that what rounding or a small fault of the model leaves is none [part of the output's
@@ -149,7 +144,7 @@ def _outliers(u: FloatArray, y: FloatArray, error: FloatArray, noise: FloatArray
         largest = np.max(
             np.lib.stride_tricks.sliding_window_view(np.pad(size, noise.size - 1), 2 * noise.size - 1), axis=1
         )
-        new = known & (size > max(SIGMAS * robust_std(away[known]), least)) & (size == largest)
+        new = known & (size > max(OUTLYING * robust_std(away[known]), least)) & (size == largest)
         if not new.any():
             break
         found |= new

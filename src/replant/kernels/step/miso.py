@@ -5,8 +5,9 @@ e = e_0 - phi' delta + noise with delta = theta - theta_0.  With D(q) (noise) = 
 
 .. math:: \delta \leftarrow \delta + \frac{P\,\psi}{1 + \psi' P\,\psi} (D e_0 - \psi' \delta), \quad \psi = D \varphi,
 
-which is recursive least squares; offset and initial states are among the entries of delta.  Where the past is broken
-only j < p predecessors are known: the best model of order j filters, weighted by the root of V_p / V_j.
+which is recursive least squares; offset and initial states are among the entries of delta.  An innovation counts as
+`OUTLYING` standard deviations at the most, so that a wild output moves the estimate no further.  Where the past is
+broken only j < p predecessors are known: the best model of order j filters, weighted by the root of V_p / V_j.
 
 In feedback P and the gain are made of instruments zeta, whitened likewise, in place of phi: their products with phi and
 with themselves are alike, as zeta is what phi has from outside, and the rest of phi is independent of it.
@@ -20,7 +21,7 @@ import numpy as np
 
 from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers.covariance import measurement_update, variance_along
-from replant.kernels.schema import LAGS
+from replant.kernels.schema import LAGS, OUTLYING
 
 KNOWN, LEARNED, REFUSED = range(3)
 """Places in ``counts``: known predecessors of the next sample; samples learned; updates refused [index]."""
@@ -91,7 +92,12 @@ def learn(
                     for lag in range(1, lags + 1):
                         total += models[lags, lag] * instruments[LAGS + k - lag, i]
                     zeta[i] = weight * total
-            if math.isfinite(innovation * innovation * (1.0 + variance_along(factor, diagonal, zeta))):
+            spread = 1.0 + variance_along(factor, diagonal, zeta)
+            if math.isfinite(innovation * innovation * spread):
+                variance = squares[0] / max(counts[LEARNED] - T, 1)
+                most = OUTLYING * math.sqrt(variance * spread)
+                if most > 0.0:
+                    innovation = min(max(innovation, -most), most)
                 alpha = measurement_update(T, factor, diagonal, zeta, 1.0, projected, gain)
                 for i in range(T):
                     delta[i] += gain[i] * innovation / alpha

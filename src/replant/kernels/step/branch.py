@@ -1,0 +1,86 @@
+r"""A branch of a row over a record: its output, and the slopes of that, from the input alone.
+
+With x = B/A u + the response to an initial state, the columns are
+
+.. math::
+    -\frac{s^k}{A} x, \qquad \frac{s^k}{A} u, \qquad \text{and the responses to each state.}
+
+`stages.regressors` gives the same to the bit, in twice the time: it filters a measured output, too, and a constant.
+"""
+
+import numpy as np
+
+from replant.kernels.filters import bank as bk
+from replant.kernels.filters import chain
+from replant.kernels.native import LAID_OUT, Matrix, Reals, kernel
+from replant.kernels.schema import StateArrays
+from replant.kernels.step.stages import acceptable
+
+
+def respond(s, u, interval, row):
+    """Take an input through dead time and model, fill the row (T,) but for the constant's entry; return the output."""
+    n, T, bank, work = s.order, s.entries, s.banks[s.serving_bank], s.work
+    first = not s.started
+    if first:
+        chain.begin(s, u, 0.0)
+    else:
+        chain.remember_input(s, u, interval)
+        if s.unknown_input > 0.0:  # the state that this input leaves is free, so that the filters begin there
+            first = True
+            chain.follow_input(s, interval)
+            chain.begin_filters(s)
+            left = s.unknown_input - interval
+            s.unknown_input = left if left > bk.SAME_INTERVAL * interval else 0.0
+    slot = 0
+    if not first:
+        slot = bk.discretization(bank, n, T, interval, work)
+        if s.delay > 0.0:
+            s.input_now = chain.advance_delayed_input(s, bank, interval, slot, work, bk.INPUT)
+            # once more: the discretisations of the pieces may have taken the place of that of the whole interval
+            slot = bk.discretization(bank, n, T, interval, work)
+        else:
+            newest = s.ring_head
+            start, end = s.held[newest], s.held[newest]
+            if s.straight_input:
+                start, end = s.inputs[chain.one_before(s, newest)], s.inputs[newest]
+            bk.advance_channel(bank, n, T, bk.INPUT, slot, start, end, work)
+            s.input_now = s.inputs[newest]
+        bk.advance_channel(bank, n, T, bk.IMPULSE, slot, 0.0, 0.0, work)
+    output = bk.fill_known_entries(bank, n, T, s.input_entries, bk.INPUT, s.input_now, False, True, False, row)
+    if not first:
+        bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], output, work)
+    bank[bk.INSTRUMENT] = bank[bk.MODEL_OUTPUT] = output
+    bk.fill_output_entries(bank, n, T, bk.MODEL, output, row)
+    if s.unknown_input > 0.0:  # such a sample says nothing
+        for i in range(T):
+            row[i] = 0.0
+    return output
+
+
+@kernel(
+    LAID_OUT, "s.refined and s.instruments and not s.has_reference and not s.bilinear",
+    "intervals.size == 1 or intervals.size >= u.size",
+    "output.size >= u.size and rows.shape[0] >= u.size and rows.shape[1] == s.entries",
+)  # fmt: skip
+def branch(s: StateArrays, u: Reals, intervals: Reals, rows: Matrix, output: Reals):
+    """Run a model over inputs (K,), from where its last run ended.
+
+    ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T), in the order of the entries of the model, the
+    constant's zero, and ``output`` (K,).  Both are NaN where an input is not finite or too large.
+    """
+    T, constant = s.entries, s.order + s.input_entries
+    bank = s.banks[s.serving_bank]
+    for k in range(u.size):
+        interval = intervals[0] if intervals.size == 1 else intervals[k]
+        if not acceptable(s, u[k], 0.0):
+            output[k] = np.nan
+            for i in range(T):
+                rows[k, i] = np.nan
+        elif bank[bk.REFLECTED] == 1.0:  # a model that is not stable predicts from the output, which is nought
+            chain.observe(s, u[k], 0.0, interval)
+            output[k] = bank[bk.MODEL_OUTPUT]
+            for i in range(T):
+                rows[k, i] = s.zeta[i]
+        else:
+            rows[k, constant] = 0.0
+            output[k] = respond(s, u[k], interval, rows[k])
