@@ -168,6 +168,15 @@ class TestVerdict:
         u = toggling(1, correlation=0.9, samples=2000)
         assert self.status(u, noisy(1, row_of(u, FAST, FAST)), poles=(2, 2))[0] == "trusted"
 
+    @pytest.mark.parametrize("seed", range(4))
+    def test_inputs_that_are_one_signal(self, seed: int) -> None:
+        u = toggling(seed, samples=2000)[:, :1] @ np.array([[1.0, -0.3]])
+        status, reasons = self.status(u, noisy(seed, row_of(u[:, :1], FAST)), poles=(2, 1), delay=(0.0, 0.3))
+        assert status == "not excited"
+        assert "inputs u1 and u2 move together as one signal" in reasons
+        apart = u + np.outer(np.arange(2000) == 1000, [0.0, 1.0])  # a single sample makes them two
+        assert "as one signal" not in self.status(apart, noisy(seed, row_of(u[:, :1], FAST)), poles=(2, 1))[1]
+
     def test_an_input_that_explains_nothing(self) -> None:
         u = toggling(2)
         status, reasons = self.status(u, noisy(2, row_of(u[:, :1], FAST)), poles=(2, 1))

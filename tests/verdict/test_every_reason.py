@@ -459,6 +459,10 @@ ELSEWHERE = {
     "no input has moved for the last": (
         "online/test_several_inputs.py: test_a_model_stays_trusted_while_all_inputs_rest_and_it_is_said",
     ),
+    "move together as one signal": (
+        "fitting/test_several_inputs.py: test_inputs_that_are_one_signal",
+        "fitting/test_several_inputs.py: test_inputs_that_move_together_and_are_both_needed",
+    ),
     "move together: their gains correlate by": (
         "fitting/test_several_inputs.py: test_inputs_that_move_together_and_are_both_needed",
     ),

@@ -17,6 +17,7 @@ from replant.estimation.solver.refined_estimate import relative_uncertainty
 from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
+from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import least_norm
 from replant.numerics.projections import WEAKEST
 from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
@@ -63,13 +64,27 @@ def _rest(row: Row) -> float:
 
 def untold(row: Row, record: Record, point: Point, covariance: FloatArray) -> list[Finding]:
     """Return which inputs rest or move together, and else whose transfer functions the record does not tell."""
-    return [*_at_rest(row), *_uncertain(row, record, point, covariance)]
+    return [*_at_rest(row), *_alike(row), *_uncertain(row, record, point, covariance)]
 
 
 def _at_rest(row: Row) -> Iterator[Finding]:
     for i in range(len(row.structures)):
         if not any(np.ptp(stretch.inputs[i].u) > 0.0 for stretch in row.stretches):
             yield Finding("not excited", f"input {row.names[i]} does not move: move it, or leave it out")
+
+
+def _alike(row: Row) -> Iterator[Finding]:
+    """Return which inputs are one signal, scaled: structures that differ tell them apart, but no sample does."""
+    signals = np.concatenate([row.inputs[each.rows] - row.inputs[each.rows].mean(axis=0) for each in row.stretches])
+    powers = np.sum(signals**2, axis=0)
+    for i, j in itertools.combinations(np.flatnonzero(powers > 0.0).tolist(), 2):
+        apart = signals[:, j] - signals[:, i] * float(signals[:, i] @ signals[:, j]) / powers[i]
+        if float(apart @ apart) <= ROUNDING * powers[j]:
+            yield Finding(
+                "not excited",
+                f"inputs {row.names[i]} and {row.names[j]} move together as one signal: what one of them does is not "
+                "told from what the other does; move one of them alone, or leave it out",
+            )
 
 
 def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -> Iterator[Finding]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -23,7 +23,7 @@ from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
 from replant.numerics.limits import duration, stamps_of
 from replant.online.locking import Shared, Turn, changes, reads
-from replant.online.miso_state import RowSettings, RowState, fewest
+from replant.online.miso_state import NO_COLUMNS, RowSettings, RowState, fewest
 from replant.online.miso_step import Kept
 from replant.online.trace import Trace
 from replant.verdict import fit_percent
@@ -443,13 +443,14 @@ class RowIdentifier(Shared):
             raise InvalidArgumentError(f"there is no model of the newest samples: {self.assess().reasons[0]}")
         return found.model
 
-    def fit_of_newest(self) -> RowFit | None:
+    def fit_of_newest(self, others: Mapping[str, FloatArray] = NO_COLUMNS) -> RowFit | None:
         """Return the estimate as a fit of the newest samples, at most 10000; None where they are too few.
 
-        Its output is NaN where the plant answers to inputs from before the samples, or from before a gap in them.
+        The verdict is told of ``others``, further columns of the samples of `recent`.  The output is NaN where the
+        plant answers to inputs from before the samples, or from before a gap in them.
         """
         state = self._now
-        found = state.newest()
+        found = state.newest(others)
         if found is None:
             return None
         ready, row, estimate, verdict, doubt = found

@@ -15,7 +15,7 @@ Nothing is changed in place: a sample makes another state, so that whoever is in
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
@@ -38,8 +38,8 @@ from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_screen import REASONS, RowClock, Screened
-from replant.verdict.miso_tests import controlled, lacking
-from replant.verdict.record_tests import left_out_finding
+from replant.verdict.miso_tests import controlled, lacking, left_out
+from replant.verdict.record_tests import followed_finding, left_out_finding
 from replant.verdict.verdict import Finding, Verdict
 
 # as often as it is solved again, and once in between
@@ -49,6 +49,7 @@ LOOK = math.sqrt(AGAIN)  # growth of the record, as far as it is looked at, afte
 JUDGES = math.ceil(math.log(2.0) / math.log(AGAIN))  # solutions that judge whether there is a change [count]
 
 LEAST = 4  # outputs for the first model, at the least [count for each unknown]
+NO_COLUMNS: Mapping[str, FloatArray] = {}
 ROOM = 256  # rows that there is room for at first [samples]
 
 
@@ -358,8 +359,11 @@ class RowState:
         return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names), references
 
     @quiet
-    def newest(self) -> Newest | None:
-        """Return the newest samples, and what the estimate is over them; None where they are too few."""
+    def newest(self, others: Mapping[str, FloatArray] = NO_COLUMNS) -> Newest | None:
+        """Return the newest samples, and what the estimate is over them; None where they are too few.
+
+        The verdict names the other column of these samples that explains most of what is left, if one does.
+        """
         known = self.recursion
         if known is None:
             return None
@@ -383,7 +387,11 @@ class RowState:
             )
         if known.counts[2]:
             findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
-        findings += [*self.of_references, *left_out_finding(int((doubt == Doubt.STUCK).sum()))]
+        rest = {name: signal[ready.used] for name, signal in others.items()}
+        findings += [*self.of_references, *left_out(row, point, known.noise, rest)]
+        findings += left_out_finding(int((doubt == Doubt.STUCK).sum()))
+        if self.record_began:
+            findings.append(followed_finding(self.length * self.settings.dt))
         found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
         verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
         return Newest(ready, row, found, verdict, doubt)

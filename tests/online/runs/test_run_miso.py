@@ -46,6 +46,29 @@ def test_the_output_of_the_plant_before_a_change_is_not_known() -> None:
     found = rp.run(u, y, 0.1, poles=(1, 1))
     assert np.isnan(found.output[:1900]).all()
     assert np.isfinite(found.output[2100:]).all()
+    assert "the plant changed 200 s ago: the estimate is that of the samples since" in " ".join(found.verdict.reasons)
+
+
+@every("seed", range(4), quick=1)
+def test_a_sample_that_is_left_out_takes_its_time(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    u = U.copy()
+    for column in u.T:
+        column[rng.random(column.size) < 0.05] = np.nan
+    found, fitted = rp.run(u, Y, DT, **ASKED), rp.fit(u, Y, DT, **ASKED)
+    assert found.parameters == pytest.approx(fitted.parameters, rel=1e-3)
+    assert found.verdict.status == fitted.verdict.status
+
+
+def test_another_column_is_named_as_by_fit() -> None:
+    third = toggling(8, samples=1200)[:, 0]
+    y = Y + rp.TransferFunction([1.0], [1.0, 1.0]).simulate(third.copy(), DT) * np.std(Y)
+    log = rp.Log(U[:, 0].copy(), y, DT, others={"u2": U[:, 1].copy(), "u3": third}, more_inputs=("u2",))
+    found, fitted = rp.run(log, **ASKED), rp.fit(log, **ASKED)
+    assert "column u3 could explain a further" in " ".join(found.verdict.reasons)
+    assert found.verdict.status == fitted.verdict.status == "inconsistent"
+    alone = rp.Log(U[:, 0].copy(), Y, DT, others={"u2": U[:, 1].copy(), "u3": third}, more_inputs=("u2",))
+    assert rp.run(alone, **ASKED).verdict.status == "trusted"
 
 
 def test_stamps_and_references_come_with_the_samples() -> None:

@@ -45,6 +45,9 @@ def run_row(
     ident = RowIdentifier(
         dt=given.dt, startup=first, input_hold=given.input_hold, input_names=given.input_names, **orders
     )  # fmt: skip
+    screened = Screened.of(RowClock(), u, y, t, np.empty((y.size, 0)), -np.inf, given.dt)
+    if t is None and not screened.is_taken.all():
+        t = given.dt * np.arange(y.size, dtype=np.float64)  # a sample that is left out takes its time nevertheless
     for begin in range(0, y.size, CHUNK):
         rows = slice(begin, begin + CHUNK)
         stamps, references = (None if each is None else each[rows] for each in (t, given.reference))
@@ -52,11 +55,13 @@ def run_row(
         progress(min(begin + CHUNK, y.size))
     if startup is None or not ident.has_model:
         ident.finish()
-    names = ident.request.input_names
-    model = ident.model.of_log(names, given.output_name, given.source, given.sha256)
+    names, taken = ident.request.input_names, np.flatnonzero(screened.is_taken)
+    of_newest = taken[taken.size - len(ident.recent[1]) :]
+    others = {name: each[of_newest] for name, each in given.others.items() if name not in given.more_inputs}
+    found = ident.fit_of_newest(others)
+    newest = ident.model if found is None else found.model
+    model = newest.of_log(names, given.output_name, given.source, given.sha256)
     none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
-    screened = Screened.of(RowClock(), u, y, t, np.empty((y.size, 0)), -np.inf, given.dt)
-    taken = np.flatnonzero(screened.is_taken)
     began, *loads = (int(taken[each]) for each in ident.begins)
     ready = RowRecord.of(u, y, given.dt, t, given.input_hold, (began, *loads))
     output = ready.simulated(*evaluated(model, ready))
