@@ -14,6 +14,7 @@ import pytest
 
 import replant as rp
 from replant.estimation.engine.state import State, step_kernels
+from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
 from replant.kernels.filters import bank, chain, series
 from replant.kernels.filters.reference import functions
 from replant.kernels.filters.series import fill_all_pole, fill_play
@@ -21,6 +22,7 @@ from replant.kernels.monitoring import interruptions, scatter
 from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import LAGS, LAGUERRE
 from replant.kernels.step.bank import weigh
+from replant.kernels.step.branch import branch
 from replant.kernels.step.miso import REFUSED, learn
 from replant.kernels.step.soundness import is_sound
 from replant.kernels.step.stages import regressors
@@ -187,6 +189,24 @@ def check_regressors() -> None:
 
 
 @once
+def check_branch() -> None:
+    """Check a branch of a row: held or straight inputs, with and without a dead time, a model that is not stable."""
+    u = np.append(np.random.default_rng(2).standard_normal(40), [np.nan, 0.5])
+    for delay, hold, sign in ((0.0, "zoh", 1.0), (0.033, "zoh", 1.0), (0.033, "foh", 1.0), (0.0, "zoh", -1.0)):
+        structure = rp.Structure(2, zeros=1, delay=delay)
+        theta = np.array([sign, 2.0, 0.5, 1.0, 0.0, 0.3, 0.2])
+
+        def work(structure: rp.Structure = structure, hold: str = hold, theta: FloatArray = theta) -> tuple[Any, ...]:
+            model = AuxiliaryModel(structure, DT, hold)
+            model.begin(theta)
+            rows, output = np.zeros((u.size, model.entries)), np.zeros(u.size)
+            branch(*model.arrays, u, np.array([DT]), rows, output)
+            return (*model.arrays, rows, output)
+
+        check(work)
+
+
+@once
 def check_model() -> None:
     """Check what changes a model, stable or not, and what an interruption leaves."""
     state, _, _ = identified("default")
@@ -197,7 +217,6 @@ def check_model() -> None:
             chain.install_model(*own.arrays, 1, sign * own.theta)
             own.elapsed = 1e9
             interruptions.interrupt(*own.arrays, 3.0)
-            interruptions.forget_constant(*own.arrays)
             return own.arrays
 
         check(work)
@@ -320,6 +339,7 @@ def test_steps_leave_the_same_bits(kind: str) -> None:
 
 def test_the_other_kernels_leave_the_same_bits() -> None:
     check_regressors()
+    check_branch()
     check_model()
     check_series()
     check_row()
@@ -345,6 +365,7 @@ def test_every_function_that_is_translated_has_been_compared(monkeypatch: pytest
     for kind in CASES:
         check_steps(kind)
     check_regressors()
+    check_branch()
     check_model()
     check_series()
     check_row()

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replant.estimation.engine.state import GAP
-from replant.estimation.simulation.auxiliary_model import NOTHING
 from replant.kernels.filters.whitening import IRREGULAR
 from replant.kernels.schema import LARGEST, LEAP
 from replant.numerics.arguments import FloatArray
@@ -27,10 +26,10 @@ class RowStep:
     """Takes samples one by one, behind those of a recursion, which stays as it is; `serves` says of which one."""
 
     def __init__(self, recursion: RowRecursion, *, learns: bool) -> None:
+        from replant.kernels.step.branch import branch
         from replant.kernels.step.miso import learn
-        from replant.kernels.step.stages import regressors
 
-        self._learn, self._regressors = learn, regressors
+        self._learn, self._branch = learn, branch
         self._models, size = recursion.models.copy(), recursion.delta.size
         self._theta, self._dt = recursion.theta, recursion.dt
         self._origin, self._level, self._constant = (
@@ -45,9 +44,8 @@ class RowStep:
         self._u = [np.empty(1) for _ in self._origin]
         slope, free = 0, recursion.theta.size + 1
         for model, structure, u in zip(self._models.models, recursion.structures, self._u, strict=True):
-            phi, zeta = np.empty((1, model.entries)), np.empty((1, model.entries))
-            output = np.empty(1)
-            given = *model.arrays, u, np.zeros(1), self._interval, NOTHING, phi, zeta, np.empty(1), output
+            zeta, output = np.empty((1, model.entries)), np.empty(1)
+            given = *model.arrays, u, self._interval, zeta, output
             parts = (
                 (self._newest[slope : slope + structure.size], zeta[0, : structure.coefficients]),
                 (self._newest[free : free + structure.poles], zeta[0, -structure.poles :]),
@@ -79,7 +77,7 @@ class RowStep:
         error = (y - self._level) - self._constant
         for place, value, origin, (given, output, parts) in zip(self._u, u, self._origin, self._branches, strict=True):
             place[0] = value - origin
-            self._regressors(*given)
+            self._branch(*given)
             for into, of in parts:
                 into[:] = of
             error -= output.item()

@@ -109,26 +109,6 @@ def begin_initial_state(s, y):
         scatter.begin_last(s.colour, first, T)
 
 
-@kernel(LAID_OUT, "s.refined and s.coloured")
-def forget_constant(s: StateArrays):
-    """Take the constant beside G(s) for unknown: as large as would make the output ten times what it lately was.
-
-    The initial state, the entries behind it, is begun anew by the next sample.
-    """
-    n, T = s.order, s.entries
-    which, variances, (U, D) = T - n - 1, s.work[: n + 1], second.factors_of(s)
-    size = UNKNOWN * max(s.largest_output, np.finfo(np.float64).tiny) * (s.output_scale * s.output_scale)
-    unit = s.unit[which]
-    size *= bk.whole_power(s.banks[s.serving_bank, bk.SCALE], 2 * n) / (unit * unit)
-    size /= unit_of_covariance(s)
-    for i in range(n + 1):
-        variances[i] = size
-    caps = block(s.memory, second.AT_CAPS, T)
-    caps[which] = max(caps[which], size)
-    second.begin_last(U, D, which, variances, s.backup[:T])
-    scatter.begin_last(s.colour, which, T)
-
-
 @kernel(LAID_OUT)
 def interrupt(s: StateArrays, interval: float):
     """Begin the filters anew after a gap: parameters stay, learning waits until what is unknown has died out."""
