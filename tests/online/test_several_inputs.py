@@ -142,6 +142,15 @@ def test_a_sample_that_is_interrupted_was_not_taken(monkeypatch: Any, awkward: A
     assert ident.to_bytes() == other.to_bytes()
 
 
+def test_an_argument_that_is_the_default_is_none_to_refuse() -> None:
+    with_defaults = rp.Identifier(
+        poles=(1, 1), dt=DT, background=False, normalize=True, optimizer="auto", preprocess=rp.Preprocess(), zeros=0
+    )
+    assert with_defaults.request == rp.Identifier(poles=(1, 1), dt=DT).request
+    with pytest.raises(rp.ReplantError, match="several inputs take no background yet"):
+        rp.Identifier(poles=(1, 1), dt=DT, background=True)
+
+
 def test_what_cannot_be_used_is_counted_and_changes_nothing(awkward: Any) -> None:
     u, y, t = awkward
     ident = begun()

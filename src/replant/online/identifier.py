@@ -161,7 +161,8 @@ class Identifier(Lifecycle):
         orders = (given.get(name) for name in ("poles", "zeros", "delay"))
         if cls is Identifier and any(isinstance(each, list | tuple) for each in orders):
             named = zip(("structure", "dt"), args, strict=False)
-            return RowIdentifier(**{name: each for name, each in named if each is not None}, **given)
+            wanted = {name: each for name, each in given.items() if not _is_default(name, each)}
+            return RowIdentifier(**{name: each for name, each in named if each is not None}, **wanted)
         return object.__new__(cls)
 
     @in_our_words
@@ -523,3 +524,9 @@ class Identifier(Lifecycle):
             raise InvalidArgumentError(NO_USE_OF_REFERENCE)
         if self.samples or any(self.rejected.values()):
             raise InvalidArgumentError("the samples before came without r: give it with every sample, or with none")
+
+
+def _is_default(name: str, value: Any) -> bool:
+    """Return whether an argument of `Identifier` is what it is without."""
+    known = Identifier.__signature__.parameters.get(name)
+    return known is not None and type(value) is type(known.default) and bool(value == known.default)
