@@ -200,7 +200,7 @@ def check_branch() -> None:
             model = AuxiliaryModel(structure, DT, hold)
             model.begin(theta)
             rows, output = np.zeros((u.size, model.entries)), np.zeros(u.size)
-            branch(*model.arrays, u, np.array([DT]), rows, output)
+            branch(*model.arrays, u, np.array([DT]), structure.delay > 0.0, rows, output)
             return (*model.arrays, rows, output)
 
         check(work)

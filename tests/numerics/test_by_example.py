@@ -36,8 +36,8 @@ from replant.numerics.autoregression import (
     places_on_grid,
     whiteness,
 )
-from replant.numerics.linear_algebra import chi2_quantile, roots, solve
-from replant.numerics.projections import explained_power, laguerre, products, weights_of, widening
+from replant.numerics.linear_algebra import chi2_quantile, products, roots, solve
+from replant.numerics.projections import explained_power, laguerre, weights_of, widening
 from replant.numerics.residuals import correlation_lags, correlations
 from replant.numerics.robust import (
     never_ties,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.linear_algebra import eigenvalues, least_norm, pseudo_inverse, roots, solve
@@ -44,3 +45,17 @@ def test_roots_beyond_float64_are_not_a_number() -> None:
     model = TransferFunction([1e-300, 1e10], [1.0, 1e300, 1.0])
     assert np.isnan(model.zeros).all()
     assert model.poles.shape == (2,)
+
+
+@pytest.mark.parametrize("samples", [2047, 2049, 4096, 30000])
+@pytest.mark.parametrize("targets", [(), (2,)])
+def test_least_squares_in_blocks_are_those_of_all_rows(samples: int, targets: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(samples)
+    columns = rng.normal(size=(samples, 4)) @ np.diag([1.0, 1e6, 1e-6, 1.0])
+    columns[:, 3] = columns[:, 0]  # one direction is not there
+    target = rng.normal(size=(samples, *targets))
+    found, rank, singular = least_norm(columns, target, 1e-14)
+    wanted, _, wanted_rank, wanted_singular = np.linalg.lstsq(columns, target, rcond=1e-14)
+    assert rank == wanted_rank == 3
+    np.testing.assert_allclose(found, wanted, rtol=1e-6, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(singular[:3], wanted_singular[:3], rtol=1e-9)

@@ -29,8 +29,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of
-from replant.numerics.projections import products
+from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of, products
 from replant.verdict.miso_tests import answering, controlled, lacking, of_rivals
 from replant.verdict.verdict import Finding
 

@@ -35,7 +35,7 @@ from replant.model.dead_time import unknown_outputs
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import quiet, real_coefficients
+from replant.numerics.linear_algebra import quiet, real_coefficients, sum_of_squares
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.estimate_tests import MOST_UNCERTAIN, without_longer
 from replant.verdict.verdict import Assessment
@@ -184,7 +184,7 @@ class Evidence:
         return -0.5 * (white**2 / variance + np.log(2.0 * math.pi * variance * wider)), noise.order
 
     def _noise(self, error: FloatArray, explained: BoolArray) -> Autoregression:
-        power = float(error[explained] @ error[explained])
+        power = sum_of_squares(error[explained])
         if power > self._least * error.size:
             known = replace(self.record, measured=explained).predecessors
             return Autoregression.of_residual(error, known, error.size)

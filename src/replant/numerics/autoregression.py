@@ -17,7 +17,7 @@ import numpy as np
 
 from replant.kernels.schema import LAGS
 from replant.numerics.arguments import FloatArray, IntArray
-from replant.numerics.linear_algebra import chi2_quantile, quiet, roots
+from replant.numerics.linear_algebra import chi2_quantile, products, quiet, roots, sum_of_squares
 
 WHITENESS_LAGS = 25
 """Lags of the portmanteau statistic [samples].
@@ -71,7 +71,7 @@ class Autoregression:
         """Return the model of ``error`` (K,), every sample finite."""
         sums, count = sums_of(error, np.minimum(np.arange(error.size), LAGS))
         if count < LEAST:
-            return cls.white(float(error @ error), error.size)
+            return cls.white(sum_of_squares(error), error.size)
         return cls.of_sums(sums, count)
 
     @classmethod
@@ -102,7 +102,7 @@ class Autoregression:
         sums, count = sums_of(error, known)
         if count >= LEAST and np.isfinite(sums).all():
             return cls.of_sums(sums, count)
-        return cls.white(float(error @ error), samples)
+        return cls.white(sum_of_squares(error), samples)
 
     @classmethod
     def white(cls, power: float, count: float) -> Autoregression:
@@ -164,9 +164,11 @@ def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
 
 def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
     """Return the sums (LAGS + 1, LAGS + 1) of e_{k-i} e_{k-j} over samples with LAGS known predecessors; how many."""
-    rows = np.flatnonzero(known >= LAGS)
-    past = np.stack([error[rows - lag] for lag in range(LAGS + 1)])
-    return np.asarray(past @ past.T), rows.size
+    if error.size <= LAGS:
+        return np.zeros((LAGS + 1, LAGS + 1)), 0
+    rows, windows = np.flatnonzero(known >= LAGS), np.lib.stride_tricks.sliding_window_view(error, LAGS + 1)[:, ::-1]
+    past = windows if rows.size == len(windows) else windows[rows - LAGS]
+    return products(past, past), rows.size
 
 
 @quiet
@@ -220,7 +222,7 @@ def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL)
     Of a residual that a model of so many coefficients has whitened it has as many degrees of freedom less.
     """
     lags = min(WHITENESS_LAGS, error.size // 4)
-    power = float(error @ error)
+    power = sum_of_squares(error)
     if lags - spent < 1 or not power > 0.0:
         return 0.0
     correlations = np.array([error[lag:] @ error[: error.size - lag] for lag in range(1, lags + 1)]) / power

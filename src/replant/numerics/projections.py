@@ -1,8 +1,4 @@
-"""Projections on columns, among them Laguerre functions, by least squares, also generalised.
-
-The sums are formed in blocks that are too small for BLAS to start threads: on a busy machine threads wait for each
-other many times longer than the work takes.
-"""
+"""Projections on columns, among them Laguerre functions, by least squares, also generalised."""
 
 from __future__ import annotations
 
@@ -13,23 +9,12 @@ import numpy as np
 from replant.kernels.schema import LAGUERRE
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import chi2_quantile, least_norm
-
-SMALL = 1 << 17  # multiplications that stay in one thread [count]
+from replant.numerics.linear_algebra import chi2_quantile, least_norm, products, sum_of_squares
 
 TAKEN_AWAY = 1e-9  # length of a column, something taken off, that is rounding: a million times it [part of it before]
 WEAKEST = 1e-13  # eigenvalue of scaled sums of a direction that is not there: a hundred roundings [part of the largest]
 SHIFTS = 9  # of a residual against columns, by which `widening` is measured to a fifth [count]
 GOLDEN = 0.6180339887498949  # distance of two shifts, so that no period meets several of them [part of the record]
-
-
-def products(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a' b (P, Q) of columns a (K, P) and b (K, Q)."""
-    rows = max(16, SMALL // (a.shape[1] * b.shape[1]))
-    total = np.zeros((a.shape[1], b.shape[1]))
-    for begin in range(0, len(a), rows):
-        total += a[begin : begin + rows].T @ b[begin : begin + rows]
-    return total
 
 
 def lengths_of(columns: FloatArray) -> FloatArray:
@@ -69,7 +54,7 @@ def widening(basis: FloatArray, left: FloatArray) -> float:
         return 1.0
     places = (np.arange(1, SHIFTS + 1) * GOLDEN % 1.0 * left.size).astype(int)
     parts = [float(np.sum(products(basis, np.roll(left, place)[:, None]) ** 2)) for place in places]
-    usual = float(left @ left) / left.size * chi2_quantile(0.5, basis.shape[1])
+    usual = sum_of_squares(left) / left.size * chi2_quantile(0.5, basis.shape[1])
     return max(1.0, float(np.median(parts)) / usual)
 
 

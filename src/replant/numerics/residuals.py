@@ -15,6 +15,7 @@ import numpy as np
 from replant.kernels.schema import LAGS
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import LEAST, Autoregression
+from replant.numerics.linear_algebra import sum_of_squares
 
 BAND_95, BAND_99 = 1.960, 2.576
 """Two-sided standard normal quantiles, at 95 and 99 % [standard deviations].
@@ -109,7 +110,7 @@ class OutputSums:
         moved = y - self._level
         self.count += y.size
         self._sum += float(moved.sum())
-        self._squares += float(moved @ moved)
+        self._squares += sum_of_squares(moved)
 
     @property
     def spread(self) -> float:

@@ -22,8 +22,7 @@ from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import compose, factor_covariance, factor_information, quiet
-from replant.numerics.projections import products
+from replant.numerics.linear_algebra import compose, factor_covariance, factor_information, products, quiet
 
 DIFFUSE = 1e3
 """Standard deviation of offset and initial states behind a gap, before a sample tells of them [sizes of the output].

@@ -45,7 +45,7 @@ class RowStep:
         slope, free = 0, recursion.theta.size + 1
         for model, structure, u in zip(self._models.models, recursion.structures, self._u, strict=True):
             zeta, output = np.empty((1, model.entries)), np.empty(1)
-            given = *model.arrays, u, self._interval, zeta, output
+            given = *model.arrays, u, self._interval, False, zeta, output
             parts = (
                 (self._newest[slope : slope + structure.size], zeta[0, : structure.coefficients]),
                 (self._newest[free : free + structure.poles], zeta[0, -structure.poles :]),

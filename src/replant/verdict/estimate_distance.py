@@ -34,8 +34,8 @@ from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, larger, pseudo_inverse, roots
-from replant.numerics.projections import lengths_of, orthogonal, products, without
+from replant.numerics.linear_algebra import chi2_quantile, larger, products, pseudo_inverse, roots, sum_of_squares
+from replant.numerics.projections import lengths_of, orthogonal, without
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.verdict import Finding, duration, percent
 
@@ -114,7 +114,7 @@ def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
     newton = Step.of(zeta, error, by_reference, nuisances)
     rest = Autoregression.of(newton.left)
     innovation, coloured = rest.whiten(newton.left), rest.colour(newton.instruments)
-    variance = float(innovation @ innovation) / max(innovation.size - len(newton.step), 1)
+    variance = sum_of_squares(innovation) / max(innovation.size - len(newton.step), 1)
     covariance = variance * newton.inverse @ products(coloured, coloured) @ newton.inverse.T
     covariance = larger(covariance, float(np.mean(newton.left**2)) * newton.spread(newton.instruments))
     limit = float(chi2_quantile(1.0 - false_alarm, len(newton.step)))
@@ -143,7 +143,7 @@ def newest_distances(run: ModelRun, counts: Iterable[int], false_alarm: float) -
             moving[:, :-1], moving[:, -1], None if by_reference is None else by_reference[rows], nuisances[rows]
         )
         free = max(len(moving) - len(found.step) - nuisances.shape[1], 1)
-        covariance = max(usual, float(found.left @ found.left) / free) * found.spread(found.instruments)
+        covariance = max(usual, sum_of_squares(found.left) / free) * found.spread(found.instruments)
         return found, covariance, found.surprise(covariance)
 
     for count in counts:

@@ -27,12 +27,11 @@ from replant.estimation.solver.feedback_test import Feedback, answering
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression, whiteness
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile
+from replant.numerics.linear_algebra import chi2_quantile, products, sum_of_squares
 from replant.numerics.projections import (
     explained_power,
     laguerre_states,
     orthogonal,
-    products,
     weights_of,
     widening,
     without,
@@ -131,9 +130,9 @@ class Reference:
         z, x = noise.whiten(states), noise.whiten(u)
         basis = z @ orthogonal(products(z, z))
         amounts = basis.T @ x
-        part = float(amounts @ amounts)
+        part = sum_of_squares(amounts)
         free = max(x.size - amounts.size, 1)
-        rest = max((float(x @ x) - part) / free, np.finfo(float).tiny) * widening(basis, x - basis @ amounts)
+        rest = max((sum_of_squares(x) - part) / free, np.finfo(float).tiny) * widening(basis, x - basis @ amounts)
         limit = chi2_quantile(1.0 - ALPHA, states.shape[1] + 1)
         return cls(states, input_part, output_part, part / rest / limit)
 

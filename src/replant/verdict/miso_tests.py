@@ -17,8 +17,8 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of
-from replant.numerics.projections import orthogonal, products, widening, without
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, products
+from replant.numerics.projections import orthogonal, widening, without
 from replant.verdict.evidence import rounding_of
 from replant.verdict.verdict import Finding, figure, percent
 

@@ -20,8 +20,8 @@ from replant.kernels.monitoring.outliers import MANY, STEPS
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.levels import MATTERS
-from replant.numerics.linear_algebra import eigenvalues
-from replant.numerics.projections import TAKEN_AWAY, products, without
+from replant.numerics.linear_algebra import eigenvalues, products
+from replant.numerics.projections import TAKEN_AWAY, without
 from replant.numerics.robust import never_ties, robust_std, still_runs, usual_step
 from replant.verdict.estimate_tests import MOST_UNCERTAIN, MOVED_SIGMAS
 from replant.verdict.evidence import FEWEST, ROUNDING, Evidence, Runs

@@ -38,8 +38,8 @@ from replant.estimation.simulation.model_run import ModelRun
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import LEAST, Autoregression, sums_of
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, roots
-from replant.numerics.projections import TAKEN_AWAY, lengths_of, orthogonal, products
+from replant.numerics.linear_algebra import chi2_quantile, products, roots, sum_of_squares
+from replant.numerics.projections import TAKEN_AWAY, lengths_of, orthogonal
 from replant.verdict.evidence import PER_COEFFICIENT, Evidence, Runs
 
 LARGEST_PART = (1.0 / 16.0) ** 2
@@ -135,18 +135,18 @@ class Residual:
         left = filtered - self.white_known @ along
         lengths = lengths_of(left)
         told = columns.any(axis=0) & (lengths > LEFT * before) & (before > TAKEN_AWAY * lengths_of(columns))
-        if not told.any() or not float(self.white @ self.white) > 0.0:
+        if not told.any() or not sum_of_squares(self.white) > 0.0:
             return Explained(weights)
         left = left[:, told] / lengths[told]
         whole = (columns - self.known @ along)[self.used][:, told] / lengths[told]
         basis = orthogonal(products(left, left))
         amounts = basis.T @ products(left, self.white[:, None])[:, 0]
-        count, part = amounts.size, float(amounts @ amounts)
+        count, part = amounts.size, sum_of_squares(amounts)
         if not count:
             return Explained(weights)
         weights[told] = basis @ amounts / lengths[told]
         rest = self.white - left @ (basis @ amounts)
-        variance = float(rest @ rest) / max(self.white.size - count - self.from_known.shape[1], 1)
+        variance = sum_of_squares(rest) / max(self.white.size - count - self.from_known.shape[1], 1)
         if not variance > 0.0:
             return Explained(weights, float(np.mean((whole @ basis @ amounts) ** 2)), 0.0, math.inf, 0.0)
         variance *= _widening(left @ basis, rest, variance)
@@ -154,7 +154,7 @@ class Residual:
         output = gram @ amounts
         size = self.white.size
         power = (float(amounts @ output) - variance * float(np.trace(gram))) / size
-        std = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * float(output @ output))) / size
+        std = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * sum_of_squares(output))) / size
         limit = variance * float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1)))
         spread = math.sqrt(variance) / float(lengths[told][0]) if count == 1 else math.inf
         return Explained(weights, max(power, 0.0), std, part / limit, spread)

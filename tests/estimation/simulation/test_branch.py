@@ -22,11 +22,10 @@ def test_a_branch_has_the_bits_of_the_chain(seed: int) -> None:
     denominator = np.poly(-rng.uniform(0.1, 5.0, poles)) if seed % 5 else np.poly(rng.uniform(-5.0, 2.0, poles))
     theta = [denominator[1:], rng.normal(size=structure.zeros + 1), np.zeros(1), rng.normal(size=poles)]
     whole, alone = AuxiliaryModel(structure, DT, hold), AuxiliaryModel(structure, DT, hold)
-    is_told = np.arange(whole.entries) != structure.size  # the constant is left out
-    first, second = whole.run(np.concatenate(theta), record), whole.go_on(np.concatenate(theta), record)
-    for done, (rows, output) in (
-        (first, alone.branch(np.concatenate(theta), record)),
-        (second, alone.branch_on(record)),
-    ):
+    constant, model = bool(rng.integers(2)), np.concatenate(theta)
+    is_told = (np.arange(whole.entries) != structure.size) | constant
+    pairs = [(whole.run(model, record), alone.branch(model, record, constant=constant))]
+    pairs.append((whole.go_on(model, record), alone.branch_on(record, constant=constant)))
+    for done, (rows, output) in pairs:
         np.testing.assert_array_equal(output, done.output)
         np.testing.assert_array_equal(rows[:, is_told], done.zeta[:, is_told])

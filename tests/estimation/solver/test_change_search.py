@@ -8,7 +8,9 @@ import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.change_contest import Supposition
 from replant.estimation.solver.change_search import PlantChange, begin_of_change, change_at, change_within
+from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.solve import Solution, solve
+from replant.estimation.solver.srivc_steps import Problem
 from support.builders import binary
 from support.cases import every
 
@@ -68,3 +70,21 @@ def test_that_the_plant_has_changed_is_sure_where_it_is_not_which_coefficients(s
     fitted = rp.fit(u, y + 0.3 * y.std() * rng.standard_normal(1500), DT, poles=1)
     assert fitted.verdict.status == "inconsistent"
     assert any("the plant seems to have changed" in reason for reason in fitted.verdict.reasons)
+
+
+@every("delay", [0.0, 0.25], quick=2)
+@every("missing", [False, True], quick=2)
+def test_slopes_and_residual_by_the_input_alone_are_those_of_a_whole_pass(delay: float, missing: bool) -> None:
+    rng = np.random.default_rng(4)
+    u, structure = binary(4, 400), rp.Structure(2, zeros=1, delay=delay)
+    y = rp.TransferFunction([2.0, 6.0], [1.0, 2.0, 5.0], delay=delay).simulate(u, 0.1) + 0.1 * rng.standard_normal(400)
+    measured = rng.random(400) > 0.1 if missing else None
+    record = Record(u, np.where(measured, y, 0.0) if missing else y, np.array([0.1]), measured=measured)
+    problem = Problem(structure, record)
+    slopes, error, beside = problem.scores(without_nuisances(structure, np.array([2.1, 5.2, 1.9, 6.1])))
+    done = problem.run_whole(without_nuisances(structure, np.array([2.1, 5.2, 1.9, 6.1])), filled=False)
+    output = rp.TransferFunction([1.9, 6.1], [1.0, 2.1, 5.2], delay=delay).simulate(u, 0.1)
+    counts = record.is_measured & (np.arange(400) >= record.unknown(delay))
+    assert beside == 1.0
+    np.testing.assert_allclose(slopes, done.zeta, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(error, np.where(counts, y - output, 0.0), rtol=1e-9, atol=1e-12)

@@ -21,7 +21,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.numerics.linear_algebra import least_norm
+from replant.numerics.linear_algebra import least_norm, sum_of_squares
 from replant.numerics.projections import WEAKEST, without
 
 SLOWEST = 0.01  # least distance of a filter's pole from the axis: within a hundredth an integrator [1 / duration]
@@ -89,7 +89,7 @@ class Pass:
     def cost(self) -> float:
         """Mean square of measured minus predicted output; infinite where that leaves float64."""
         with np.errstate(over="ignore", invalid="ignore"):
-            cost = float(self.ahead @ self.ahead) / self.ahead.size
+            cost = sum_of_squares(self.ahead) / self.ahead.size
         return cost if math.isfinite(cost) else math.inf
 
 
@@ -179,22 +179,25 @@ class AuxiliaryModel:
         error = target - phi @ theta if state.serves_reflected else ahead
         return Pass(phi, zeta, target, output, error, ahead)
 
-    def branch(self, theta: FloatArray, record: Record) -> tuple[FloatArray, FloatArray]:
-        """Return instruments (K, T) and output (K,) of a record without a gap, from rest: by its input alone."""
+    def branch(self, theta: FloatArray, record: Record, *, constant: bool = False) -> tuple[FloatArray, FloatArray]:
+        """Return instruments (K, T) and output (K,) of a record without a gap, from rest: by its input alone.
+
+        Rows that answer to inputs before the record are zero; so is the column of the constant, unless asked for.
+        """
         self.begin(theta)
-        rows, output = self.branch_on(record)
+        rows, output = self.branch_on(record, constant=constant)
         unknown = record.unknown(self._delay)
         if unknown:
             output[:unknown] = output[min(unknown, record.u.size - 1)]
             rows[:unknown] = 0.0
         return rows, output
 
-    def branch_on(self, record: Record) -> tuple[FloatArray, FloatArray]:
+    def branch_on(self, record: Record, *, constant: bool = False) -> tuple[FloatArray, FloatArray]:
         """Return the same from where the last run ended."""
         from replant.kernels.step.branch import branch
 
         rows, output = np.empty((record.u.size, self.entries)), np.empty(record.u.size)
-        branch(*self._state.arrays, record.u, record.intervals, rows, output)
+        branch(*self._state.arrays, record.u, record.intervals, constant, rows, output)
         return rows, output
 
 

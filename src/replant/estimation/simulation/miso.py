@@ -25,8 +25,8 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import LEAST, Autoregression, sums_of
 from replant.numerics.levels import ROUNDING
-from replant.numerics.linear_algebra import quiet, roots
-from replant.numerics.projections import lengths_of, orthogonal, products
+from replant.numerics.linear_algebra import products, quiet, roots, sum_of_squares
+from replant.numerics.projections import lengths_of, orthogonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +188,7 @@ class Point:
     @property
     def power(self) -> float:
         """Sum of squares of ``residual``."""
-        return float(sum(each @ each for each in self.residual))
+        return float(sum(sum_of_squares(each) for each in self.residual))
 
 
 @quiet
@@ -221,7 +221,7 @@ def evaluate(
             phi[-1][:, : seen.shape[1]] -= _freed(seen, basis)
         residual.append(e)
         nuisances.append(weights)
-    cost = float(sum(each @ each for each in error))
+    cost = float(sum(sum_of_squares(each) for each in error))
     return Point(theta, error, phi, zeta, residual, nuisances, cost if math.isfinite(cost) else math.inf)
 
 
@@ -247,7 +247,7 @@ def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def is_exact(row: Row, point: Point) -> bool:
     """Return whether a point leaves nothing but rounding."""
-    return point.power <= ROUNDING * sum(float(each.y @ each.y) for each in row.stretches)
+    return point.power <= ROUNDING * sum(sum_of_squares(each.y) for each in row.stretches)
 
 
 def noise_of(row: Row, point: Point) -> Autoregression:
@@ -260,7 +260,7 @@ def colour_of(row: Row, signals: list[FloatArray]) -> Autoregression:
     told = [sums_of(each, stretch.known) for each, stretch in zip(signals, row.stretches, strict=True)]
     count = sum(number for _, number in told)
     if count < LEAST:
-        return Autoregression.white(float(sum(each @ each for each in signals)), row.count)
+        return Autoregression.white(float(sum(sum_of_squares(each) for each in signals)), row.count)
     return Autoregression.of_sums(np.asarray(sum(sums for sums, _ in told)), count)
 
 

@@ -45,7 +45,7 @@ from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import least_norm, quiet
+from replant.numerics.linear_algebra import least_norm, quiet, sum_of_squares
 
 # half of the amplitude that matters, as a change must be noticed before it is as large
 NOTICED = 0.5 * math.sqrt(MATTERS)  # change of the simulated output below which none matters [part of its amplitude]
@@ -319,7 +319,7 @@ class Contest:
     def _variance(self, error: FloatArray) -> float:
         """Return the variance of an error (K,) filtered by the noise model from before."""
         white = self.known.noise.whiten_known(error, self.stretch.predecessors)
-        return float(white @ white) / max(self.count, 1)
+        return sum_of_squares(white) / max(self.count, 1)
 
     def _drifting(self, done: Pass) -> Problem:
         """Return the problem of the samples since with a load that drifts as a pass shows; the same if it does not."""
@@ -333,7 +333,7 @@ class Contest:
     def _root(self, model: FloatArray, done: Pass, *, converged: bool) -> Root:
         """Return a model as the end of a fit, filtered by the noise model from before if estimates are."""
         white = self.known.noise.whiten_known(done.ahead, self.stretch.predecessors)
-        power = float(white @ white)
+        power = sum_of_squares(white)
         innovation = power / max(self.count, 1)
         return Root(model, done, self.known.noise, innovation, power, converged, converged, filters=self.known.filters)
 

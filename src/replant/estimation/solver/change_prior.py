@@ -20,7 +20,7 @@ from replant.estimation.solver.srivc_steps import Problem
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import LEAST, Autoregression
-from replant.numerics.linear_algebra import inverse_of, least_norm, quiet
+from replant.numerics.linear_algebra import inverse_of, least_norm, quiet, sum_of_squares
 
 UNTOLD = 4.0
 """Residual beyond which a sample is not what the model tells [standard deviations].
@@ -68,7 +68,7 @@ class Known:
         white = noise.whiten_known(error[:begin], first.rough_predecessors)
         slopes = noise.whiten_known(done.zeta[:begin], first.rough_predecessors)
         slopes[~first.is_measured] = 0.0
-        variance = float(white @ white) / (first.count - mean.size)
+        variance = sum_of_squares(white) / (first.count - mean.size)
         return cls(mean, information, error, noise, variance, filters, slopes)
 
     def dispersion(self, record: Record, length: int) -> tuple[float, float]:

@@ -25,7 +25,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.change_contest import HARMLESS, Claim, Contest, decided, is_sure
-from replant.estimation.solver.change_prior import Known, nuisances_of, with_nuisances
+from replant.estimation.solver.change_prior import Known, with_nuisances
 from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.residual_likelihood import Stretch
 from replant.estimation.solver.srivc import refine
@@ -33,7 +33,8 @@ from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, quiet
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, quiet, sum_of_squares
+from replant.numerics.projections import without
 
 # a change in between loses a thirty-second of the samples that tell it
 BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
@@ -108,17 +109,13 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     size, fewest = structure.coefficients, least_since(structure)
     if record.u.size < 3 * fewest:
         return 0
-    done = Problem(structure, record).run_whole(without_nuisances(structure, model[:size]))
+    slopes, error, beside = Problem(structure, record).scores(without_nuisances(structure, model[:size]))
     # of the model with its nuisances, in which the residual is linear
-    error = done.error - done.phi[:, size:] @ nuisances_of(done, size)
+    error = without(error[:, None], slopes[:, size:])[:, 0]
     noise = Stretch.of(record, slice(None)).colour(error)
-    score = noise.whiten_known(done.zeta, record.rough_predecessors)
+    score = noise.whiten_known(slopes, record.rough_predecessors)
     white = noise.whiten_known(error, record.rough_predecessors)
-    power = float(done.error @ done.error)
-    if not power > 0.0:  # nor where it is NaN
-        return 0
-    beside = math.sqrt(done.power / power)  # measured less predicted output, over the error
-    if float(np.std(error)) * beside < HARMLESS * float(np.std(record.y)):
+    if not float(np.std(error)) * beside >= HARMLESS * float(np.std(record.y)):  # nor where it is NaN
         return 0
     return worst_begin(score, white, size, fewest, record.count)
 
@@ -137,7 +134,7 @@ def surest_begin(score: FloatArray, white: FloatArray, size: int, fewest: int, c
     if white.size < 3 * fewest:
         return 0, 0.0
     lengths = np.sqrt(np.einsum("kt,kt->t", score, score))
-    variance = float(white @ white) / max(count - score.shape[1], 1)
+    variance = sum_of_squares(white) / max(count - score.shape[1], 1)
     if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
         return 0, 0.0
     units = np.where(lengths > 0.0, lengths, 1.0)
@@ -171,8 +168,7 @@ def _worst(score: FloatArray, white: FloatArray, units: FloatArray, size: int, b
     The sums of the scores are in ``units`` (T,).
     """
     edges = [0, *begins.tolist(), len(score)]
-    both = np.column_stack([score, white])
-    sums = [score[a:b].T @ both[a:b] for a, b in pairwise(edges)]
+    sums = [np.column_stack([score[a:b].T @ score[a:b], score[a:b].T @ white[a:b]]) for a, b in pairwise(edges)]
     since = np.cumsum(sums[::-1], axis=0)[::-1] / units[:, None] / np.append(units, 1.0)
     statistics = _statistics(since[0], since[1:], size)
     worst = len(statistics) - 1 - int(np.argmax(statistics[::-1]))  # of equal ones the last

@@ -37,7 +37,7 @@ from replant.kernels.schema import Supposition
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import least_norm, quiet
+from replant.numerics.linear_algebra import least_norm, quiet, sum_of_squares
 from replant.numerics.projections import WEAKEST
 
 # of 12 records with three loads each 2 to 9 of them serve alike, those of a place once alone worse
@@ -256,7 +256,7 @@ def _cost_of_step(row: Row, begin: int, theta: FloatArray, noise: Autoregression
     steps, error = left[:, :-1], left[:, -1]
     lengths = np.einsum("kt,kt->t", steps, steps)
     explained = (error @ steps) ** 2 / np.where(lengths > 0.0, lengths, np.inf)
-    return float(error @ error - explained.max())
+    return sum_of_squares(error) - float(explained.max())
 
 
 def _costs_of_branches(row: Row, begin: int, theta: FloatArray, noise: Autoregression) -> Iterator[tuple[float, int]]:
@@ -280,7 +280,7 @@ def dispersion_before(
     """Return `dispersion_of` the samples before a change, in stretches of so many."""
     model = _Fitted.of(before, _best(before, models, noise).theta)
     score, white = model.whitened(noise)
-    variance = float(white @ white) / max(before.count - score.shape[1], 1)
+    variance = sum_of_squares(white) / max(before.count - score.shape[1], 1)
     return dispersion_of(score, white, np.arange(score.shape[1]) < model.size, length, variance)
 
 

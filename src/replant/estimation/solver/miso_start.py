@@ -22,7 +22,7 @@ from replant.estimation.solver.miso_steps import ends_of, is_near, path, refine,
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import least_norm, quiet, roots
+from replant.numerics.linear_algebra import least_norm, quiet, roots, sum_of_squares
 from replant.numerics.projections import WEAKEST
 
 CUTOFFS = 6  # from 5 per record to one per sampling time [count]
@@ -228,7 +228,7 @@ def _with_numerators(row: Row, theta: FloatArray, noise: Autoregression) -> tupl
     columns = np.concatenate([phi[:, places] for phi in point.phi])
     model[places] = least_norm(columns, error, WEAKEST)[0]
     left = error - columns @ model[places]
-    cost = float(left @ left)
+    cost = sum_of_squares(left)
     return cost if math.isfinite(cost) else math.inf, model
 
 

@@ -18,8 +18,8 @@ import numpy as np
 from replant.estimation.simulation.miso import Point, Row, evaluate, is_exact
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import least_norm, quiet
-from replant.numerics.projections import orthogonal, products
+from replant.numerics.linear_algebra import least_norm, products, quiet
+from replant.numerics.projections import orthogonal
 
 STEPS = 30  # at the most [count]
 

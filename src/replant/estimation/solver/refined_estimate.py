@@ -30,11 +30,13 @@ from replant.numerics.linear_algebra import (
     factor_information,
     inverse_of,
     larger,
+    products,
     quiet,
     real_coefficients,
     roots,
+    sum_of_squares,
 )
-from replant.numerics.projections import best_pole, laguerre, products, weights_of
+from replant.numerics.projections import best_pole, laguerre, weights_of
 from replant.numerics.robust import no_less_than_scattered, path_of_record, rows_of
 
 ACCEPTABLE = 0.25
@@ -196,8 +198,8 @@ def conclude(
     applied = noise if root.filters else Autoregression.white(1.0, samples)
     zeta, white = applied.whiten_known(done.zeta, known), applied.whiten_known(done.error, known)
     prior = Prior.none(size) if prior is None else prior
-    variance = float(done.error @ done.error) / max(samples - size, 1)
-    innovation = float(white @ white) / max(samples - size, 1)
+    variance = sum_of_squares(done.error) / max(samples - size, 1)
+    innovation = sum_of_squares(white) / max(samples - size, 1)
     before = prior.weight
     upper, diagonal = factor_information(zeta.T @ zeta + before)
     inverse = compose(upper, diagonal)
@@ -261,7 +263,7 @@ def _colour(zeta: FloatArray, error: FloatArray, count: int) -> tuple[ColourSlot
     noise = Autoregression.of_covariances(colour.covariances)
     filtered = noise.colour(zeta)
     colour.model[:] = noise.coefficients
-    colour.count, colour.power = count, float(error @ error)
+    colour.count, colour.power = count, sum_of_squares(error)
     colour.errors[:] = error[-LAGS:][::-1]
     for age in range(min(LAGS, samples)):
         colour.filtered[-age % LAGS] = filtered[-1 - age]

@@ -50,8 +50,8 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import pseudo_inverse, quiet
-from replant.numerics.projections import lengths_of, orthogonal, products, without
+from replant.numerics.linear_algebra import products, pseudo_inverse, quiet, sum_of_squares
+from replant.numerics.projections import lengths_of, orthogonal, without
 
 FALSE_ALARM = 0.15
 """Chance that a right filtered estimate is given up [probability].
@@ -118,7 +118,7 @@ def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: Floa
     each = (np.abs(spectra) ** 2).sum(axis=1) * power
     each = each[: each.size // 2 * 2].reshape(-1, 2).sum(axis=1)  # padded to twice the length: neighbours are one
     ordinates = 4.0 * float(each.sum()) ** 2 / max(float((each**2).sum()), np.finfo(float).tiny)
-    q = float(run_f.error @ run_f.error - run_p.error @ run_p.error)
+    q = sum_of_squares(run_f.error) - sum_of_squares(run_p.error)
     return max(q, 0.0) / level / trace, trace**2 / max(float(np.sum(covariance**2)), np.finfo(float).tiny), ordinates
 
 

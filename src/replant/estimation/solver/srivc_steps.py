@@ -18,8 +18,8 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
-from replant.numerics.linear_algebra import real_coefficients, roots, solve
-from replant.numerics.projections import orthogonal, products
+from replant.numerics.linear_algebra import products, real_coefficients, roots, solve, sum_of_squares
+from replant.numerics.projections import orthogonal
 
 # of 10,000 samples that is a hundredth of a unit of chi-square, a tenth of a standard deviation
 STALLED = 1e-6  # decrease of the cost below which an iteration stalls [part of the cost]
@@ -72,6 +72,21 @@ class Problem:
             return self._model.run(model, self.whole, parts)
         return self._model.run(model, replace(self.whole, measured=None), parts).of(self.whole.measured)
 
+    def scores(self, model: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+        """Return the whole record's slopes (K, T) and residual (K,) of a model without nuisances; both zero if bad.
+
+        Further the measured less the predicted output over the residual, which is one where the model is stable.
+        """
+        record, alone = self.whole, self.projection is None and len(self.whole.parts) == 1 and self.is_stable(model)
+        if alone:
+            rows, output = self._model.branch(model, record, constant=True)
+            error, missing = record.y - output, ~record.is_measured
+            rows[missing], error[missing], error[: self._unknown] = 0.0, 0.0, 0.0
+            return rows, error, 1.0
+        done = self.run_whole(model)
+        power = sum_of_squares(done.error)
+        return done.zeta, done.error, math.sqrt(done.power / power) if power > 0.0 else math.nan
+
     def is_stable(self, model: FloatArray) -> bool:
         """Return whether no pole of ``model`` (T,) is reflected."""
         poles = roots(np.append(1.0, model[self.structure.denominator]))
@@ -119,7 +134,7 @@ class Problem:
     def renew_noise(self, done: Pass) -> None:
         """Model the residual of a pass; what only rounding is left of counts as white."""
         if self.is_rounding(done):
-            self.noise = Autoregression.white(float(done.error @ done.error), self.record.count)
+            self.noise = Autoregression.white(sum_of_squares(done.error), self.record.count)
         else:
             self.noise = Autoregression.of_residual(done.error, self.known, self.record.count)
 
@@ -129,7 +144,7 @@ class Problem:
         if not np.isfinite(white).all():
             return math.inf
         if self.projection is None:
-            return float(white @ white)
+            return sum_of_squares(white)
         functions, basis = self._functions(self.projection)
         return float(np.sum((basis.T @ products(functions, white[:, None])) ** 2))
 
@@ -266,7 +281,7 @@ class Problem:
             if step in renewals:
                 self.renew_noise(done)
             zeta, white = self.whiten(done.zeta), self.whiten(done.error)
-            variance = max(float(white @ white) / self.record.count, 1e-300)
+            variance = max(sum_of_squares(white) / self.record.count, 1e-300)
             limit, better = self.misfit(done) * slack, None
             # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for sure
             # where that is the innovation's power, but J has the noise of the instruments in it
@@ -292,7 +307,7 @@ class Problem:
             if self.projection is None and _stalls(costs, SLOW * variance):
                 break
         white = self.whiten(done.error if self.projection is not None else done.ahead)
-        variance = float(white @ white) / self.record.count
+        variance = sum_of_squares(white) / self.record.count
         converged = moved <= NEARLY_DONE
         # without a reference the cost has a bend where a pole crosses the axis, and steps go to and fro about it
         ends = converged or (self.projection is None and (stuck or _stalls(costs, NEARLY_DONE * variance)))

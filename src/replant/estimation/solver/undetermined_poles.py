@@ -36,7 +36,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import quiet, roots
+from replant.numerics.linear_algebra import quiet, roots, sum_of_squares
 from replant.numerics.projections import without
 
 ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
@@ -79,7 +79,7 @@ def _ways(problem: Problem, found: Refined) -> Iterator[FloatArray]:
         return noise.whiten_known(signals, problem.known)
 
     error, columns = white(done.error), white(done.zeta)
-    variance = float(error @ error) / max(problem.record.count - found.theta.size, 1)
+    variance = sum_of_squares(error) / max(problem.record.count - found.theta.size, 1)
     poles = roots(np.append(1.0, found.theta[structure.denominator]))
     for pole in poles[poles.imag >= 0.0]:
         gone = {int(np.abs(poles - each).argmin()) for each in (pole, pole.conjugate())}
@@ -92,11 +92,11 @@ def _ways(problem: Problem, found: Refined) -> Iterator[FloatArray]:
         smaller.noise = noise
         first = smaller.run(start)
         part = without((white(first.error) - error)[:, None], columns)[:, 0]
-        if not float(part @ part) < WORTH_FITTING * limit * variance:
+        if not sum_of_squares(part) < WORTH_FITTING * limit * variance:
             continue
         model, fitted, _ = smaller.polish(start, whitened=bool(found.noise.filters))
         rest = white(fitted.error)
-        if float(rest @ rest - error @ error) < limit * variance:
+        if sum_of_squares(rest) - sum_of_squares(error) < limit * variance:
             yield from _towards(structure, other, model, float(abs(pole)))
 
 

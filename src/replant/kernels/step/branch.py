@@ -1,11 +1,11 @@
-r"""A branch of a row over a record: its output, and the slopes of that, from the input alone.
+r"""A model over a record, or a branch of a row: its output, and the slopes of that, from the input alone.
 
 With x = B/A u + the response to an initial state, the columns are
 
 .. math::
     -\frac{s^k}{A} x, \qquad \frac{s^k}{A} u, \qquad \text{and the responses to each state.}
 
-`stages.regressors` gives the same to the bit, in twice the time: it filters a measured output, too, and a constant.
+`stages.regressors` gives the same to the bit, in twice the time: it filters a measured output, too.
 """
 
 import numpy as np
@@ -17,8 +17,8 @@ from replant.kernels.schema import StateArrays
 from replant.kernels.step.stages import acceptable
 
 
-def respond(s, u, interval, row):
-    """Take an input through dead time and model, fill the row (T,) but for the constant's entry; return the output."""
+def respond(s, u, interval, constant, row):
+    """Take an input through dead time and model, fill the row (T,), if asked with a constant; return the output."""
     n, T, bank, work = s.order, s.entries, s.banks[s.serving_bank], s.work
     first = not s.started
     if first:
@@ -46,7 +46,9 @@ def respond(s, u, interval, row):
             bk.advance_channel(bank, n, T, bk.INPUT, slot, start, end, work)
             s.input_now = s.inputs[newest]
         bk.advance_channel(bank, n, T, bk.IMPULSE, slot, 0.0, 0.0, work)
-    output = bk.fill_known_entries(bank, n, T, s.input_entries, bk.INPUT, s.input_now, False, True, False, row)
+        if constant:
+            bk.advance_channel(bank, n, T, bk.CONSTANT, slot, 1.0, 1.0, work)
+    output = bk.fill_known_entries(bank, n, T, s.input_entries, bk.INPUT, s.input_now, constant, True, False, row)
     if not first:
         bk.advance_channel(bank, n, T, bk.MODEL, slot, bank[bk.INSTRUMENT], output, work)
     bank[bk.INSTRUMENT] = bank[bk.MODEL_OUTPUT] = output
@@ -62,14 +64,13 @@ def respond(s, u, interval, row):
     "intervals.size == 1 or intervals.size >= u.size",
     "output.size >= u.size and rows.shape[0] >= u.size and rows.shape[1] == s.entries",
 )  # fmt: skip
-def branch(s: StateArrays, u: Reals, intervals: Reals, rows: Matrix, output: Reals):
+def branch(s: StateArrays, u: Reals, intervals: Reals, constant: bool, rows: Matrix, output: Reals):
     """Run a model over inputs (K,), from where its last run ended.
 
-    ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T), in the order of the entries of the model, the
-    constant's zero, and ``output`` (K,).  Both are NaN where an input is not finite or too large.
+    ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T), in the order of the entries of the model, that of the
+    constant zero unless it is asked for, and ``output`` (K,).  Both are NaN where an input is not finite or too large.
     """
-    T, constant = s.entries, s.order + s.input_entries
-    bank = s.banks[s.serving_bank]
+    T, bank = s.entries, s.banks[s.serving_bank]
     for k in range(u.size):
         interval = intervals[0] if intervals.size == 1 else intervals[k]
         if not acceptable(s, u[k], 0.0):
@@ -82,5 +83,5 @@ def branch(s: StateArrays, u: Reals, intervals: Reals, rows: Matrix, output: Rea
             for i in range(T):
                 rows[k, i] = s.zeta[i]
         else:
-            rows[k, constant] = 0.0
-            output[k] = respond(s, u[k], interval, rows[k])
+            rows[k, s.order + s.input_entries] = 0.0
+            output[k] = respond(s, u[k], interval, constant, rows[k])
