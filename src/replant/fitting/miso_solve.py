@@ -49,6 +49,8 @@ Origin: measured on random rows: whitened steps from a begin that lacks a slow b
 Sensitivity: not measured.
 """
 
+MOST_BEYOND = 100.0  # logarithm of a ratio of costs that is beyond any, and within float64 [number]
+
 SAME = 0.99
 """Level of the test that the estimates with and without the noise model are of one plant [probability].
 Level: 99 %.
@@ -155,9 +157,8 @@ def doubts_of(row: Row, ready: RowRecord, point: Point, noise: Autoregression) -
 def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> RowEstimate:
     """Return the estimate that begins lead to; ``again`` gives those to begin at with a noise model."""
     if row.outside is not None:
-        found = likeliest(row.from_outside, begins, again)
-        return _by_instruments(row, found.point.theta, found.rivals)
-    free, point, noise, rivals = likeliest(row, begins, again)
+        return _by_instruments(row, likeliest(row.from_outside, begins, again).ends)
+    free, point, noise, rivals, _ = likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
     # without a noise model the two are the same; in feedback the estimate without one is that which is off
     if findings or not noise.order or not (_differs(row, free, point) or any(lacking(row, point, noise))):
@@ -167,8 +168,28 @@ def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     return RowEstimate(free, white, covariance_of(row, free, noise_of(row, free)), findings, rivals)
 
 
-def _by_instruments(row: Row, theta: FloatArray, rivals: tuple[FloatArray, ...]) -> RowEstimate:
-    """Return the estimate by instruments, its noise model that of what it leaves."""
+def _by_instruments(row: Row, begins: tuple[FloatArray, ...]) -> RowEstimate:
+    """Return the estimate by instruments, its noise model that of what it leaves.
+
+    There may be several roots.  The likelihood of what comes from outside does not tell them apart, as an
+    autoregression may take all that a load makes; the error one step ahead does, in which the inputs are known.
+    """
+    roots = [_root_from(row, theta) for theta in begins]
+    point, noise = min(roots, key=lambda root: (not _is_root(row, root[0]), root[0].cost))
+    findings = list(controlled(row, point, noise))
+    if not _is_root(row, point):
+        findings.append(Finding("converging", NOT_SOLVED))
+    rivals = _as_likely(row, point, [other for other, _ in roots if _is_root(row, other)])
+    others = tuple(rival.theta for rival in rivals)
+    return RowEstimate(point, noise, _sandwich(row, point), tuple(findings), others)
+
+
+def _is_root(row: Row, point: Point) -> bool:
+    return explained_by(row, point) <= NEARLY_DONE
+
+
+def _root_from(row: Row, theta: FloatArray) -> tuple[Point, Autoregression]:
+    """Return what steps with instruments lead to from a model, and the noise model of what that leaves."""
     before = evaluate(row, theta, Autoregression.white(1.0, row.count))
     noise = noise_of(row, before)
     point = instrumental(row, theta, noise, before, SHORT)
@@ -177,10 +198,7 @@ def _by_instruments(row: Row, theta: FloatArray, rivals: tuple[FloatArray, ...])
         point = instrumental(row, before.theta, noise, before, 1)
         if (point.theta == before.theta).all():
             break
-    findings = list(controlled(row, point, noise))
-    if not explained_by(row, point) <= NEARLY_DONE:
-        findings.append(Finding("converging", NOT_SOLVED))
-    return RowEstimate(point, noise, _sandwich(row, point), tuple(findings), rivals)
+    return point, noise
 
 
 def _sandwich(row: Row, point: Point) -> FloatArray:
@@ -216,7 +234,8 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     quiet_ones = [each for each in found if each.point.power <= LOUD * quietest]
     best = min(quiet_ones, key=lambda each: each.point.cost, default=_Estimates(free, free, white))
     rivals = _as_likely(row, best.point, [each.point for each in quiet_ones])
-    return best._replace(rivals=tuple(each.theta for each in rivals))
+    all_ends = best.point.theta, *(each.point.theta for each in found if each.point is not best.point)
+    return best._replace(rivals=tuple(each.theta for each in rivals), ends=all_ends)
 
 
 def _as_likely(row: Row, best: Point, points: list[Point], duration: float = 1.0) -> list[Point]:
@@ -224,17 +243,19 @@ def _as_likely(row: Row, best: Point, points: list[Point], duration: float = 1.0
 
     Where the cost is one without a noise model, as many samples as the noise lasts count as one.
     """
-    limit = best.cost * ALPHA ** (-2.0 * duration / max(row.count, 1))
+    beyond = min(-2.0 * math.log(ALPHA) * duration / max(row.count, 1), MOST_BEYOND)
+    limit = best.cost * math.exp(beyond)
     return [each for each in points if each.cost <= limit and not is_near(row, each, best)]
 
 
 class _Estimates(NamedTuple):
-    """The estimate without a noise model, that with one, the model, and others that may be as likely."""
+    """The estimate without a noise model, that with one, the model, others that may be as likely, and all ends."""
 
     free: Point
     point: Point
     noise: Autoregression
     rivals: tuple[FloatArray, ...] = ()
+    ends: tuple[FloatArray, ...] = ()
 
 
 def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
