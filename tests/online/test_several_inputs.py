@@ -290,6 +290,7 @@ def test_a_model_stays_trusted_while_all_inputs_rest_and_it_is_said() -> None:
         (lambda: begun(input_names=None), "input_names must be a list or tuple of names"),
         (lambda: rp.Ensemble(begun(), 2), "an Identifier of one input and one structure"),
         (lambda: rp.Identifier(poles=(1, 1), delay=(0.1,), dt=DT), "delay has 1 entry and u 2 inputs"),
+        (lambda: rp.Identifier(poles=(1, 1), delay=(0.0, 1e18), dt=DT), "at most 1,000,000 sampling times"),
         (lambda: rp.Identifier(poles=(6, 6), dt=DT), "at most 10 in all, got 12"),
         (lambda: rp.Identifier(poles=(1, 1), dt=DT, optimizer="adam"), "several inputs take no optimizer yet"),
         (lambda: rp.Identifier(poles=(1, 1), dt=DT, history=100), "history must be at least 10000"),

@@ -194,12 +194,15 @@ def _switch(name: str, value: Any) -> bool | str:
     return chosen
 
 
+def check_kept(delay: float, dt: float) -> None:
+    """Raise InvalidArgumentError for a dead time of which the inputs cannot be kept."""
+    if delay > LONGEST_DELAY * dt:
+        raise InvalidArgumentError(f"delay must be at most {LONGEST_DELAY:,} sampling times, got {delay / dt:.3g}")
+
+
 def _check_together(chosen: Settings | Request) -> None:
     """Raise InvalidArgumentError if choices do not fit together."""
-    if chosen.structure.delay > LONGEST_DELAY * chosen.dt:
-        raise InvalidArgumentError(
-            f"delay must be at most {LONGEST_DELAY:,} sampling times, got {chosen.structure.delay / chosen.dt:.3g}"
-        )
+    check_kept(chosen.structure.delay, chosen.dt)
     if isinstance(chosen.filter, Filter):
         chosen.filter.check(chosen.structure)
         if chosen.filter.follows_estimate and chosen.instruments is False:

@@ -10,7 +10,7 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.dimensions import RECENT
-from replant.estimation.settings import STORED
+from replant.estimation.settings import STORED, check_kept
 from replant.fitting.miso_fit import RowFit, row_model, structures_of
 from replant.fitting.miso_model import RowModel, one_step_percent
 from replant.fitting.miso_references import references_of
@@ -109,6 +109,7 @@ class RowIdentifier(Shared):
             raise InvalidArgumentError(
                 f"input_names must be {len(structures)} different names, got {shown(list(names))}"
             )
+        check_kept(max(each.delay for each in structures), duration("dt", dt))
         hold = one_of("input_hold", input_hold, ("zoh", "foh"))
         settings = RowSettings(structures, duration("dt", dt), startup, history, hold, names)
         self._turn, self._now = Turn(), RowState.of(settings)
