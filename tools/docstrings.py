@@ -40,6 +40,7 @@ CLASSES = (
     "replant.fitting.validation.ErrorByFrequency",
     "replant.model.mode.Mode",
     "replant.fitting.structure_search.Candidate",
+    "replant.fitting.structure_search.MatrixSearch",
     "replant.fitting.structure_search.SearchResult",
     "replant.online.runs.result.History",
     "replant.online.runs.result.Result",

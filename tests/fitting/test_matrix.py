@@ -9,6 +9,7 @@ from typing import Any
 
 import jsonschema
 import numpy as np
+import pandas as pd
 import pytest
 
 import replant as rp
@@ -117,6 +118,63 @@ def test_one_input_and_orders_of_each_output() -> None:
     assert rp.fit(u, y[:, [0, 0]] + [[0.0, 1.0]], DT, poles=1).rows[1].parameters == pytest.approx([1.0, 2.0])
 
 
+HEATERS = pd.DataFrame({"t": DT * np.arange(600), "Q1": U[:, 0], "Q2": U[:, 1], "T1": Y[:, 0], "T2": Y[:, 1]})
+NAMED: dict[str, Any] = {"input": ["Q1", "Q2"], "output": "T1"}
+
+
+def test_every_input_of_a_table_counts() -> None:
+    ran, fitted = (call(HEATERS, **NAMED, **ASKED) for call in (rp.run, rp.fit))
+    for row in (ran, fitted):
+        assert row.model.input_names == ("Q1", "Q2")
+    assert ran.parameters == pytest.approx(rp.run(U, Y[:, 0].copy(), DT, **ASKED).parameters)
+    assert fitted.parameters == pytest.approx(rp.fit(U, Y[:, 0].copy(), DT, **ASKED).parameters)
+    found = rp.search(HEATERS, **NAMED, poles=1, delays=((0.0,), (0.0, 0.3)))
+    assert found.best.model.input_names == ("Q1", "Q2")
+    assert found.delays[1] == pytest.approx(0.3, abs=0.02)
+    with pytest.raises(rp.InvalidArgumentError, match="there are 2 inputs"):
+        rp.run(HEATERS, **NAMED, poles=1)
+    with pytest.raises(rp.InvalidArgumentError, match="several inputs take no structure"):
+        rp.run(HEATERS, **NAMED, structure=rp.Structure(1))
+
+
+@pytest.mark.parametrize("call", [rp.fit, rp.run])
+def test_fit_and_run_take_outputs_as_columns_or_by_name(call: Any) -> None:
+    matrix = call(U, Y, DT, **ASKED)
+    table = call(HEATERS, input=["Q1", "Q2"], output=["T2", "T1"], **ASKED)
+    assert isinstance(matrix, rp.MatrixFit)
+    assert matrix.model.output_names == ("y1", "y2")
+    assert table.model.output_names == ("T2", "T1")
+    assert table.model.input_names == ("Q1", "Q2")
+    for row, number in zip((*matrix.rows, *table.rows), (0, 1, 1, 0), strict=True):
+        alone = call(U, Y[:, number].copy(), DT, **ASKED)
+        assert row.parameters == pytest.approx(alone.parameters, rel=1e-9)
+        assert row.verdict.status == alone.verdict.status == "trusted"
+
+
+@pytest.mark.slow
+def test_a_search_takes_outputs_as_columns_or_by_name() -> None:
+    grid: dict[str, Any] = {"poles": (1, 2), "zeros": 0}
+    delays = ((0.0,), (0.0, 0.3))
+    for found in (
+        rp.search(U, Y, DT, **grid, delays=delays),
+        rp.search(HEATERS, input=["Q1", "Q2"], output=["T1", "T2"], **grid, delays=delays),
+    ):
+        assert [row.delays[1] for row in found.rows] == pytest.approx([0.3, 0.3], abs=0.05)
+        assert isinstance(found.best, rp.MatrixFit)
+    u = U[:, 0].copy()
+    y = np.column_stack([PLANT[0][0].simulate(u, DT), rp.TransferFunction([4.0], [1.0, 2.0, 4.0]).simulate(u, DT)])
+    y += 0.01 * np.random.default_rng(0).standard_normal(y.shape)
+    table = pd.DataFrame({"t": DT * np.arange(600), "Q1": u, "a": y[:, 0], "b": y[:, 1]})
+    steps: list[tuple[int, int]] = []
+    for found in (
+        rp.search(u, y, DT, **grid, progress=lambda done, of: steps.append((done, of))),
+        rp.search(table, input="Q1", output=["a", "b"], **grid),
+    ):
+        assert [row.model.structures[0].poles for row in found.best.rows] == [1, 2]
+    assert [done for done, _ in steps] == sorted(done for done, _ in steps)
+    assert steps[-1] == (4, 4)
+
+
 @every(
     "y, asked, words",
     [
@@ -125,12 +183,27 @@ def test_one_input_and_orders_of_each_output() -> None:
         (Y, {"poles": (1, 1), "reference": Y[:9]}, "reference must have one value for each of 600 samples"),
         (Y, {"poles": (1, 1), "method": "srivc"}, "several outputs take no method yet"),
         (Y[:9], {"poles": (1, 1)}, "u has 600 rows and y 9 samples"),
+        (Y, {"poles": 1}, "there are 2 inputs"),
     ],
 )
 def test_what_does_not_match_is_named_in_a_line(y: Any, asked: dict[str, Any], words: str) -> None:
     with pytest.raises(rp.ReplantError, match=words) as caught:
         rp.fit(U, y, DT, **asked)
     assert "\n" not in str(caught.value)
+
+
+@every(
+    "outputs, words",
+    [
+        (["T1", "T1"], "name each column once, got 'T1', 'T1'"),
+        (["T1", "T3"], "output must name a column, got 'T3'"),
+        (["T1", "Q2"], "name each column once"),
+        ([], "output must name a column"),
+    ],
+)
+def test_outputs_of_a_table_that_are_none_are_named(outputs: list[str], words: str) -> None:
+    with pytest.raises(rp.InvalidArgumentError, match=words):
+        rp.fit(HEATERS, input=["Q1", "Q2"], output=outputs, **ASKED)
 
 
 def test_rows_that_do_not_belong_together_are_refused(found: rp.MatrixFit) -> None:

@@ -291,6 +291,7 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
         rp.search, {"u": TWO, "y": Y, "dt": DT, "poles": (1,), "zeros": 0, "delays": (0.0, 0.1), "bias": False},
     ),
     "fit of two outputs": lambda: (rp.fit, {"u": U, "y": TWO, "dt": DT, "poles": 1, "delay": 0.1}),
+    "run of two outputs": lambda: (rp.run, {"u": U, "y": TWO, "dt": DT, "poles": 1, "delay": 0.1}),
     "MatrixModel.of_output": lambda: (matrix().of_output, {"which": 0}),
     "MatrixModel.simulate": lambda: (matrix().simulate, {"u": TWO, "t": T}),
     "MatrixModel.validate": lambda: (matrix().validate, {"u": TWO, "y": Y[:, None], "t": T}),

@@ -21,8 +21,8 @@ from replant.fitting import model_json
 from replant.fitting.fit import fit
 from replant.fitting.miso_fit import RowFit
 from replant.fitting.samples import Samples
-from replant.fitting.several_outputs import MatrixFit
-from replant.fitting.structure_search import SearchResult, search
+from replant.fitting.several_outputs import MatrixFit, without_outputs
+from replant.fitting.structure_search import SearchResult, as_row, search
 from replant.fitting.validation import Validation
 from replant.logs import Log
 from replant.logs.recording import digest
@@ -70,11 +70,8 @@ def fitted(logs: list[Log], asked: dict[str, Any]) -> Solved:
             given, poles=_unless_one(poles), zeros=_unless_one(zeros), delays=_unless_one(delays),
             progress=lambda done, of: bar.update(task, completed=done, total=of),
         )  # fmt: skip
-    best = found.best
-    if not isinstance(best, RowFit):
-        each = best.structure
-        best = fit(given, poles=(each.poles,), zeros=(each.zeros,), delay=(each.delay,))
-    return Solved(best, row_as_python(best.model, logs), found)
+    found = as_row(found, Samples.of(given, None, None, None, None))
+    return Solved(found.best, row_as_python(found.best.model, logs), found)
 
 
 def _unless_one(ranges: Any) -> Any:
@@ -195,11 +192,7 @@ def _reported(
 def _of_one_output(records: list[list[Log]]) -> list[list[Log]]:
     """Return the logs of each output, beside which no other output stands: that is no column to explain it."""
     names = {logs[0].output_name for logs in records}
-
-    def alone(log: Log) -> Log:
-        return replace(log, others={name: each for name, each in log.others.items() if name not in names})
-
-    return [[alone(log) for log in logs] for logs in records] if len(names) > 1 else records
+    return [[without_outputs(log, names) for log in logs] for logs in records] if len(names) > 1 else records
 
 
 def as_one(logs: list[Log]) -> Log:

@@ -17,10 +17,10 @@ from replant.estimation.simulation.model_run import prediction_error, runs_away
 from replant.estimation.solver.least_squares import choose_filter, least_squares, regressors
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
-from replant.fitting.miso_fit import RowFit, fit_row, is_row
+from replant.fitting.miso_fit import RowFit, fit_row
 from replant.fitting.parted_record import differ, solve_parted
-from replant.fitting.samples import RawRecord, Samples, is_frame, log_of_frame
-from replant.fitting.several_outputs import MatrixFit, fit_matrix, is_matrix
+from replant.fitting.samples import RawRecord, Samples
+from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
 from replant.kernels.schema import Doubt
 from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
@@ -67,7 +67,7 @@ def fit(
     t: Any = None,
     reference: Any = None,
     input: str | Sequence[str] | None = None,  # noqa: A002 - the field's word
-    output: str | None = None,
+    output: str | Sequence[str] | None = None,
 ) -> FitResult | RowFit | MatrixFit:
     r"""Fit G(s) to a whole record.
 
@@ -115,7 +115,7 @@ def fit(
         left out.  Or (K, p) of p references, where there are several inputs: an input that none of them moves, or that
         answers to no disturbance, counts as one from outside.
     input, output : str, optional
-        Columns, several inputs as a list, of a table of pandas or polars, which is given in place of ``u``; ``t`` and
+        Columns, several as a list, of a table of pandas or polars, which is given in place of ``u``; ``t`` and
         ``reference`` may name columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or
         the index.
 
@@ -153,24 +153,15 @@ def fit(
     >>> print(*row.transfer_functions, row.verdict.status, sep=", ")
     2 / (s + 0.5), 1 / (s + 3) exp(-0.3 s), trusted
     """
-    if is_frame(u) and y is None:
-        u, dt, t, reference = log_of_frame(u, input, output, t, dt, reference), None, None, None
-        input = output = None  # noqa: A001 - the log knows them
-    if is_matrix(y) or is_row(u, poles, zeros, delay):
-        given = {
-            "structure": structure is not None, "method": method != AUTO, "filter": filter != AUTO,
-            "preprocess": preprocess is not None, "input": input is not None, "output": output is not None,
-        }  # fmt: skip
-        for name, is_given in given.items():
-            if is_given:
-                several = "outputs" if is_matrix(y) else "inputs"
-                raise InvalidArgumentError(f"several {several} take no {name} yet: leave it out")
-        if is_matrix(y):
-            return fit_matrix(u, y, dt, t, poles, zeros, delay, reference)
-        return fit_row(Samples.of(u, y, dt, t, reference), poles, zeros, delay)
-    wanted: tuple[Any, Any, Any] = poles, zeros, delay
-    structure = Structure.wanted(structure, *wanted)
-    return fit_samples(Samples.of(u, y, dt, t, reference, input, output), structure, method, filter, preprocess)
+    outputs = samples_of_outputs(u, y, dt, t, reference, input, output)
+    orders: dict[str, Any] = {"poles": poles, "zeros": zeros, "delay": delay}
+    not_yet = {
+        "structure": structure is not None, "method": method != AUTO, "filter": filter != AUTO,
+        "preprocess": preprocess is not None,
+    }  # fmt: skip
+    if are_rows(outputs, not_yet, *orders.values()):
+        return solved_rows(outputs, orders, lambda given, asked: fit_row(given, **asked))
+    return fit_samples(outputs[0], Structure.wanted(structure, **orders), method, filter, preprocess)
 
 
 def fit_samples(

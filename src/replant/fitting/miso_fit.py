@@ -17,7 +17,6 @@ from replant.fitting.model_fields import Provenance
 from replant.fitting.parted_record import solve_parted_row
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
-from replant.logs.log import Log
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import screen
 from replant.model.structure import Structure
@@ -118,12 +117,10 @@ class RowFit:
         return "\n".join([head, *(f"  {name}: {g}" for name, g in pairs), *reasons])
 
 
-def is_row(u: Any, *orders: Any) -> bool:
+def is_row(given: Samples, *orders: Any) -> bool:
     """Return whether several inputs are asked for: by columns, by a log of several, or by an entry for each."""
-    columns = isinstance(u, np.ndarray) and u.ndim == 2
-    logs = u if isinstance(u, list | tuple) else [u]
-    several = any(isinstance(each, Log) and each.more_inputs for each in logs)
-    return columns or several or any(isinstance(each, tuple) for each in orders)
+    columns = isinstance(given.u, np.ndarray) and given.u.ndim == 2
+    return columns or bool(given.more_inputs) or any(isinstance(each, tuple) for each in orders)
 
 
 def ready_row(

@@ -10,6 +10,7 @@ from typing import Any
 
 from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_fit import RowFit
+from replant.fitting.several_outputs import MatrixFit
 from replant.model.structure import Structure
 
 ALPHA = 1e-2
@@ -126,6 +127,27 @@ class SearchResult:
     def _repr_html_(self) -> str:
         picture = self.best._repr_html_() if isinstance(self.best, FitResult) else ""
         return f"<pre>{html.escape(repr(self))}</pre>{picture}"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MatrixSearch:
+    """The result of a search with several outputs, each searched for by itself.
+
+    Parameters
+    ----------
+    rows : tuple of SearchResult
+        One for each output; the best of each is a RowFit.
+    """
+
+    rows: tuple[SearchResult, ...]
+
+    @property
+    def best(self) -> MatrixFit:
+        """The fit of the structures that were chosen for each output."""
+        return MatrixFit(tuple(row.best for row in self.rows))
+
+    def __repr__(self) -> str:
+        return "\n".join(f"{row.best.model.output_name}: {row!r}" for row in self.rows)
 
 
 def top_of_parabola(values: Mapping[float, float], low: float, high: float) -> tuple[float, float]:

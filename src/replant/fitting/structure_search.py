@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 
@@ -15,13 +15,15 @@ from replant.estimation.engine.record import Record
 from replant.estimation.filters import RefinedFilter
 from replant.estimation.solver.solve import at_first
 from replant.fitting.fit import check_delay, check_length, fit_samples
-from replant.fitting.miso_fit import is_row
+from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.miso_search import Options, search_rows
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.search_result import ALPHA as ALPHA
 from replant.fitting.search_result import BETWEEN, WORTH, top_of_parabola
 from replant.fitting.search_result import Candidate as Candidate
+from replant.fitting.search_result import MatrixSearch as MatrixSearch
 from replant.fitting.search_result import SearchResult as SearchResult
+from replant.fitting.several_outputs import are_rows, in_columns, samples_of_outputs
 from replant.fitting.structure_evidence import Evidence, Trial
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess, screen
@@ -29,6 +31,24 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import iterable, record, vector, whole
 from replant.numerics.limits import MOST_TRIED, dead_time, duration, increasing, several
 from replant.numerics.linear_algebra import chi2_quantile
+
+
+@overload
+def search(
+    u: Any, y: Any = None, dt: float | None = None, *, poles: Any = ..., zeros: Any = None, delays: Any = (0.0,),
+    bias: bool = False, preprocess: Preprocess | None = None, reference: Any = None, t: Any = None,
+    input: str | Sequence[str] | None = None, output: str | None = None,
+    progress: Callable[[int, int], None] = ...,
+) -> SearchResult: ...  # fmt: skip
+
+
+@overload
+def search(
+    u: Any, y: None = None, dt: float | None = None, *, poles: Any = ..., zeros: Any = None, delays: Any = (0.0,),
+    bias: bool = False, preprocess: Preprocess | None = None, reference: Any = None, t: Any = None,
+    input: str | Sequence[str] | None = None, output: list[str] | tuple[str, ...],
+    progress: Callable[[int, int], None] = ...,
+) -> MatrixSearch: ...  # fmt: skip
 
 
 @in_our_words
@@ -44,10 +64,10 @@ def search(
     preprocess: Preprocess | None = None,
     reference: Any = None,
     t: Any = None,
-    input: str | None = None,  # noqa: A002 - the field's word
-    output: str | None = None,
+    input: str | Sequence[str] | None = None,  # noqa: A002 - the field's word
+    output: str | Sequence[str] | None = None,
     progress: Callable[[int, int], None] = lambda done, of: None,
-) -> SearchResult:
+) -> SearchResult | MatrixSearch:
     """Fit the structures of a grid by refined instrumental variables, and choose one.
 
     A structure is judged by its evidence: the log-likelihood of all samples, one step ahead, less ln(K) / 2 for every
@@ -61,7 +81,8 @@ def search(
     Parameters
     ----------
     u, y, dt : as of `fit`
-        A record, ``u`` (K,) or (K, q) of q inputs, a log, several logs of one rig, or columns of a table.
+        A record, ``u`` (K,) or (K, q) of q inputs, a log, several logs of one rig, or columns of a table.  Of several
+        outputs, ``y`` (K, p), each is searched for by itself, in the same grid.
     poles : int or iterable of int
         Numbers of poles to try; of several inputs from each, or a tuple with a range for each, as for the following.
     zeros : int or iterable of int, optional
@@ -77,8 +98,8 @@ def search(
 
     Returns
     -------
-    SearchResult
-        Every structure of the grid, and the one chosen.
+    SearchResult or MatrixSearch
+        Every structure of the grid, and the one chosen; of several outputs those of each.
 
     Raises
     ------
@@ -99,11 +120,39 @@ def search(
     >>> found.best.structure.poles
     2
     """
-    given = Samples.of(u, y, dt, t, reference, input, output)
-    if is_row(u):
-        for name, is_given in (("bias", bias), ("preprocess", preprocess)):
-            if is_given:
-                raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
+    outputs = samples_of_outputs(u, y, dt, t, reference, input, output)
+    are_rows(outputs, {"bias": bias, "preprocess": preprocess is not None})
+    if len(outputs) == 1:
+        return _searched(outputs[0], poles, zeros, delays, bias, preprocess, progress)
+
+    def of_one(given: Samples, number: int) -> SearchResult:
+        def say(done: int, of: int) -> None:
+            progress(number * of + done, len(outputs) * of)
+
+        return as_row(_searched(given, poles, zeros, delays, bias, preprocess, say), given)
+
+    return MatrixSearch(tuple(of_one(given, number) for number, given in enumerate(outputs)))
+
+
+def as_row(found: SearchResult, given: Samples) -> SearchResult:
+    """Return what a search has found in samples; its best as a row, beside which other outputs may stand."""
+    if isinstance(found.best, RowFit):
+        return found
+    each = found.best.structure
+    return replace(found, best=fit_row(in_columns(given), (each.poles,), (each.zeros,), (each.delay,)))
+
+
+def _searched(
+    given: Samples,
+    poles: Any,
+    zeros: Any,
+    delays: Any,
+    bias: bool,
+    preprocess: Preprocess | None,
+    progress: Callable[[int, int], None],
+) -> SearchResult:
+    """Return the result of the search for one output."""
+    if is_row(given):
         return search_rows(given, _options(given, poles, zeros, delays), progress)
     preprocess = given.preprocess if preprocess is None else preprocess
     u, y = record(given.u, given.y)

@@ -17,8 +17,9 @@ from replant.estimation.settings import AUTO, Request, filter_for
 from replant.estimation.simulation.left_out import flags_of
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
-from replant.fitting.miso_fit import RowFit, is_row
-from replant.fitting.samples import RawRecord, Samples
+from replant.fitting.miso_fit import RowFit
+from replant.fitting.samples import RawRecord
+from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
 from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
 from replant.logs.log import Log
 from replant.model.interop import in_our_words
@@ -64,9 +65,9 @@ def run(
     preprocess: Preprocess = AT_REST,
     t: Any = None,
     reference: Any = None,
-    input: str | None = None,  # noqa: A002 - the field's word
-    output: str | None = None,
-) -> Result | RowFit:
+    input: str | Sequence[str] | None = None,  # noqa: A002 - the field's word
+    output: str | Sequence[str] | None = None,
+) -> Result | RowFit | MatrixFit:
     """Identify a record online, in one pass as `Identifier` does, and return the result as ``replant run`` does.
 
     Parameters
@@ -75,13 +76,14 @@ def run(
         Raw input, or a column for each of q; or a log with input, output and sampling time; or several logs of one rig,
         which give one model.
     y : (K,) array
-        Output.
+        Output, or (K, p) of p outputs, each identified by itself.
     dt : float
         Sampling time in s.
     structure : Structure
         Or ``poles``, ``zeros`` and ``delay`` in its place.
     poles, zeros : int or tuple of int
-        Number of poles and of zeros; of several inputs an entry for each.
+        Number of poles and of zeros; of several inputs an entry for each.  Of several outputs these are those of all,
+        or a tuple for each output.
     delay : float or tuple of float
         Dead time in s.
     optimizer : Optimizer or str
@@ -93,13 +95,14 @@ def run(
     reference : (K,) array, optional
         Where a controller makes the input, see `fit`.
     input, output : str, optional
-        Columns of a table of pandas or polars, which is given in place of ``u``; ``t`` and ``reference`` may name
-        columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or the index.
+        Columns, several as a list, of a table of pandas or polars, which is given in place of ``u``; ``t`` and
+        ``reference`` may name columns, too.  Without ``t`` and ``dt`` the clock is the column t, time or timestamp, or
+        the index.
 
     Returns
     -------
-    Result or RowFit
-        A RowFit of several inputs.
+    Result, RowFit or MatrixFit
+        A RowFit of several inputs, a MatrixFit of several outputs.
 
     Raises
     ------
@@ -115,14 +118,12 @@ def run(
     >>> result.model
     <Model 2 / (s + 0.5): u -> y, fit 100.0 %, trusted>
     """
-    given = Samples.of(u, y, dt, t, reference, input, output)
-    if is_row(u, poles, zeros, delay):
-        others = {"structure": structure is None, "optimizer": optimizer == AUTO, "preprocess": preprocess == AT_REST}
-        for name, is_left in others.items():
-            if not is_left:
-                raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
-        return run_row(given, {"poles": poles, "zeros": zeros, "delay": delay})
-    structure = Structure.wanted(structure, poles, zeros, delay)
+    outputs = samples_of_outputs(u, y, dt, t, reference, input, output)
+    orders = {"poles": poles, "zeros": zeros, "delay": delay}
+    not_yet = {"structure": structure is not None, "optimizer": optimizer != AUTO, "preprocess": preprocess != AT_REST}
+    if are_rows(outputs, not_yet, *orders.values()):
+        return solved_rows(outputs, orders, run_row)
+    given, structure = outputs[0], Structure.wanted(structure, **orders)
     request = Request(
         structure, given.dt, filter=filter_for(given.input_hold), optimizer=optimizer, preprocess=preprocess
     )
