@@ -173,6 +173,30 @@ def test_a_second_output_is_a_second_row(capsys: Any, log: Path, tmp_path: Path)
     assert "it has several outputs, and compare takes models of one" in err
 
 
+def test_columns_are_validated_by_their_names_or_in_the_order_of_the_model(
+    capsys: Any, log: Path, tmp_path: Path
+) -> None:
+    row, matrix, other = tmp_path / "row.json", tmp_path / "matrix.json", written(tmp_path / "second.csv", 1)
+    call(capsys, "fit", log, *NAMED, "-p", "1,1", "--delay", "0,0.3", "--save", row)
+    call(capsys, "fit", log, *NAMED, "-o", "T2", "-p", "1,1", "--save", matrix)
+    renamed = tmp_path / "renamed.csv"
+    renamed.write_text(other.read_text().replace("Q1 [%],Q2 [%],T1 [degC],T2 [degC]", "heater,fan,a,b"))
+
+    def fits(*asked: Any) -> list[float]:
+        code, out, err = call(capsys, "validate", *asked, "--json")
+        assert (code, err) == (0, "")
+        return [each["fit"] for each in json.loads(out)]
+
+    wanted = fits(row, other)
+    for asked in (["Q2", "Q1"], ["Q2 [%]", "Q1 [%]"], [2, 1]):
+        assert fits(row, other, "-i", asked[0], "-i", asked[1]) == wanted
+    assert fits(row, renamed, "-i", "heater", "-i", "fan", "-o", "a") == wanted
+    assert fits(matrix, other, "-o", "T2", "-o", "T1") == fits(matrix, other)
+    code, _, err = call(capsys, "validate", row, other, "-i", "Q1", "-i", "T2")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "the log has no input Q2" in err
+
+
 @pytest.mark.slow
 def test_a_range_is_searched_for_each_input_and_output(capsys: Any, log: Path, tmp_path: Path) -> None:
     asked = ("-o", "T1", "-p", "1:2,1", "--zeros", "0,0", "--delay", "0,0:0.6:0.3", "--to", 40)

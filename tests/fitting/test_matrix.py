@@ -67,6 +67,31 @@ def test_the_model_simulates_and_validates_all_outputs(found: rp.MatrixFit) -> N
     assert model.of_output("y2") is model.of_output(1) is model.rows[1]
 
 
+def test_a_log_gives_inputs_and_outputs_by_name(found: rp.MatrixFit) -> None:
+    model = rp.MatrixModel(
+        [row.of_log(("Q1", "Q2"), row.output_name.replace("y", "T"), "") for row in found.model.rows]
+    )
+    u, y = record(1)
+    wanted = [each.fit for each in model.validate(u, y)]
+    columns = {"Q1": u[:, 0], "Q2": u[:, 1], "T1": y[:, 0], "T2 [degC]": y[:, 1]}
+    for first, output in (("Q1", "T1"), ("Q2", "T2 [degC]")):
+        more = tuple({"Q1", "Q2"} - {first})
+        log = rp.Log(
+            columns[first], columns[output], DT, input_name=first, output_name=output, more_inputs=more,
+            others={name: each for name, each in columns.items() if name not in (first, output)},
+        )  # fmt: skip
+        assert [each.fit for each in model.validate(log)] == wanted
+    lacking = rp.Log(
+        u[:, 0], y[:, 0], DT, input_name="Q1", output_name="T1", others={"Q2": u[:, 1]}, more_inputs=["Q2"]
+    )
+    with pytest.raises(rp.InvalidArgumentError, match="the log has no output T2, but T1"):
+        model.validate(lacking)
+    with pytest.raises(rp.InvalidArgumentError, match="give a Log, or the inputs and the outputs"):
+        model.validate(u)
+    with pytest.raises(rp.InvalidArgumentError, match="a log has its own output and time"):
+        model.validate(log, y)
+
+
 def test_a_file_gives_the_matrix_back_to_the_bit(found: rp.MatrixFit, tmp_path: Path) -> None:
     model = found.model
     model.save(tmp_path / "matrix.json")

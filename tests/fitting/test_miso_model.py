@@ -116,6 +116,38 @@ def test_a_log_of_several_inputs_is_fitted_and_validated_as_arrays_are(model: rp
         model.validate(rp.Log(other[:, 0], z, DT))
 
 
+def log_of(u: FloatArray, y: Any, *names: str) -> rp.Log:
+    others = dict(zip(names[1:], u.T[1:], strict=True))
+    return rp.Log(u[:, 0], y, DT, input_name=names[0], others=others, more_inputs=names[1:])
+
+
+@every("given", [("heater", "fan"), ("Q1", "Q2"), ("Q1 [%]", "Q2 [%]"), ("Q1", "Q2 [V]")])
+def test_a_log_gives_its_inputs_by_name(model: rp.RowModel, given: tuple[str, str]) -> None:
+    named = model.of_log(("heater", "fan") if given[0] == "heater" else ("Q1 [%]", "Q2 [V]"), "y", "")
+    u, y = record(1)
+    fit = model.validate(u, y).fit
+    assert named.validate(log_of(u, y, *given)).fit == fit
+    assert named.validate(log_of(u[:, ::-1], y, *given[::-1])).fit == fit
+
+
+@every(
+    "given, words",
+    [
+        (("Q1", "fan"), "the log has no input Q2, but Q1, fan"),
+        (("Q3", "Q4"), "the log has no input Q1, but Q3, Q4"),
+        (("Q1",), "the log has no input Q2"),
+        (("Q1", "Q2", "Q3"), "u must have a column for each of 2 inputs"),
+    ],
+)
+def test_a_log_that_lacks_an_input_is_refused(model: rp.RowModel, given: tuple[str, ...], words: str) -> None:
+    u, y = record(1)
+    log = log_of(np.column_stack([u, u[:, 0]])[:, : len(given)], y, *given)
+    with pytest.raises(rp.InvalidArgumentError, match=words):
+        model.of_log(("Q1", "Q2"), "y", "").validate(log)
+    if len(given) == 2:  # a model of arrays has no names
+        assert model.validate(log).fit == model.validate(u, y).fit
+
+
 def test_two_records_give_one_model_with_an_offset_each() -> None:
     logs = []
     for seed, offset in ((3, 0.0), (4, 90.0)):

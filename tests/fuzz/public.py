@@ -294,7 +294,7 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
     "run of two outputs": lambda: (rp.run, {"u": U, "y": TWO, "dt": DT, "poles": 1, "delay": 0.1}),
     "MatrixModel.of_output": lambda: (matrix().of_output, {"which": 0}),
     "MatrixModel.simulate": lambda: (matrix().simulate, {"u": TWO, "t": T}),
-    "MatrixModel.validate": lambda: (matrix().validate, {"u": TWO, "y": Y[:, None], "t": T}),
+    "MatrixModel.validate": lambda: (matrix().validate, {"log": TWO, "y": Y[:, None], "t": T}),
     "MatrixModel.plot": lambda: (matrix().plot, {"axes": None}),
     "MatrixModel.to_control": lambda: (matrix().to_control, {"pade": 2}),
     "MatrixModel.to_json": lambda: (matrix().to_json, {}),

@@ -29,6 +29,7 @@ from replant.fitting.validation import Validation
 from replant.logs import Log, read_columns
 from replant.logs.recording import digest
 from replant.logs.sampling_time import time_candidates
+from replant.model.interop import without_unit
 from replant.online.runs.result import Result
 from replant.report.python_programs import identifier_as_python
 from replant.report.results_as_text import as_json as result_as_json
@@ -89,11 +90,21 @@ def validated(model: Model | RowModel, paths: Sequence[Path], columns: dict[str,
     names = [path.name for path in paths]
     found = []
     for path, name in zip(paths, names, strict=True):
-        validation = model.validate(whole_log(path, columns))
+        validation = model.validate(_as_named(model, whole_log(path, columns)))
         if model.provenance.sha256 and digest(path) == model.provenance.sha256:
             note(f"{path}: it is the log that the model was made from; another one tells more")
         found.append((str(path) if names.count(name) > 1 else name, validation))
     return found
+
+
+def _as_named(model: Model | RowModel, log: Log) -> Log:
+    """Return a log whose inputs have the names of a model's, in its order, where they share none with them."""
+    given, names = log.inputs.T, model.input_names if isinstance(model, RowModel) else ()
+    shared = {*map(without_unit, names)} & {*map(without_unit, log.input_names)}
+    if not names or shared or len(given) != len(names):
+        return log
+    others = {**log.others, **dict(zip(names[1:], given[1:], strict=True))}
+    return dataclasses.replace(log, input_name=names[0], others=others, more_inputs=names[1:])
 
 
 def check_required(required: str | None, verdicts: Sequence[Verdict]) -> None:

@@ -34,6 +34,7 @@ from replant.fitting.model_file import holds_model
 from replant.fitting.several_outputs import MatrixModel, load_model
 from replant.fitting.validation import Validation
 from replant.logs import Log
+from replant.model.interop import without_unit
 from replant.online.runs.run_log import METHODS, USUAL, Contender, compare
 from replant.report.log_as_text import as_json as look_as_json
 from replant.report.log_as_text import print_look
@@ -161,6 +162,8 @@ def _of_rows(model: MatrixModel, path: Path, columns: dict[str, Any]) -> list[tu
     named = columns["output_column"]
     if not isinstance(named, tuple) or len(named) != len(model.rows):
         raise click.UsageError(f"the model has {len(model.rows)} outputs: name a column for each, or none")
+    if {*map(without_unit, named)} == {*map(without_unit, model.output_names)}:
+        named = model.output_names
     pairs = zip(model.rows, named, strict=True)
     each = [(row, validated(row, [path], columns | {"output_column": name})) for row, name in pairs]
     return [(f"{name}, {row.output_name}", one) for row, found in each for name, one in found]

@@ -13,7 +13,7 @@ from replant.fitting.miso_model import RowModel, one_step_percent
 from replant.fitting.miso_references import held, references_of
 from replant.fitting.miso_solve import RowEstimate
 from replant.fitting.miso_verdict import judged
-from replant.fitting.model_fields import Provenance
+from replant.fitting.model_fields import Provenance, unnamed
 from replant.fitting.parted_record import solve_parted_row
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
@@ -157,7 +157,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     """Return the fit of a row to samples of several inputs, see `replant.fitting.fit.fit`."""
     ready, structures, references = ready_row(given, poles, zeros, delay)
     columns, output, dt = columns_of(given.inputs), vector("y", given.y), duration("dt", given.dt)
-    names = given.input_names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
+    names = given.input_names or unnamed(len(structures))
     (ready, solution, findings), loads = solve_parted_row(structures, ready, references, names)
     if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")

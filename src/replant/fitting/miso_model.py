@@ -13,11 +13,12 @@ from replant.estimation.simulation.fitted_run import bridged, fit_percent
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate, noise_of
 from replant.fitting import model_file, model_json
 from replant.fitting.model import Model, usual_interval
-from replant.fitting.model_fields import RowFields, has_rest
+from replant.fitting.model_fields import RowFields, has_rest, unnamed
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model import interop
 from replant.model.forced_response import Response
+from replant.model.interop import without_unit
 from replant.numerics.arguments import FloatArray, array_of_reals, vector
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import increasing
@@ -184,7 +185,8 @@ class RowModel(model_file.Written, RowFields):
         Parameters
         ----------
         log : Log or (K, q) array
-            The record, or its inputs.
+            The record, or its inputs.  Those of a log are found by their names, those of an array are in the order of
+            the model's.
         y : (K,) array, optional
             Measured output, where ``log`` is an array.
         t : (K,) array, optional
@@ -226,7 +228,7 @@ class RowModel(model_file.Written, RowFields):
         if isinstance(log, Log):
             if y is not None or t is not None:
                 raise InvalidArgumentError("a log has its own output and time: leave out y and t")
-            return self._columns(log.inputs), log.output, log.stamps, log.dt
+            return self._columns(in_order(log, self.input_names)), log.output, log.stamps, log.dt
         if y is None:
             raise InvalidArgumentError("give a Log, or the inputs and the output: model.validate(u, y)")
         columns, output = self._columns(log), vector("y", y)
@@ -283,6 +285,26 @@ def number_of(which: int | str, names: tuple[str, ...]) -> int:
     if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number < len(names):
         raise InvalidArgumentError(f"which must be one of {', '.join(names)}, or its number from 0, got {shown(which)}")
     return number
+
+
+def in_order(log: Log, names: tuple[str, ...]) -> FloatArray:
+    """Return the inputs (K, q) of a log in the order of a model's names; as they are where one of both has no names.
+
+    The first input of a log is called u where nobody has named it: it is the one that no other has the name of.
+    """
+    given, wanted = (tuple(map(without_unit, each)) for each in (log.input_names, names))
+    if names == unnamed(len(names)) and set(given) != set(wanted):
+        return log.inputs
+    missing = [name for name in wanted if name not in given]
+    if given[0] == "u" and len(missing) == 1:
+        given, missing = (missing[0], *given[1:]), []
+    if missing:
+        raise InvalidArgumentError(
+            f"the log has no input {missing[0]}, but {', '.join(log.input_names)}: name its inputs as the model does, "
+            "or give arrays, whose columns are in the model's order"
+        )
+    is_match = len(given) == len(wanted) == len(set(given))
+    return log.inputs[:, [given.index(name) for name in wanted]] if is_match else log.inputs
 
 
 @quiet

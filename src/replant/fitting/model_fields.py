@@ -252,7 +252,7 @@ class RowFields(_Fields):
         self._check(sum(each.size for each in self.structures))
         if not iterable(self.input_names):
             raise ArgumentTypeError(f"input_names must be a name for each input, got {shown(self.input_names)}")
-        names = tuple(self.input_names) or tuple(f"u{i}" for i in range(1, count + 1))
+        names = tuple(self.input_names) or unnamed(count)
         put(self, "input_names", tuple(text("input_names", name) for name in names))
         if len(set(names)) != count or len(names) != count:
             raise InvalidArgumentError(f"input_names must be {count} different names, got {shown(list(names))}")
@@ -289,6 +289,11 @@ class RowFields(_Fields):
         """Which of the parameters are those of each input."""
         ends = np.cumsum([each.size for each in self.structures]).tolist()
         return [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
+
+
+def unnamed(count: int) -> tuple[str, ...]:
+    """Return the names of so many inputs that have none: u1, u2, ..."""
+    return tuple(f"u{i}" for i in range(1, count + 1))
 
 
 def has_rest(model: TransferFunction, span: float) -> bool:

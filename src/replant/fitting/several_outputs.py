@@ -18,6 +18,7 @@ from replant.fitting.samples import Samples, is_frame
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model import interop
+from replant.model.interop import without_unit
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray, array_of_reals, iterable
 from replant.plotting.diagrams import ABOVE_LEGEND
@@ -133,17 +134,17 @@ class MatrixModel(model_file.Written):
         """
         return np.column_stack([row.simulate(u, t) for row in self.rows])
 
-    def validate(self, u: Any, y: Any, t: Any = None) -> tuple[Validation, ...]:
+    def validate(self, log: Log | Any, y: Any = None, t: Any = None) -> tuple[Validation, ...]:
         """Compare each row with another record; see `RowModel.validate`.
 
         Parameters
         ----------
-        u : (K, q) array
-            The inputs.
-        y : (K, p) array
-            The measured outputs.
+        log : Log or (K, q) array
+            The record, whose output and ``others`` have the outputs by their names; or its inputs.
+        y : (K, p) array, optional
+            The measured outputs, where ``log`` is an array.
         t : (K,) array, optional
-            Time stamps in s.
+            Time stamps in s, where ``log`` is an array.
 
         Returns
         -------
@@ -153,12 +154,16 @@ class MatrixModel(model_file.Written):
         Raises
         ------
         InvalidArgumentError
-            If the columns are not as many as the outputs or inputs, or the record is too short.
+            If the columns are not as many as the outputs or inputs, the log lacks one, or the record is too short.
         """
+        if isinstance(log, Log):
+            return tuple(row.validate(with_output(log, row.output_name), y, t) for row in self.rows)
+        if y is None:
+            raise InvalidArgumentError("give a Log, or the inputs and the outputs: model.validate(u, y)")
         columns = outputs_of(y)
         if len(columns) != len(self.rows):
             raise InvalidArgumentError(f"y must have a column for each of {len(self.rows)} outputs, got {len(columns)}")
-        return tuple(row.validate(u, each, t) for row, each in zip(self.rows, columns, strict=True))
+        return tuple(row.validate(log, each, t) for row, each in zip(self.rows, columns, strict=True))
 
     def plot(self, axes: Any = None) -> Any:
         """Draw the matrix of step responses; return axes (p, q) of matplotlib.  `RowModel.plot` has Bode diagrams.
@@ -263,6 +268,18 @@ def samples_of_outputs(
         return [Samples.of(u, y, dt, t, reference, input, output)]
     each = [Samples.of(u, column, dt, t, reference, input, output) for column in outputs_of(y)]
     return [replace(one, output_name=f"y{number}") for number, one in enumerate(each, 1)]
+
+
+def with_output(log: Log, name: str) -> Log:
+    """Return a log whose output is the signal of this name."""
+    signals = {log.output_name: log.output, **log.others}
+    found = next((each for each in signals if without_unit(each) == without_unit(name)), name)
+    if found not in signals or found in log.more_inputs:
+        rest = ", ".join(each for each in signals if each not in log.more_inputs)
+        raise InvalidArgumentError(
+            f"the log has no output {name}, but {rest}: add it to others, or give arrays, model.validate(u, y)"
+        )
+    return replace(log, output=signals[found], output_name=found)
 
 
 def without_outputs(given: Beside, names: Collection[str]) -> Beside:

@@ -14,7 +14,7 @@ from replant.estimation.settings import STORED, check_kept
 from replant.fitting.miso_fit import RowFit, row_model, structures_of
 from replant.fitting.miso_model import RowModel, one_step_percent
 from replant.fitting.miso_references import references_of
-from replant.fitting.model_fields import Provenance
+from replant.fitting.model_fields import Provenance, unnamed
 from replant.kernels.schema import Doubt
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
@@ -104,7 +104,7 @@ class RowIdentifier(Shared):
         if not isinstance(input_names, list | tuple):
             raise ArgumentTypeError(f"input_names must be a list or tuple of names, got {shown(input_names)}")
         names = tuple(text("input_names", each) for each in input_names)
-        names = names or tuple(f"u{i}" for i in range(1, len(structures) + 1))
+        names = names or unnamed(len(structures))
         if len(set(names)) != len(structures) or len(names) != len(structures):
             raise InvalidArgumentError(
                 f"input_names must be {len(structures)} different names, got {shown(list(names))}"
