@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 
+from support.cases import every
 from support.command import call, log_of_a_lag
 
 COMMANDS = ("run", "compare", "look", "fleet")
@@ -34,6 +35,30 @@ def test_the_same_column_twice_is_named(capsys, log) -> None:
     code, _, err = call(capsys, "fit", log, "-i", "u", "--input", "u", "-o", "y", "-p", 1)
     assert code == 2
     assert "-i u is given twice: name each column once" in err
+
+
+@every(
+    "typed, option",
+    [
+        (("fit", "LOG", "-i", "u", "-o", "y", "-p", "1", "--poles=2"), "-p/--poles"),
+        (("fit", "LOG", "-i", "t", "-i", "u", "-o", "y", "-o", "x", "-p", "1,2", "-p", "1,1"), "-p/--poles"),
+        (
+            ("fit", "LOG", "-i", "t", "-i", "u", "-o", "y", "-p", "1,1", "--reference", "r", "--reference", "t"),
+            "--reference",
+        ),
+        (("run", "LOG", "-i", "u", "-o", "y", "-p1", "--delay", "0", "--delay", "0.1"), "--delay"),
+        (("live", "-?columns=u,y", "--dt", "1", "-p", "1", "--dt", "2"), "--dt"),
+        (("open", "--at", "127.0.0.1:1", "--at", "127.0.0.1:2"), "--at"),
+    ],
+)
+def test_an_option_of_one_value_is_given_once(capsys, log, typed, option) -> None:
+    code, out, err = call(capsys, *(log if word == "LOG" else word for word in typed))
+    assert (code, out, err) == (2, "", f"replant: {option} is given twice: give it once\n")
+
+
+def test_options_of_several_values_and_flags_may_be_repeated(capsys, log) -> None:
+    asked = ("fit", log, "-i", "u", "-o", "y", "-p", 1, "--json", "--json", "--validate", log, "--validate", log)
+    assert call(capsys, *asked)[0] == 0
 
 
 def test_a_log_in_the_place_of_the_model_is_said_to_be_none(capsys, log) -> None:

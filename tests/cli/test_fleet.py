@@ -87,7 +87,8 @@ def test_the_options_of_run_and_fit_are_taken(capsys: pytest.CaptureFixture[str]
 def test_mistakes_are_one_line_and_exit_code_2(
     capsys: pytest.CaptureFixture[str], logs: Path, tmp_path: Path, arguments: tuple, says: str
 ) -> None:
-    code, said, errors = call(capsys, logs, "--by", "file", *arguments, "--out", tmp_path / "out")
+    by = () if "--by" in arguments else ("--by", "file")
+    code, said, errors = call(capsys, logs, *by, *arguments, "--out", tmp_path / "out")
     assert (code, said) == (2, "")
     assert says in errors
     assert len(errors.splitlines()) == 1

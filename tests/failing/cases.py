@@ -136,7 +136,8 @@ class Mother:
         err.touch()
         arguments = ["live", source or f"{self.log}?speed=100", *MODEL, "--checkpoint", str(folder / "rig")]
         arguments += ["--every", "50ms", "--record", str(folder / "record"), "--to", "-"]
-        arguments += ["--to", "udp://127.0.0.1:9", "--dashboard", "127.0.0.1:0", *options]
+        page = () if "--dashboard" in options else ("--dashboard", "127.0.0.1:0")
+        arguments += ["--to", "udp://127.0.0.1:9", *page, *options]
         case = {
             "fault": None if fault is None else asdict(fault), "fork": fork, "limit": LIMIT, "arguments": arguments,
             "stdin": str(stdin or os.devnull), "stdout": str(out), "stderr": str(err),

@@ -40,8 +40,8 @@ COMMANDS: dict[str, tuple[list[str], list[str]]] = {
     "look": (["log.csv"], ["-i", "-o", "--time"]),
     "show": (["model.json"], []),
     "live": (
-        ["-", "-p", "1", "--dt", "0.1", "--dashboard", "off", "--poles", "-1"],  # refused: a session takes seconds
-        [*STRUCTURE, "--dt", "--startup", "--samples", "--for", "--every", "--ttl", "--optimizer", "--dashboard"],
+        ["-", "-p", "-1", "--dt", "0.1", "--dashboard", "off"],  # refused: a session takes seconds
+        [*STRUCTURE[1:], "--dt", "--startup", "--samples", "--for", "--every", "--ttl", "--optimizer", "--dashboard"],
     ),
 }
 FORMS = {"--optimizer": "amsgrad:step_size=", "--on": "threads:", "--dashboard": "127.0.0.1:"}
@@ -81,6 +81,9 @@ def drawn(chance: random.Random) -> list[str]:
     words, options = COMMANDS[command]
     words = [command, *words]
     for option in chance.sample(options, min(len(options), chance.choice([1, 1, 2]))):
+        if option in words and option not in ("-i", "-o"):  # in the place of what stands there
+            place = words.index(option)
+            words = words[:place] + words[place + 2 :]
         value = FORMS.get(option, "") * (chance.random() < 0.8) + number_in_words(chance)
         words += [f"{option}={value}"] if option.startswith("--") and chance.random() < 0.5 else [option, value]
     return words

@@ -54,11 +54,24 @@ class _LazyGroup(click.Group):
         if name not in COMMANDS and not name.startswith("-"):
             question = did_you_mean(name, list(COMMANDS))
             ctx.fail(f"No such command {name!r}" + (f"; {question}" if question else "."))
-        return super().resolve_command(ctx, args)
+        found = super().resolve_command(ctx, args)
+        if found[1] is not None:
+            refuse_twice(found[1], ctx, found[2])
+        return found
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, text) for name, (_, text) in COMMANDS.items()])
+
+
+def refuse_twice(command: click.Command, parent: click.Context, typed: list[str]) -> None:
+    """Raise UsageError for an option that takes one value and is given twice: click would take the last one."""
+    context = click.Context(command, parent=parent, info_name=command.name, resilient_parsing=True)
+    words = [word for word in typed if not word.startswith("-?")]  # the source of `replant live`
+    _, _, given = command.make_parser(context).parse_args(words)
+    for option in given:
+        if isinstance(option, click.Option) and not (option.multiple or option.is_flag) and given.count(option) > 1:
+            raise click.UsageError(f"{'/'.join(option.opts)} is given twice: give it once", parent)
 
 
 @click.group(
