@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import jsonschema
 import numpy as np
@@ -83,3 +84,47 @@ def test_what_a_range_does_not_take_is_one_line(
     err = capsys.readouterr().err
     assert err.count("\n") == 1
     assert words in err
+
+
+def test_run_in_python_takes_the_structures_of_a_range(capsys: pytest.CaptureFixture[str], log: Path) -> None:
+    run(log, "-p", "1:3", "--json")
+    typed = json.loads(capsys.readouterr().out)
+    found = rp.run(rp.read_log(log, input="u", output="y", dt=DT), structure=[rp.Structure(n) for n in (1, 2, 3)])
+    assert found.parameters.tolist() == [each["value"] for each in typed["parameters"].values()]
+    assert [structure.poles for structure, _ in found.weights] == [1, 2, 3]
+    assert [weight for _, weight in found.weights] == [each["weight"] for each in typed["structures"]]
+
+
+@every(
+    "asked, words",
+    [
+        ({"structure": [rp.Structure(1)]}, "a list of 2 to 10, got 1"),
+        ({"structure": [1, 2]}, "structure must be a Structure, got 1"),
+        ({"structure": [rp.Structure(1), 2]}, "structure must hold Structures, got 2"),
+        ({"structure": [rp.Structure(1), rp.Structure(2)], "delay": 0.1}, "give either a structure, or poles"),
+        ({"structure": [rp.Structure(1), rp.Structure(2)], "optimizer": "adam"}, "take no optimizer"),
+    ],
+)
+def test_structures_that_cannot_learn_side_by_side_are_named(asked: dict[str, Any], words: str) -> None:
+    u = prbs(90, hold=8)
+    with pytest.raises(rp.ReplantError, match=words):
+        rp.run(u, u, DT, **asked)
+
+
+@every(
+    "command",
+    [
+        ("live", "-", "-p", "1:3", "--dt", "0.1"),
+        ("fleet", "LOG", "-i", "u", "-o", "y", "-p", "1:3", "--out", "fleet"),
+        ("compare", "LOG", "-i", "u", "-o", "y", "-p", "1:3"),
+    ],
+)
+def test_who_takes_one_structure_says_who_takes_a_range(
+    capsys: pytest.CaptureFixture[str], log: Path, command: tuple[str, ...]
+) -> None:
+    with pytest.raises(SystemExit):
+        main([str(log) if word == "LOG" else word for word in command])
+    wanted = (
+        "--poles must be one number here: a range learns side by side in `replant run`, and `replant fit` searches it"
+    )
+    assert capsys.readouterr().err == f"replant: {wanted}\n"

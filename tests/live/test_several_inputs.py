@@ -260,7 +260,8 @@ TWO = ("-i", "Q1", "-i", "Q2", "-o", "T1")
         ((*TWO, "-p", "1,1", "--background"), "several inputs take no --background yet"),
         ((*TWO, "-p", "1,1", "--bias"), "several inputs take no --bias yet"),
         ((*TWO, "-p", "6,6"), "poles must be at most 10 in all, got 12"),
-        ((*TWO, "-p", "1,x"), "'x' is not a valid integer"),
+        ((*TWO, "-p", "1,x"), "'1,x' must be a whole number for each input"),
+        ((*TWO, "-p", "1:2,1"), "a range is searched by replant fit: give a number for each input here"),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(

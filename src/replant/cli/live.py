@@ -10,8 +10,8 @@ from typing import Any
 import click
 
 from replant.cli.conditioning_options import seconds_of
-from replant.cli.option_types import Choice, OfEach, Parsed, column_option, flag, path_option
-from replant.cli.run_fit_compare_options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, check_one_input
+from replant.cli.option_types import Choice, Parsed, column_option, flag, path_option, structure_options
+from replant.cli.run_fit_compare_options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, preprocess_of, structure_of
 from replant.cli.several_inputs_options import numbers_of
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
@@ -21,8 +21,6 @@ from replant.live.progress import Asked, Limits
 from replant.live.session import run
 from replant.live.streams import UY, Signals
 from replant.live.view import UNNAMED, SignalNames
-from replant.model.preprocess import Preprocess
-from replant.model.structure import Structure
 from replant.numerics.operating_system import one_line
 from replant.online.miso_identifier import RowIdentifier
 from replant.rigs import Rig, deap_rig, motor_rig
@@ -60,10 +58,10 @@ class SourceCommand(click.Command):
 @click.argument("source")
 @column_option("input", "Name of the input, or of each of several, in lines or columns.  [default: u]", several=True)
 @column_option("output", "Name of the output there.  [default: y]")
-@click.option("-p", "--poles", type=OfEach(click.INT), metavar="N", help="Number of poles, or of each input: 2,1.")
-@click.option("--zeros", type=OfEach(click.INT), metavar="M", help="Number of zeros.  [default: 0]")
+@structure_options(
+    "Number of poles, or of each input: 2,1.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]"
+)
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.")
-@click.option("--delay", type=OfEach(click.FLOAT), default="0.0", metavar="S", help="Dead time in s.")
 @BIAS
 @FEEDTHROUGH
 @INPUT_MAP
@@ -199,13 +197,8 @@ def _request(options: dict[str, Any]) -> Asked:
     if len(inputs) > 1:
         orders: dict[str, Any] = numbers_of(options, inputs)
         return RowIdentifier(**orders, dt=options["dt"], startup=options["startup"], input_names=inputs).request
-    check_one_input(options)
-    (poles,), (zeros,), (delay,) = options["poles"], options["zeros"] or (0,), options["delay"]
-    structure = Structure(poles, zeros, delay, options["bias"], options["feedthrough"])
-    preprocess = Preprocess(options["input_map"], "mean", "mean")
-    return Request(
-        structure, options["dt"], preprocess=preprocess, optimizer=options["optimizer"], startup=options["startup"]
-    )  # fmt: skip
+    structure, more = structure_of(options), {name: options[name] for name in ("optimizer", "startup")}
+    return Request(structure, options["dt"], preprocess=preprocess_of(options), **more)
 
 
 def address_of(option: str, text: str) -> tuple[str, int]:

@@ -88,20 +88,6 @@ class Each(tuple[Any, ...]):
     __slots__ = ()
 
 
-class OfEach(click.ParamType[tuple[Any, ...]]):
-    """The type of options that are a number, or a number for each input with commas between."""
-
-    def __init__(self, number: click.ParamType[Any]) -> None:
-        self.number, self.name = number, number.name
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
-        """Return a tuple of one number, or the numbers of each input."""
-        if isinstance(value, tuple):
-            return value
-        each = [self.number.convert(part, param, ctx) for part in str(value).split(",")]
-        return Each(each) if len(each) > 1 else tuple(each)
-
-
 class Range(click.ParamType[tuple[Any, ...]]):
     """The type of options that are a number, a range first:last or first:last:step, or a number for each input."""
 

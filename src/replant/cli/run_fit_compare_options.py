@@ -206,7 +206,10 @@ def structure_of(options: dict[str, Any]) -> Structure:
     check_one_input(options)
     for name in STRUCTURE:
         if len(options[name] or (0,)) > 1:
-            raise InvalidArgumentError(f"--{name} must be one number here; `replant fit` searches a range")
+            raise InvalidArgumentError(
+                f"--{name} must be one number here: a range learns side by side in `replant run`, and `replant fit` "
+                "searches it"
+            )
     zeros = options["zeros"][0] if options["zeros"] else 0
     return Structure(options["poles"][0], zeros, options["delay"][0], options["bias"], options["feedthrough"])
 

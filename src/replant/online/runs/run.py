@@ -47,6 +47,7 @@ def run_online(
     startup: int | None = None,
     reference: FloatArray | None = None,
     t: FloatArray | None = None,
+    structures: Sequence[Structure] = (),
 ) -> Result:
     """Identify a record in memory in one pass; see `run_source`."""
 
@@ -54,7 +55,8 @@ def run_online(
         if stage == IDENTIFYING:
             progress(samples)
 
-    return run_source(request, Arrays(u, y, reference, t), report, startup=startup, irregular=t is not None)
+    source = Arrays(u, y, reference, t)
+    return run_source(request, source, report, startup=startup, irregular=t is not None, structures=structures)
 
 
 @quiet

@@ -27,6 +27,7 @@ from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
+from replant.online.bank_members import asked_for
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_online
 from replant.online.runs.run_miso import run_row
@@ -45,9 +46,10 @@ def run(
 
 @overload
 def run(
-    u: Any, y: Any = None, dt: float | None = None, structure: Structure | None = None, *, poles: int | None = None,
-    zeros: int = 0, delay: float = 0.0, optimizer: Optimizer | str = AUTO, preprocess: Preprocess = AT_REST,
-    t: Any = None, reference: Any = None, input: str | None = None, output: str | None = None,
+    u: Any, y: Any = None, dt: float | None = None, structure: Structure | Sequence[Structure] | None = None, *,
+    poles: int | None = None, zeros: int = 0, delay: float = 0.0, optimizer: Optimizer | str = AUTO,
+    preprocess: Preprocess = AT_REST, t: Any = None, reference: Any = None, input: str | None = None,
+    output: str | None = None,
 ) -> Result: ...  # fmt: skip
 
 
@@ -56,7 +58,7 @@ def run(
     u: Any,
     y: Any = None,
     dt: float | None = None,
-    structure: Structure | None = None,
+    structure: Structure | Sequence[Structure] | None = None,
     *,
     poles: Any = None,
     zeros: Any = 0,
@@ -79,8 +81,9 @@ def run(
         Output, or (K, p) of p outputs, each identified by itself.
     dt : float
         Sampling time in s.
-    structure : Structure
-        Or ``poles``, ``zeros`` and ``delay`` in its place.
+    structure : Structure or list of Structure
+        Or ``poles``, ``zeros`` and ``delay`` in its place.  Of two to ten, which learn side by side, the result is that
+        of the most probable one that is trusted, see `Identifier`.
     poles, zeros : int or tuple of int
         Number of poles and of zeros; of several inputs an entry for each.  Of several outputs these are those of all,
         or a tuple for each output.
@@ -123,16 +126,18 @@ def run(
     not_yet = {"structure": structure is not None, "optimizer": optimizer != AUTO, "preprocess": preprocess != AT_REST}
     if are_rows(outputs, not_yet, *orders.values()):
         return solved_rows(outputs, orders, run_row)
-    given, structure = outputs[0], Structure.wanted(structure, **orders)
-    request = Request(
-        structure, given.dt, filter=filter_for(given.input_hold), optimizer=optimizer, preprocess=preprocess
-    )
+    given, structures = outputs[0], structure if isinstance(structure, list | tuple) else []
+    first: Any = structures[0] if structures else structure
+    first = Structure.wanted(first, **orders)
+    if structures:
+        asked_for(structures, {} if optimizer == AUTO else {"optimizer": optimizer})
+    request = Request(first, given.dt, filter=filter_for(given.input_hold), optimizer=optimizer, preprocess=preprocess)
     u, y = record(given.u, given.y)
     stamps = None if given.t is None else increasing(given.t, u.size)
     r = None if given.reference is None else vector("reference", given.reference)
     if r is not None and r.size != u.size:
         raise InvalidArgumentError(f"reference must have one value for each of {u.size} samples, got {r.size}")
-    result = run_online(request, u, y, reference=r, t=stamps)
+    result = run_online(request, u, y, reference=r, t=stamps, structures=structures)
     return replace(result, model=result.model.of_log(given.input_name, given.output_name, given.source, given.sha256))
 
 
