@@ -219,6 +219,7 @@ class TestVerdict:
 
 
 U, Y = toggling(0, samples=400), np.arange(400.0)
+FORMER = np.arange(400) < 200
 
 
 @every(
@@ -235,7 +236,15 @@ U, Y = toggling(0, samples=400), np.arange(400.0)
         (U[:5], Y[:5], {"poles": (1, 1)}, "fewer than the"),
         (U, Y[:9], {"poles": (1, 1)}, "u has 400 rows and y 9 samples"),
         (U[:, 0], Y, {"poles": (1, 1)}, "a column for each input"),
-        (U * np.nan, Y, {"poles": (1, 1)}, "no row of u and y has all its numbers"),
+        (U * np.nan, Y, {"poles": (1, 1)}, "input u1 has no number that can be used"),
+        (U * [1.0, np.nan], Y, {"poles": (1, 1)}, "input u2 has no number that can be used"),
+        (np.where(FORMER, U.T, np.nan).T, np.where(FORMER, np.nan, Y), {"poles": (1, 1)}, "no row of u and y has all"),
+        (U, Y, {"poles": (1, 1), "reference": Y * np.nan}, "reference has no number that can be used"),
+        (U, Y, {"poles": (1, 1), "reference": np.column_stack([Y, Y * np.nan])}, "reference 2 has no number"),
+        (U, np.column_stack([Y, Y * np.nan]), {"poles": (1, 1)}, "output y2 has no number that can be used"),
+        (U[:, :1], Y, {"poles": 1}, r"there is 1 input: give the number of poles of each, poles=\(1,\)"),
+        (U[:10], Y[:10], {"poles": (1, 1), "delay": (0.0, 5 * DT)}, "has 5 usable samples behind the dead time"),
+        (U[:8], Y[:8], {"poles": (1, 1), "delay": (0.0, 3 * DT)}, "fewer than the 8 that 7 unknowns need"),
     ],
 )
 def test_what_does_not_match_is_named_in_a_line(u: Any, y: Any, asked: dict[str, Any], words: str) -> None:

@@ -18,7 +18,7 @@ from replant.fitting.parted_record import solve_parted_row
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
 from replant.model.noise import NoiseModel
-from replant.model.preprocess import screen
+from replant.model.preprocess import accepted, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
@@ -134,22 +134,40 @@ def ready_row(
     structures = structures_of(columns.shape[1], poles, zeros, delay)
     stamps = None if given.t is None else increasing(given.t, output.size)
     references = references_of(given.reference, output.size)
+    check_numbers(given, columns, output, references)
     if references is not None:
         output = np.where(np.isfinite(references).all(axis=1), output, np.nan)
     ready = RowRecord.of(columns, output, dt, stamps, given.input_hold, given.begins)
-    record = ready.record
+    record, longest = ready.record, max(each.delay for each in structures)
     size = sum(each.size + each.poles for each in structures) + 1
-    if record.count <= size:
-        raise InvalidArgumentError(
-            f"the record has {record.count} usable samples, fewer than the {size + 1} that {size} unknowns need: "
-            "record more, or ask for fewer poles and zeros"
-        )
-    longest = max(each.delay for each in structures)
-    if not longest < record.span:
+    is_long = record.count > size
+    if is_long and not longest < record.span:
         raise InvalidArgumentError(
             f"the dead time of {longest:g} s is no shorter than the record, which lasts {record.span:.6g} s"
         )
+    count = Row(structures, record, ready.inputs).count if is_long else record.count
+    if count <= size:
+        behind = " behind the dead time and gaps" if is_long else ""
+        raise InvalidArgumentError(
+            f"the record has {count} usable samples{behind}, fewer than the {size + 1} that {size} unknowns need: "
+            "record more, or ask for fewer poles and zeros"
+        )
     return ready, structures, None if references is None else held(references[ready.used])
+
+
+def check_numbers(given: Samples, columns: FloatArray, output: FloatArray, references: FloatArray | None) -> None:
+    """Raise InvalidArgumentError for a signal that has no number: it is named."""
+    names = given.input_names or unnamed(columns.shape[1])
+    signals = [
+        *zip((f"input {name}" for name in names), columns.T, strict=True),
+        (f"output {given.output_name}", output),
+    ]
+    if references is not None:
+        one = references.shape[1] == 1
+        signals += [(f"reference{'' if one else f' {k}'}", each) for k, each in enumerate(references.T, 1)]
+    for name, signal in signals:
+        if signal.size and not accepted(signal)[1].any():
+            raise InvalidArgumentError(f"{name} has no number that can be used: leave it out, or give one that has")
 
 
 @quiet
@@ -222,9 +240,8 @@ def structures_of(inputs: int, poles: Any, zeros: Any, delay: Any) -> tuple[Stru
     0.3
     """
     if not iterable(poles):
-        raise InvalidArgumentError(
-            f"there are {inputs} inputs: give the number of poles of each, poles=({', '.join(['1'] * inputs)})"
-        )
+        there = "is 1 input" if inputs == 1 else f"are {inputs} inputs"
+        raise InvalidArgumentError(f"there {there}: give the number of poles of each, poles={(1,) * inputs}")
     given = {"poles": poles, "zeros": zeros, "delay": delay}
     each: dict[str, list[Any]] = {k: list(v) if iterable(v) else [v] * inputs for k, v in given.items()}
     for name, values in each.items():

@@ -10,8 +10,9 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import RowRecord
-from replant.fitting.miso_fit import RowFit, columns_of, structures_of
+from replant.fitting.miso_fit import RowFit, check_numbers, columns_of, structures_of
 from replant.fitting.miso_model import evaluated
+from replant.fitting.miso_references import references_of
 from replant.fitting.samples import Samples
 from replant.numerics.arguments import vector
 from replant.numerics.limits import increasing
@@ -40,6 +41,7 @@ def run_row(
     for name, signal in (("u", u), ("t", given.t), ("reference", given.reference)):
         if signal is not None and len(signal) != y.size:
             raise InvalidArgumentError(f"{name} has {len(signal)} rows and y {y.size} samples: give one row for each")
+    check_numbers(given, u, y, references_of(given.reference, y.size))
     t = None if given.t is None else increasing(given.t, y.size)
     first = first_model(y.size) if startup is None else startup
     ident = RowIdentifier(
