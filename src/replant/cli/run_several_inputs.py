@@ -20,8 +20,9 @@ from replant.cli.several_inputs_options import is_range, orders_of, refuse_not_y
 from replant.fitting import model_json
 from replant.fitting.fit import fit
 from replant.fitting.miso_fit import RowFit
+from replant.fitting.rows_of_outputs import without_outputs
 from replant.fitting.samples import Samples
-from replant.fitting.several_outputs import MatrixFit, without_outputs
+from replant.fitting.several_outputs import MatrixFit
 from replant.fitting.structure_search import SearchResult, as_row, search
 from replant.fitting.validation import Validation
 from replant.logs import Log

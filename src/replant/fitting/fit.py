@@ -19,8 +19,9 @@ from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.miso_fit import RowFit, fit_row
 from replant.fitting.parted_record import differ, solve_parted
+from replant.fitting.rows_of_outputs import are_rows, samples_of_outputs, solved_rows
 from replant.fitting.samples import RawRecord, Samples
-from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
+from replant.fitting.several_outputs import MatrixFit
 from replant.kernels.schema import Doubt
 from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
