@@ -47,6 +47,12 @@ def passed(order: int = 2, structures: Any = STRUCTURES, **more: Any) -> Any:
     return bank
 
 
+def passed_with(u: FloatArray, y: FloatArray, structures: Any = THREE) -> Any:
+    bank = begun(structures)
+    bank.update_many(u, y)
+    return bank
+
+
 def weights_of(variances: FloatArray) -> Weights:
     """Return equal weights of members whose residuals are white, of these variances."""
     fresh = Weights.of(THREE)
@@ -205,6 +211,35 @@ def test_what_goes_wrong_in_a_record_leaves_the_order(wrong: str) -> None:
     assert np.isfinite(trace.weights).all()
     assert bank.taken == u.size
     assert (bank.rejected["not finite"] == some.size) == (wrong == "lost")
+
+
+@every("size", [1e1, 1e4, 1e6, 1e9, 1e12])
+@every("places", [(300,), (700,), (700, 749)], ids=str)
+def test_an_outlier_of_any_size_counts_for_nobody(size: float, places: tuple[int, ...]) -> None:
+    """The weights begin anew at 750 samples, and behind `finish`."""
+    for seed in (1, 2):
+        u, y = record(samples=800, seed=seed)
+        y[list(places)] += size
+        bank = passed_with(u, y)
+        assert bank.weights[1] > 0.9
+        assert [each.structure.poles for each in bank.leads] == [2]
+        bank.finish()
+        assert bank.weights[1] > 0.9
+        assert bank.structure.poles == 2
+
+
+def test_an_outlier_beside_a_change_of_the_lead_leaves_it() -> None:
+    u = prbs(4000, hold=8)
+    y = np.concatenate([PLANTS[2].simulate(u[:2000], DT), PLANTS[1].simulate(u[2000:], DT)])
+    y += 0.02 * np.random.default_rng(2).standard_normal(u.size)
+    plain = passed_with(u, y, STRUCTURES)
+    changed = plain.leads[-1].taken
+    for place in (changed - 1, changed, changed + 1):
+        spoiled = y.copy()
+        spoiled[place] = 1e6
+        bank = passed_with(u, spoiled, STRUCTURES)
+        assert [each.structure.poles for each in bank.leads] == [each.structure.poles for each in plain.leads] == [2, 1]
+        assert bank.weights[0] > 0.9
 
 
 def test_the_whole_state_is_saved(tmp_path: Path) -> None:

@@ -106,10 +106,12 @@ class Evidence:
     @quiet
     def __init__(self, record: Record, *, at_rest: bool) -> None:
         self.record, self.at_rest = record, at_rest
-        self._least = (FINEST * float(np.std(record.y))) ** 2
         self._known = record.is_measured
+        # variance of a residual below which it is no evidence
+        self.least = (FINEST * float(np.std(record.y[self._known]))) ** 2
         self._alone = self._densities(record.y - record.y[self._known].mean(), self._known)[0]
-        self._alone[: LAGS + 1] = np.median(self._alone)  # what they begin with is free in every model
+        self._alone[: LAGS + 1] = np.median(self._alone[self._known])  # what they begin with is free in every model
+        self._alone[~self._known] = 0.0  # what was not measured says nothing
 
     @quiet
     def of(self, structure: Structure, given: Sequence[FloatArray], *, afresh: bool = False) -> Trial | None:
@@ -177,7 +179,7 @@ class Evidence:
         """Return the log-densities (K,) of an error (K,) under an autoregression of its own, and its order."""
         known, noise = replace(self.record, measured=explained).predecessors, self._noise(error, explained)
         white = noise.whiten_known(error, known)
-        variance = max(float(np.mean(white[explained] ** 2)), self._least, np.finfo(float).tiny)
+        variance = max(float(np.mean(white[explained] ** 2)), self.least, np.finfo(float).tiny)
         # a sample with a shorter past is known less well
         power = max(float(noise.powers[noise.order]), np.finfo(float).tiny)
         wider = np.maximum(noise.powers[np.minimum(known, noise.order)] / power, 1.0)
@@ -185,7 +187,7 @@ class Evidence:
 
     def _noise(self, error: FloatArray, explained: BoolArray) -> Autoregression:
         power = sum_of_squares(error[explained])
-        if power > self._least * error.size:
+        if power > self.least * error.size:
             known = replace(self.record, measured=explained).predecessors
             return Autoregression.of_residual(error, known, error.size)
         return Autoregression.white(power, error.size)

@@ -21,7 +21,7 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import prediction_error
-from replant.fitting.structure_evidence import FINEST, Evidence, numbers_of
+from replant.fitting.structure_evidence import Evidence, numbers_of
 from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
@@ -122,40 +122,51 @@ class Weights:
         runs = {i: run for i, each in enumerate(members) if (run := _Run.of(each, since)) is not None}
         if not runs:
             return self
-        first = next(iter(runs.values())).record
-        runs = {i: run for i, run in runs.items() if run.error.size == first.u.size}
         # what the member that errs least takes for an outlier counts for nobody: another one has a wider scatter
-        counts = min(runs.values(), key=lambda run: float(np.median(np.abs(run.error)))).counts
-        evidence = Evidence(replace(first, measured=counts), at_rest=False)
+        first = min(runs.values(), key=lambda run: run.scatter).record
+        again = ((i, _Run.of(members[i], since, first.is_measured)) for i in runs)
+        runs = {i: run for i, run in again if run is not None}
+        evidence = Evidence(first, at_rest=False)
         new = Weights.of([each.structure for each in members])
         for i, run in runs.items():
             new.joined[i] = 1
             new.logs[i], noise = evidence.of_error(members[i].structure, run.error)
             new.sums[i], new.models[i], new.variances[i] = noise.sums, noise.models, noise.variances
             new.orders[i], new.numbers[0] = noise.order, noise.count if noise.sums.any() else 0.0
-        return replace(new, least=(FINEST * float(np.std(first.y))) ** 2)
+        return replace(new, least=evidence.least)
 
 
 @dataclass(frozen=True, eq=False)
 class _Run:
-    """The present model of a member beside the newest samples."""
+    """The present model of a member beside the newest samples; what counts of these alone says where it begins."""
 
-    record: Record
+    record: Record  # measured are the outputs that count
     error: FloatArray  # (K,)
-    counts: BoolArray  # (K,): which outputs were measured, and taken for no outlier
+
+    @property
+    def scatter(self) -> float:
+        """Median size of the error."""
+        return float(np.median(np.abs(self.error[self.record.is_measured])))
 
     @classmethod
     @quiet
-    def of(cls, member: Estimate, since: int) -> _Run | None:
-        """Return it over samples that came after so many accepted ones; None where there is none."""
+    def of(cls, member: Estimate, since: int, counts: BoolArray | None = None) -> _Run | None:
+        """Return it over samples that came after so many accepted ones; None where there is none.
+
+        Outputs (K,) count that are given, else those that were measured, and that the member takes for no outlier.
+        """
         if member._settings is None:
             return None
         kept = RecentSamples.of(member._state)
         kept = kept[max(len(kept) - (member._state.samples - since), 0) :].since_last_gap(member.dt)
         record = kept.record(member.dt, member.input_hold)
+        counts = record.is_measured & ~kept.is_bridged if counts is None else counts
+        if counts.size != record.u.size or not counts.any():
+            return None
+        if not counts.all():
+            record = replace(record, y=np.where(counts, record.y, kept.bridged), measured=counts)
         error = prediction_error(member.structure, member.parameters, record, member.dt)
-        counts = record.is_measured & ~kept.is_bridged
-        return None if error is None or not counts.any() else cls(record, error, counts)
+        return None if error is None else cls(record, error)
 
 
 def shares_of(logs: FloatArray) -> FloatArray:
