@@ -88,3 +88,33 @@ def test_what_cannot_be_searched_is_named_in_a_line(asked: dict[str, Any], words
     with pytest.raises(rp.ReplantError, match=words) as caught:
         rp.search(*record(0), DT, **asked)
     assert "\n" not in str(caught.value)
+
+
+@every("noise", [0.0, 1e-5, 1e-3])
+def test_a_noise_model_takes_no_wrong_structure_for_noise(noise: float) -> None:
+    """Of a record with little noise an autoregression predicts what a wrong structure leaves, too."""
+    for seed in (1002, 1009):
+        generator = np.random.default_rng(seed)
+        u = np.column_stack([generator.choice([-1.0, 1.0], 134).repeat(15)[:2000] for _ in range(2)])
+        slow, swinging = rp.TransferFunction([2.0], [1.0, 0.5]), rp.TransferFunction([9.0], [1.0, 1.2, 9.0], delay=0.3)
+        y = slow.simulate(u[:, 0], 0.1) + swinging.simulate(u[:, 1], 0.1) + noise * generator.standard_normal(2000)
+        best = rp.search(u, y, 0.1, poles=(1, 2), delays=((0.0,), (0.0, 0.3))).best
+        assert [(each.poles, each.zeros, each.delay) for each in best.model.structures] == [(1, 0, 0.0), (2, 0, 0.3)]
+
+
+def test_drift_leaves_a_search_the_structures() -> None:
+    """What a model without a noise model leaves of a drift tells little of structures."""
+    generator = np.random.default_rng(1)
+    u = np.column_stack([generator.choice([-1.0, 1.0], 67).repeat(15)[:1000] for _ in range(2)])
+    slow, swinging = rp.TransferFunction([2.0], [1.0, 0.5]), rp.TransferFunction([9.0], [1.0, 1.2, 9.0])
+    y = slow.simulate(u[:, 0], 0.1) + swinging.simulate(u[:, 1], 0.1) + 0.05 * generator.standard_normal(1000).cumsum()
+    best = rp.search(u, y, 0.1, poles=(1, 2), zeros=0).best
+    assert best.model.structures[1].poles == 2
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_search_with_an_input_that_rests_says_so_without_a_warning() -> None:
+    generator = np.random.default_rng(0)
+    u = np.column_stack([generator.choice([-1.0, 1.0], 50).repeat(20), np.zeros(1000)])
+    y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u[:, 0], 0.1) + 0.1 * generator.standard_normal(1000)
+    assert rp.search(u, y, 0.1, poles=(1, 2)).best.verdict.status == "not excited"

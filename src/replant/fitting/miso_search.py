@@ -3,6 +3,10 @@
 All numbers of poles, zeros and dead times of q inputs are too many to try.  The search begins at the smallest structure
 of each input.  In turn it changes one input alone: its dead time along the grid, a pole or a zero more or fewer, each
 with the dead times beside it.  It ends where no change of one input raises the evidence.
+
+Where a structure is not right, an autoregression takes what that leaves for noise: of a record with little noise it
+predicts a smooth error almost as well as a right structure does, and the evidence tells nothing.  As long as it has
+done so in all trials (`differs`), they are judged by what they leave without one.
 """
 
 from __future__ import annotations
@@ -21,7 +25,7 @@ from replant.estimation.solver.miso_start import start
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.fitting.miso_fit import fit_row, ready_row
 from replant.fitting.miso_references import with_outside
-from replant.fitting.miso_solve import covariance_of, likeliest
+from replant.fitting.miso_solve import covariance_of, differs, likeliest
 from replant.fitting.samples import Samples
 from replant.fitting.search_result import ALPHA, BETWEEN, WORTH, Candidate, SearchResult, top_of_parabola
 from replant.fitting.structure_evidence import Evidence, grown, least_known
@@ -92,7 +96,8 @@ class _Search:
         self, record: Record, inputs: FloatArray, options: Sequence[Options], say: Callable[[int], None]
     ) -> None:
         self.record, self.inputs, self.options, self._say = record, inputs, options, say
-        self.tried: dict[Structures, Trial | None] = {}
+        self._found: dict[Structures, tuple[Trial, Trial] | None] = {}  # without a noise model, and with one
+        self._is_told = False  # whether the noise model of a trial has taken nothing but noise
         self._evidence = Evidence(record, at_rest=False)
         # a trial behind by more than chance makes of all its parameters cannot win
         self._reach = chi2_quantile(1.0 - ALPHA, sum(max(each.poles) * 2 + 1 for each in options))
@@ -104,13 +109,18 @@ class _Search:
         if best is None:
             raise InvalidArgumentError("no structure of the grid explains this record: do the inputs move the output?")
         while True:
-            before = best
+            best = before = max(self.tried.values(), key=lambda trial: trial.evidence)
             for i in range(len(self.options)):
                 best = self._along_delays(best, i)
                 for size in self.options[i].beside((best.structures[i].poles, best.structures[i].zeros)):
                     best = max(best, self._of_size(best, i, size), key=lambda trial: trial.evidence)
             if best is before:
                 return self._on_grid(best)
+
+    @property
+    def tried(self) -> dict[Structures, Trial]:
+        """The trials that led to a model."""
+        return {structures: each[self._is_told] for structures, each in self._found.items() if each is not None}
 
     def _of_size(self, best: Trial, i: int, size: tuple[int, int]) -> Trial:
         """Return the best trial of another number of poles and zeros of an input, or the one that is given."""
@@ -167,14 +177,18 @@ class _Search:
         return self._try(_with(trial.structures, i, replace(trial.structures[i], delay=delay)), trial)
 
     def _try(self, structures: Structures, beside: Trial | None = None) -> Trial | None:
-        if structures not in self.tried:
-            self.tried[structures] = self._fitted(structures, beside)
-            self._say(len(self.tried))
-        return self.tried[structures]
+        if structures not in self._found:
+            self._found[structures] = found = self._fitted(structures, beside)
+            self._is_told |= found is not None and found[0] is found[1]
+            self._say(len(self._found))
+        return self.tried.get(structures)
 
     @quiet
-    def _fitted(self, structures: Structures, beside: Trial | None) -> Trial | None:
-        """Return the trial begun beside another one, and afresh where it has other poles."""
+    def _fitted(self, structures: Structures, beside: Trial | None) -> tuple[Trial, Trial] | None:
+        """Return the trials begun beside another one, and afresh where it has other poles: without and with noise.
+
+        Where the noise model has taken nothing but noise they are one.
+        """
         row = Row(structures, self.record, self.inputs)
         size = sum(each.size for each in structures)
         if row.count <= size + row.nuisances:
@@ -188,14 +202,22 @@ class _Search:
             begins = [*begins, evaluate(row, theta, white)] if row.is_stable(theta) else begins
         if not begins:
             return None
-        point = likeliest(row, begins, lambda noise: []).point
+        free, point, noise, *_ = likeliest(row, begins, lambda noise: [])
+        found = self._judged(row, point, whitened=True)
+        if found is None or not noise.order or not differs(row, free, point):
+            return None if found is None else (found, found)
+        plain = self._judged(row, free, whitened=False)
+        return None if plain is None else (plain, found)
+
+    def _judged(self, row: Row, point: Point, *, whitened: bool) -> Trial | None:
         error, explained = np.zeros(self.record.u.size), np.zeros(self.record.u.size, bool)
         for stretch, residual in zip(row.stretches, point.residual, strict=True):
             error[stretch.rows], explained[stretch.rows] = residual, stretch.measured
         if not (np.isfinite(error).all() and explained.any()):
             return None
-        numbers = sum(each.size + each.poles + bool(each.delay) for each in structures)
-        return Trial(structures, row, point, *self._evidence.judged(error, explained, numbers))
+        numbers = sum(each.size + each.poles + bool(each.delay) for each in row.structures)
+        judged = self._evidence.judged(error, explained, numbers, whitened=whitened)
+        return Trial(row.structures, row, point, *judged)
 
 
 def _with(structures: Structures, i: int, other: Structure) -> Structures:
@@ -231,6 +253,6 @@ def search_rows(given: Samples, options: Sequence[Options], progress: Callable[[
     candidates = {
         key: trial.candidate(record.span)
         for key, trial in sweep.tried.items()
-        if trial is not None and all(each.delay in of.delays for each, of in zip(key, options, strict=True))
+        if all(each.delay in of.delays for each, of in zip(key, options, strict=True))
     }
     return SearchResult(best, candidates[on_grid.structures], tuple(candidates.values()))

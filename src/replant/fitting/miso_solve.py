@@ -161,7 +161,7 @@ def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], l
     free, point, noise, rivals, _ = likeliest(row, begins, again)
     findings = tuple(controlled(row, point, noise))
     # without a noise model the two are the same; in feedback the estimate without one is that which is off
-    if findings or not noise.order or not (_differs(row, free, point) or any(lacking(row, point, noise))):
+    if findings or not noise.order or not (differs(row, free, point) or any(lacking(row, point, noise))):
         findings += tuple(of_rivals(row, point, rivals))
         return RowEstimate(point, noise, covariance_of(row, point), findings, rivals)
     white, findings = Autoregression.white(1.0, row.count), (Finding("inconsistent", GIVEN_UP),)
@@ -273,7 +273,7 @@ def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) 
     return np.asarray(variance * inverse @ squares @ inverse)
 
 
-def _differs(row: Row, free: Point, point: Point) -> bool:
+def differs(row: Row, free: Point, point: Point) -> bool:
     """Return whether the estimate with a noise model leaves more than chance allows beside that without.
 
     Both are consistent where the structure is right: beyond the least power the one leaves at most chi-square of the

@@ -87,6 +87,7 @@ def grown(less: Structure, theta: FloatArray, more: Structure, dt: float) -> Flo
     return model
 
 
+@quiet
 def least_known(structure: Structure, theta: FloatArray, covariance: FloatArray, span: float) -> float:
     """Return the largest standard deviation of a coefficient as a part of its size.
 
@@ -137,9 +138,14 @@ class Evidence:
         likelihood, price, _ = self.judged(error, explained, numbers_of(structure))
         return likelihood - price, self._noise(error, explained)
 
-    def judged(self, error: FloatArray, explained: BoolArray, numbers: int) -> tuple[float, float, float]:
-        """Return the log-likelihood of all samples by a model's error (K,), its price, and its fit in percent."""
-        densities, order = self._densities(error, explained)
+    def judged(
+        self, error: FloatArray, explained: BoolArray, numbers: int, *, whitened: bool = True
+    ) -> tuple[float, float, float]:
+        """Return the log-likelihood of all samples by a model's error (K,), its price, and its fit in percent.
+
+        One that is not ``whitened`` has no autoregression.
+        """
+        densities, order = self._densities(error, explained, whitened=whitened)
         measured = self.record.y[explained]
         spread = max(float(np.linalg.norm(measured - measured.mean())), np.finfo(float).tiny)
         return (
@@ -175,9 +181,10 @@ class Evidence:
         """Return which outputs (K,) answer to inputs that are known."""
         return self._known if self.at_rest else self._known & self.record.answers(delay)
 
-    def _densities(self, error: FloatArray, explained: BoolArray) -> tuple[FloatArray, int]:
+    def _densities(self, error: FloatArray, explained: BoolArray, *, whitened: bool = True) -> tuple[FloatArray, int]:
         """Return the log-densities (K,) of an error (K,) under an autoregression of its own, and its order."""
-        known, noise = replace(self.record, measured=explained).predecessors, self._noise(error, explained)
+        known = replace(self.record, measured=explained).predecessors
+        noise = self._noise(error, explained) if whitened else Autoregression.white(1.0, error.size)
         white = noise.whiten_known(error, known)
         variance = max(float(np.mean(white[explained] ** 2)), self.least, np.finfo(float).tiny)
         # a sample with a shorter past is known less well
