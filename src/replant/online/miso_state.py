@@ -314,7 +314,7 @@ class RowState:
         solve = partial(solve_with, settings.structures, ready, references, settings.input_names)
         begins = Begins() if present is None else Begins(present.noise, (present.parameters, *self.rivals))
         afresh = afresh or present is None
-        done = solve(begins.afresh if afresh else begins.there)
+        done = solve(partial(begins.afresh, also_white=True) if afresh else begins.there)
         is_sure = self.is_sure and not self.rivals
         if not afresh and self._has_told(2.0, self.started_at) and not (is_sure and _is_settled(done[1])):
             if done[1] is not None:
@@ -405,17 +405,16 @@ class Begins(NamedTuple):
 
     def there(self, row: Row) -> Callable[[Autoregression], list[Point]]:
         """Return what begins at the models."""
-        points = [evaluate(row.from_outside, each, self.noise) for each in self.models] if self.noise else []
+        points = []
+        if self.noise is not None:
+            points = [evaluate(row.from_outside, each, self.noise) for each in self.models]
         return lambda _: points
 
-    def afresh(self, row: Row) -> Callable[[Autoregression], list[Point]]:
-        """Return what begins at a start, too: with a noise model, where one is known."""
-        points, is_coloured = (
-            self.there(row)(Autoregression.white(1.0, row.count)),
-            bool(self.noise and self.noise.order),
-        )
-        begin = started(row)
-        return lambda noise: [*(begin(noise) if noise.order or not is_coloured else ()), *points]
+    def afresh(self, row: Row, *, also_white: bool = False) -> Callable[[Autoregression], list[Point]]:
+        """Return what begins at a start, too: without a noise model only where none is known, or that is asked for."""
+        others, begin = self.there(row), started(row)
+        is_coloured = self.noise is not None and self.noise.order > 0 and not also_white
+        return lambda noise: [*(begin(noise) if noise.order or not is_coloured else ()), *others(noise)]
 
 
 def _is_settled(solution: RowSolution | None) -> bool:
