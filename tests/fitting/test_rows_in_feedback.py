@@ -59,11 +59,31 @@ def test_of_a_residual_that_is_rounding_no_answer_is_sought(size: float, is_answ
     assert [each.reason.split()[1] for each in found] == ["u1"] * is_answered
 
 
-def test_under_a_load_the_estimate_without_one_is_off_and_not_trusted() -> None:
-    u, y, _ = looped(0, load=True, pole=0.95)
+@every("seed", range(6), quick=2)
+def test_under_a_load_the_estimate_without_a_reference_is_not_trusted(seed: int) -> None:
+    u, y, _ = looped(seed, load=True, pole=0.95)
+    assert rp.fit(u, y, DT, **ASKED).verdict.status == "inconsistent"
+
+
+def test_under_a_load_the_estimate_without_a_reference_may_be_off() -> None:
+    u, y, _ = looped(4, load=True, pole=0.95)
     found = rp.fit(u, y, DT, **ASKED)
     assert distance(found) > chi2_quantile(0.9999, TRUE.size)
+    assert "input u1 answers to disturbances of the output: a controller makes it" in found.verdict.reasons[0]
+
+
+@every("poles", [(1, 2), (1, 1)], quick=2)
+@every("seed", range(6), quick=2)
+def test_a_structure_that_is_wrong_is_no_controller(poles: tuple[int, int], seed: int) -> None:
+    """The dead time is forgotten, or a pole is: the error answers to single past inputs, and these to none of it."""
+    rng = np.random.default_rng([77, seed])
+    u = rng.choice([-1.0, 1.0], (200, 2)).repeat(10, axis=0)
+    y = rp.TransferFunction([2.0], [1.0, 0.5]).simulate(u[:, 0].copy(), 0.1)
+    delayed = rp.TransferFunction([9.0], [1.0, 1.2, 9.0], delay=0.3 * (sum(poles) == 3))
+    y += delayed.simulate(u[:, 1].copy(), 0.1) + 0.01 * rng.standard_normal(2000)
+    found = rp.fit(u, y, 0.1, poles=poles)
     assert found.verdict.status == "inconsistent"
+    assert not any("a controller makes it" in reason for reason in found.verdict.reasons)
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from replant.estimation.solver.change_contest import HARMLESS
 from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.numerics.autoregression import Autoregression
+from replant.numerics.autoregression import WHITENESS_LAGS, Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile, inverse_of, products
 from replant.numerics.projections import orthogonal, widening, without
@@ -137,24 +137,37 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
     """Inputs that answer to the residual, beside those that references move.
 
     What filters of all inputs up to now explain of an input's later values is taken off them: where the structure is
-    not right the inputs explain some of the residual, which is no answer to it.  What is too small to matter, as what a
-    filter that looks ahead puts into both, is not named.
+    not right the inputs explain some of the residual, which is no answer to it.  Where a dead time is forgotten, or a
+    pole, single past inputs do: an answer that is found must be one without these, too.  What is too small to matter,
+    as what a filter that looks ahead puts into both, is not named.
     """
-    past = cache(_filtered(row, *row.inputs.T))
+    filters = cache(_filtered(row, *row.inputs.T))
+
+    @cache
+    def past(stretch: Stretch) -> FloatArray:
+        return np.column_stack([filters(stretch), *_before(stretch, WHITENESS_LAGS)])
+
     free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
+    least = HARMLESS**2 * _power(row, noise)
     for i in free:
 
         def later(stretch: Stretch, i: int = i) -> FloatArray:
             u = np.append(stretch.inputs[i].u, np.full(LATER, stretch.inputs[i].u[-1]))
             return np.column_stack([u[lag : lag + stretch.y.size] for lag in range(1, LATER + 1)])
 
-        significance, power = _explained(row, point, noise, later, past)
-        if significance > 1.0 and power > HARMLESS**2 * _power(row, noise):
+        answers = (_explained(row, point, noise, later, beside) for beside in (filters, past))
+        if all(significance > 1.0 and power > least for significance, power in answers):
             yield Finding(
                 "inconsistent",
                 f"input {row.names[i]} answers to disturbances of the output: a controller makes it, and the transfer "
                 "functions may be off; give what is applied from outside, as a set-point or a dither, as the reference",
             )
+
+
+def _before(stretch: Stretch, lags: int) -> list[FloatArray]:
+    """Return each input of a stretch so many samples before, and fewer, zeros before the first."""
+    shortest = min(lags, stretch.y.size - 1)
+    return [np.append(np.zeros(lag), each.u[:-lag]) for each in stretch.inputs for lag in range(1, shortest + 1)]
 
 
 def answering(row: Row, point: Point, noise: Autoregression) -> BoolArray:
@@ -170,9 +183,7 @@ def answering(row: Row, point: Point, noise: Autoregression) -> BoolArray:
 
     @cache
     def past(stretch: Stretch) -> FloatArray:
-        given = [each.u for each in stretch.inputs]
-        before = [np.append(np.zeros(lag), u[: u.size - lag]) for u in given for lag in range(1, LAGS + 1)]
-        return np.column_stack([filters(stretch)[:, : -len(given)], *before])
+        return np.column_stack([filters(stretch)[:, : -len(stretch.inputs)], *_before(stretch, LAGS)])
 
     for i in np.flatnonzero(row.outside.is_moved).tolist():
 
