@@ -315,12 +315,13 @@ class RowState:
         begins = Begins() if present is None else Begins(present.noise, (present.parameters, *self.rivals))
         afresh = afresh or present is None
         done = solve(partial(begins.afresh, also_white=True) if afresh else begins.there)
-        is_sure = self.is_sure and not self.rivals
-        if not afresh and self._has_told(2.0, self.started_at) and not (is_sure and _is_settled(done[1])):
+        settled = _is_settled(done[1]) and not self.rivals
+        if not afresh and self._has_told(2.0, self.started_at) and not (self.is_sure and settled):
             if done[1] is not None:
                 found = done[1].found
                 begins = Begins(found.noise, (found.point.theta, *found.rivals))
-            done, afresh = solve(begins.afresh), True
+            newest = settings.startup if settled else None
+            done, afresh = solve(partial(begins.afresh, newest=newest)), True
         if afresh:
             new = replace(new, started_at=self.length, is_sure=_is_settled(done[1]) and _is_white(done[1]))
         if RECENT < later <= settings.history and not _is_settled(done[1]):  # as where an input has not moved yet
@@ -410,11 +411,24 @@ class Begins(NamedTuple):
             points = [evaluate(row.from_outside, each, self.noise) for each in self.models]
         return lambda _: points
 
-    def afresh(self, row: Row, *, also_white: bool = False) -> Callable[[Autoregression], list[Point]]:
-        """Return what begins at a start, too: without a noise model only where none is known, or that is asked for."""
-        others, begin = self.there(row), started(row)
+    def afresh(
+        self, row: Row, *, also_white: bool = False, newest: int | None = None
+    ) -> Callable[[Autoregression], list[Point]]:
+        """Return what begins at a start, too: without a noise model only where none is known, or that is asked for.
+
+        Where but the colour of the noise is in doubt, a start of the newest samples tells of other models.
+        """
+        others, outside = self.there(row), row.from_outside
         is_coloured = self.noise is not None and self.noise.order > 0 and not also_white
-        return lambda noise: [*(begin(noise) if noise.order or not is_coloured else ()), *others(noise)]
+        begin = started(row if newest is None else row.last(min(newest, row.record.u.size)))
+
+        def begins(noise: Autoregression) -> list[Point]:
+            points = begin(noise) if noise.order or not is_coloured else []
+            if newest is not None:
+                points = [evaluate(outside, each.theta, noise) for each in points]
+            return [*points, *others(noise)]
+
+        return begins
 
 
 def _is_settled(solution: RowSolution | None) -> bool:
