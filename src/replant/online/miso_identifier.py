@@ -23,7 +23,8 @@ from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
 from replant.numerics.limits import duration, stamps_of
 from replant.online.locking import Shared, Turn, changes, reads
-from replant.online.miso_state import NO_COLUMNS, RowSettings, RowState, fewest
+from replant.online.miso_history import RowSettings, fewest
+from replant.online.miso_state import NO_COLUMNS, RowState
 from replant.online.miso_step import Kept
 from replant.online.trace import Trace
 from replant.verdict import fit_percent

@@ -15,7 +15,7 @@ Nothing is changed in place: a sample makes another state, so that whoever is in
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import NamedTuple
@@ -28,17 +28,17 @@ from replant.estimation.solver.miso_change import Judge, find_change
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.estimation.solver.srivc_steps import SOONEST
 from replant.fitting.miso_references import with_outside
-from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of, solve_with, started
-from replant.fitting.miso_verdict import judged, untold
+from replant.fitting.miso_solve import RowEstimate, doubts_of, solve_with
+from replant.fitting.miso_verdict import judged
 from replant.kernels.schema import Doubt, Supposition
-from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
-from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
+from replant.online.miso_begins import Begins, is_settled, is_white
+from replant.online.miso_history import RowHistory, RowSettings
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_screen import REASONS, RowClock, Screened
-from replant.verdict.miso_tests import controlled, lacking, left_out
+from replant.verdict.miso_tests import controlled, left_out
 from replant.verdict.record_tests import followed_finding, left_out_finding
 from replant.verdict.verdict import Finding, Verdict
 
@@ -48,60 +48,7 @@ LOOK = math.sqrt(AGAIN)  # growth of the record, as far as it is looked at, afte
 # the oldest of them is of half of the record
 JUDGES = math.ceil(math.log(2.0) / math.log(AGAIN))  # solutions that judge whether there is a change [count]
 
-LEAST = 4  # outputs for the first model, at the least [count for each unknown]
 NO_COLUMNS: Mapping[str, FloatArray] = {}
-ROOM = 256  # rows that there is room for at first [samples]
-
-
-class RowSettings(NamedTuple):
-    """The settings of an identification: sampling time in s; outputs for the first model; raw samples kept; names."""
-
-    structures: tuple[Structure, ...]
-    dt: float
-    startup: int
-    history: int
-    input_hold: str
-    input_names: tuple[str, ...]
-
-    @property
-    def size(self) -> int:
-        """How many parameters there are."""
-        return sum(each.size for each in self.structures)
-
-
-@dataclass(frozen=True, eq=False)
-class RowHistory:
-    """The newest samples, at most ``most``; rows behind ``end`` belong to whoever appends to the newest history."""
-
-    rows: FloatArray  # (R, q + p + 2): inputs, references, output, time in s
-    most: int
-    begin: int = 0
-    end: int = 0
-
-    @property
-    def values(self) -> FloatArray:
-        """The rows (K, q + p + 2)."""
-        return self.rows[self.begin : self.end]
-
-    @property
-    def measured(self) -> int:
-        """How many of them have an output."""
-        return int(np.isfinite(self.values[:, -2]).sum())
-
-    def with_more(self, rows: FloatArray) -> RowHistory:
-        """Return the history with further rows (K, q + p + 2)."""
-        room, begin, end = self.rows, self.begin, self.end
-        if end + len(rows) > len(room):
-            room = np.empty((max(ROOM, 2 * (end - begin + len(rows))), room.shape[1]))
-            room[: end - begin] = self.values
-            begin, end = 0, end - begin
-        room[end : end + len(rows)] = rows
-        end += len(rows)
-        return RowHistory(room, self.most, max(begin, end - self.most), end)
-
-    def copy(self) -> RowHistory:
-        """Return a history that is appended to by itself."""
-        return RowHistory(self.values.copy(), self.most, 0, self.end - self.begin)
 
 
 class Newest(NamedTuple):
@@ -315,7 +262,7 @@ class RowState:
         begins = Begins() if present is None else Begins(present.noise, (present.parameters, *self.rivals))
         afresh = afresh or present is None
         done = solve(partial(begins.afresh, also_white=True) if afresh else begins.there)
-        settled = _is_settled(done[1]) and not self.rivals
+        settled = is_settled(done[1]) and not self.rivals
         if not afresh and self._has_told(2.0, self.started_at) and not (self.is_sure and settled):
             if done[1] is not None:
                 found = done[1].found
@@ -323,8 +270,8 @@ class RowState:
             newest = settings.startup if settled else None
             done, afresh = solve(partial(begins.afresh, newest=newest)), True
         if afresh:
-            new = replace(new, started_at=self.length, is_sure=_is_settled(done[1]) and _is_white(done[1]))
-        if RECENT < later <= settings.history and not _is_settled(done[1]):  # as where an input has not moved yet
+            new = replace(new, started_at=self.length, is_sure=is_settled(done[1]) and is_white(done[1]))
+        if RECENT < later <= settings.history and not is_settled(done[1]):  # as where an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
         ready, solution, of_references = done
         if solution is None:
@@ -396,58 +343,6 @@ class RowState:
         found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
         verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
         return Newest(ready, row, found, verdict, doubt)
-
-
-class Begins(NamedTuple):
-    """Where a solution begins: at models (P,) that were found with a noise model, or at none."""
-
-    noise: Autoregression | None = None
-    models: tuple[FloatArray, ...] = ()
-
-    def there(self, row: Row) -> Callable[[Autoregression], list[Point]]:
-        """Return what begins at the models."""
-        points = []
-        if self.noise is not None:
-            points = [evaluate(row.from_outside, each, self.noise) for each in self.models]
-        return lambda _: points
-
-    def afresh(
-        self, row: Row, *, also_white: bool = False, newest: int | None = None
-    ) -> Callable[[Autoregression], list[Point]]:
-        """Return what begins at a start, too: without a noise model only where none is known, or that is asked for.
-
-        Where but the colour of the noise is in doubt, a start of the newest samples tells of other models.
-        """
-        others, outside = self.there(row), row.from_outside
-        is_coloured = self.noise is not None and self.noise.order > 0 and not also_white
-        begin = started(row if newest is None else row.last(min(newest, row.record.u.size)))
-
-        def begins(noise: Autoregression) -> list[Point]:
-            points = begin(noise) if noise.order or not is_coloured else []
-            if newest is not None:
-                points = [evaluate(outside, each.theta, noise) for each in points]
-            return [*points, *others(noise)]
-
-        return begins
-
-
-def _is_settled(solution: RowSolution | None) -> bool:
-    """Return whether nothing is found against a solution that another begin may mend."""
-    if solution is None:
-        return False
-    row, found, _ = solution
-    findings = [*found.findings, *untold(row, row.record, found.point, found.covariance)]
-    return not (findings or any(lacking(row, found.point, found.noise)))
-
-
-def _is_white(solution: RowSolution | None) -> bool:
-    """Return whether the noise has no colour: an autoregression may have taken a slow branch, until samples tell."""
-    return solution is not None and solution.found.noise.order == 0
-
-
-def fewest(structures: tuple[Structure, ...]) -> int:
-    """Return the fewest outputs for a first model: `LEAST` for each coefficient, initial state and offset."""
-    return LEAST * sum(each.size + each.poles + 1 for each in structures)
 
 
 def _over(row: Row, known: RowRecursion) -> Point:
