@@ -267,7 +267,7 @@ class RowState:
             if done[1] is not None:
                 found = done[1].found
                 begins = Begins(found.noise, (found.point.theta, *found.rivals))
-            newest = settings.startup if settled else None
+            newest = settings.startup if settled and not is_white(done[1]) else None
             done, afresh = solve(partial(begins.afresh, newest=newest)), True
         if afresh:
             new = replace(new, started_at=self.length, is_sure=is_settled(done[1]) and is_white(done[1]))
