@@ -5,6 +5,7 @@ import pytest
 
 import replant as rp
 from replant.online.miso_screen import RowClock
+from support.cases import every
 
 SIZE, DT = 1200, 0.1
 MODELS = rp.TransferFunction([2.0], [1.0, 0.5]), rp.TransferFunction([1.0], [1.0, 3.0], delay=0.3)
@@ -42,7 +43,7 @@ CLOCKS = {  # stamps, counts of rejected samples beside others that are nought
 }
 
 
-@pytest.mark.parametrize("name", CLOCKS)
+@every("name", list(CLOCKS), quick=3)
 def test_chunks_and_single_samples_and_checkpoints_agree_on_the_stamps_that_are_believed(signals, name):
     t, u, y = signals
     stamps, turned_away = CLOCKS[name]
@@ -62,7 +63,7 @@ def test_chunks_and_single_samples_and_checkpoints_agree_on_the_stamps_that_are_
     assert whole.to_bytes() == single.to_bytes() == parts.to_bytes()
 
 
-@pytest.mark.parametrize("name", [name for name in CLOCKS if name != "slow"])
+@every("name", [name for name in CLOCKS if name != "slow"], quick=2)
 def test_the_estimate_is_near_the_truth_all_the_same(signals, name):
     t, u, y = signals
     ident = identifier()
