@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.fitting.miso_fit import RowFit, is_row
+from replant.fitting.miso_fit import RowFit, columns_of, is_row
 from replant.fitting.samples import Samples, is_frame
 from replant.fitting.several_outputs import MatrixFit, outputs_of
 from replant.logs.log import Log
@@ -65,7 +65,7 @@ def solved_rows(
     for number, given in enumerate(outputs):
         own = {name: of_output(name, each, number, len(outputs)) for name, each in orders.items()}
         samples = in_columns(given)
-        if np.shape(samples.inputs)[1] == 1 and not iterable(own["poles"]):
+        if columns_of(samples.inputs).shape[1] == 1 and not iterable(own["poles"]):
             own["poles"] = (own["poles"],)
         rows.append(solve(samples, own))
     return MatrixFit(tuple(rows))
