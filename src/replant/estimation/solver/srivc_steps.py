@@ -73,9 +73,10 @@ class Problem:
         return self._model.run(model, replace(self.whole, measured=None), parts).of(self.whole.measured)
 
     def scores(self, model: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Return the whole record's slopes (K, T) and residual (K,) of a model without nuisances; both zero if bad.
+        """Return slopes (K, T) and residual (K,) of a model without nuisances, and how much larger its error is.
 
-        Further the measured less the predicted output over the residual, which is one where the model is stable.
+        Of the whole record; both are zero where no output was measured.  The error is the measured less the predicted
+        output; where the model is stable it is the residual itself.
         """
         record, alone = self.whole, self.projection is None and len(self.whole.parts) == 1 and self.is_stable(model)
         if alone:

@@ -296,6 +296,21 @@ def model_output(s, bank, slot, before, fixed):
     return bk.predicted_output(bank, n, T, bank[slot + 1 :], s.last_output, known, before, s.work)
 
 
+def filters_begin(s, u, y, interval):
+    """Take an input into the rings; return whether the filters begin with this sample."""
+    if not s.started:
+        begin(s, u, y)
+        return True
+    remember_input(s, u, interval)
+    if not s.unknown_input > 0.0:
+        return False
+    follow_input(s, interval)  # the state that this input leaves is free, so that the filters begin there
+    begin_filters(s)
+    left = s.unknown_input - interval
+    s.unknown_input = left if left > bk.SAME_INTERVAL * interval else 0.0
+    return True
+
+
 def observe(s, u, y, interval):
     """Take an accepted sample through dead time, filters and auxiliary model; return the scaled target.
 
@@ -304,18 +319,8 @@ def observe(s, u, y, interval):
     """
     if s.samples > 0:
         s.elapsed += interval
-    n, T = s.order, s.entries
-    first, refined, modelled = not s.started, s.refined, s.instruments
-    if first:
-        begin(s, u, y)
-    else:
-        remember_input(s, u, interval)
-        if s.unknown_input > 0.0:  # the state that this input leaves is free, so that the filters begin there
-            first = True
-            follow_input(s, interval)
-            begin_filters(s)
-            left = s.unknown_input - interval
-            s.unknown_input = left if left > bk.SAME_INTERVAL * interval else 0.0
+    n, T, refined, modelled = s.order, s.entries, s.refined, s.instruments
+    first = filters_begin(s, u, y, interval)
     before = s.output_before
     serving, slot = 0.0, 0
     for b in range(2 if modelled else 0, -1, -1):  # the models first: the fixed filter needs the serving one's output

@@ -18,19 +18,9 @@ from replant.kernels.step.stages import acceptable
 
 
 def respond(s, u, interval, constant, row):
-    """Take an input through dead time and model, fill the row (T,), if asked with a constant; return the output."""
+    """Take an input through dead time and model; fill the row (T,), with a constant if asked; return the output."""
     n, T, bank, work = s.order, s.entries, s.banks[s.serving_bank], s.work
-    first = not s.started
-    if first:
-        chain.begin(s, u, 0.0)
-    else:
-        chain.remember_input(s, u, interval)
-        if s.unknown_input > 0.0:  # the state that this input leaves is free, so that the filters begin there
-            first = True
-            chain.follow_input(s, interval)
-            chain.begin_filters(s)
-            left = s.unknown_input - interval
-            s.unknown_input = left if left > bk.SAME_INTERVAL * interval else 0.0
+    first = chain.filters_begin(s, u, 0.0, interval)
     slot = 0
     if not first:
         slot = bk.discretization(bank, n, T, interval, work)
