@@ -9,8 +9,11 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.estimation.solver.miso_change import Change
+from replant.kernels.schema import Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
+from replant.online import miso_state
 from support.cases import every
 
 DT, SAMPLES = 0.05, 5000
@@ -134,3 +137,47 @@ def test_a_record_without_a_change_is_not_parted(seed: int) -> None:
     fitted = rp.fit(u, noisy(seed, answer(u), [0.0, 0.9][seed % 2]), DT, poles=(2, 1), delay=(0.0, 0.3))
     assert not fitted.loads.size
     assert not any("load" in reason or "changed" in reason for reason in fitted.verdict.reasons)
+
+
+@pytest.mark.parametrize("supposition", [Supposition.LOAD, Supposition.PLANT])
+def test_the_end_takes_back_a_change_that_was_none(supposition: Supposition, monkeypatch: pytest.MonkeyPatch) -> None:
+    u = inputs(7)
+    y, claims = noisy(7, answer(u), 0.0), iter([Change(supposition, 400, 50.0)])
+    monkeypatch.setattr(miso_state, "find_change", lambda *_: next(claims, None))
+    ident = identified(u, y)
+    assert ident.begins != (0,)
+    ident.finish()
+    fitted = rp.fit(u, y, DT, poles=(2, 1), delay=(0.0, 0.3))
+    assert ident.begins == (0,)
+    assert ident.parameters == pytest.approx(fitted.parameters, rel=1e-6)
+
+
+def test_the_end_keeps_a_change_that_was_one() -> None:
+    u = inputs(8)
+    ident = identified(u, noisy(8, changed_at(u, 2100), 0.0))
+    begins = ident.begins
+    ident.finish()
+    assert ident.begins == begins != (0,)
+
+
+def test_the_end_finds_a_load_that_was_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(miso_state, "find_change", lambda *_: None)
+    u = inputs(9)
+    ident = identified(u, noisy(9, answer(u) + np.where(np.arange(SAMPLES) >= 2500, 1.0, 0.0), 0.0))
+    assert ident.begins == (0,)
+    ident.finish()
+    assert finds((2500,), ident.begins[1:])
+    assert distance(ident, TRUE) < chi2_quantile(0.9999, TRUE.size)
+
+
+@pytest.mark.parametrize("seed", [0, 4])
+def test_fit_finds_a_change_of_a_fifth_without_noise(seed: int) -> None:
+    """Loads explain it beside one another, until they are too many; of the whole record nothing seemed wrong then."""
+    rng, samples, at = np.random.default_rng(seed), 2500, 1183
+    sines = np.sin(np.outer(np.arange(samples), 2.0 * np.pi * np.arange(1, 9) / 400.0) + rng.uniform(0.0, 6.0, 8))
+    u = np.column_stack([sines.sum(axis=1), rng.standard_normal(samples)])
+    first = rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u[:, 0].copy(), 0.1)
+    second = rp.TransferFunction([1.0, 2.0], [1.0, 2.0, 4.0]).simulate(u[:, 1].copy(), 0.1)
+    y = np.where(np.arange(samples) < at, 1.0, 1.2) * first + second
+    reasons = rp.fit(u, y, 0.1, poles=(1, 2), zeros=(0, 1)).verdict.reasons
+    assert any(reason.startswith("the plant seems to have changed 132 s before the end") for reason in reasons)

@@ -176,7 +176,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     ready, structures, references = ready_row(given, poles, zeros, delay)
     columns, output, dt = columns_of(given.inputs), vector("y", given.y), duration("dt", given.dt)
     names = given.input_names or unnamed(len(structures))
-    (ready, solution, findings), loads = solve_parted_row(structures, ready, references, names)
+    ready, solution, findings, loads, _ = solve_parted_row(structures, ready, references, names)
     if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
     row, found, _ = solution

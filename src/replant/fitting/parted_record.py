@@ -13,7 +13,7 @@ import numpy as np
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.estimation.solver.change_contest import NOTICED
 from replant.estimation.solver.miso_breaks import Modelled, Parted, find_plant_change, may_have_loads, parted
-from replant.estimation.solver.miso_change import Judge
+from replant.estimation.solver.miso_change import Change, Judge
 from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import Problem
@@ -35,27 +35,35 @@ class PartedRow(NamedTuple):
     ready: RowRecord
     solution: RowSolution | None
     findings: tuple[Finding, ...]
+    loads: tuple[int, ...] = ()  # samples since which another load acts
+    plant: Change | None = None  # since when the plant seems to be another one; the estimate is of both
 
 
 def solve_parted_row(
-    structures: tuple[Structure, ...], ready: RowRecord, references: FloatArray | None, names: tuple[str, ...]
-) -> tuple[PartedRow, tuple[int, ...]]:
-    """Return the estimate of a record, see `solve_with`, what has changed within it, and the samples of its loads."""
+    structures: tuple[Structure, ...],
+    ready: RowRecord,
+    references: FloatArray | None,
+    names: tuple[str, ...],
+    loads: tuple[int, ...] = (),
+) -> PartedRow:
+    """Return the estimate of a record, see `solve_with`, and what has changed within it, ``loads`` maybe."""
 
     def solved(loads: tuple[int, ...], theta: FloatArray | None) -> PartedRow:
         record = replace(ready.record, begins=tuple(sorted({*ready.record.begins, *loads})))
         begins = started if theta is None else partial(begun_at, theta)
         return PartedRow(*solve_with(structures, replace(ready, record=record), references, names, begins))
 
-    kept, tried, loads, _ = parted(solved((), None), _model_of_row, solved)
-    findings = list(kept.findings)
+    kept, tried, loads, _ = parted(solved((), None), _model_of_row, solved, loads=loads)
+    findings, plant = list(kept.findings), None
     if tried.solution is not None and tried.solution.row.record.begins != ready.record.begins:
         row, found, _ = tried.solution
-        findings += _of_plant(row, found.point.theta)
+        plant = find_plant_change(row, found.point.theta)
+    if plant is not None:
+        findings.append(changed_finding(ready.record.last(ready.record.u.size - plant.begin).span))
     if loads and kept.solution is not None:
         after = [kept.solution.row.record.first(load + 1).span for load in loads]
         findings.append(Finding("trusted", loads_act(after)))
-    return kept._replace(findings=tuple(findings)), loads
+    return kept._replace(findings=tuple(findings), loads=loads, plant=plant)
 
 
 def _model_of_row(found: PartedRow) -> Modelled | None:
@@ -63,11 +71,6 @@ def _model_of_row(found: PartedRow) -> Modelled | None:
         return None
     row, estimate, _ = found.solution
     return Modelled(row, Judge(estimate.point.theta, estimate.noise))
-
-
-def _of_plant(row: Row, theta: FloatArray) -> tuple[Finding, ...]:
-    change = find_plant_change(row, theta)
-    return () if change is None else (changed_finding(row.record.last(row.record.u.size - change.begin).span),)
 
 
 def solve_parted(

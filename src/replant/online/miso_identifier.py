@@ -285,13 +285,14 @@ class RowIdentifier(Shared):
     def finish(self) -> None:
         """Solve for the estimate with every sample so far, as `replant.fit` does: for the end of a record.
 
-        The estimate stays where it is frozen or was, as a solution would learn the samples that came meanwhile, and
-        where older samples are no longer kept.  Samples may follow.
+        Changes are looked for once more within all samples kept: what seemed to be one may be none.  The estimate stays
+        where it is frozen or was, as a solution would learn the samples that came meanwhile, and where older samples
+        are no longer kept.  Samples may follow.
         """
         now = self._now
         if not now.kept.measured or now.was_frozen:
             return
-        done = now.solved(afresh=True)
+        done = now.finished()
         if now.recursion is not None:  # it is solved again when it would have been
             self._now = replace(done, solve_at=now.solve_at, look_at=now.look_at)
         elif done.recursion is not None:

@@ -24,12 +24,14 @@ import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
-from replant.estimation.solver.miso_change import Judge, find_change
+from replant.estimation.solver.miso_breaks import may_have_loads
+from replant.estimation.solver.miso_change import Judge, find_change, plant_change
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.estimation.solver.srivc_steps import SOONEST
 from replant.fitting.miso_references import with_outside
-from replant.fitting.miso_solve import RowEstimate, doubts_of, solve_with
+from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of, solve_with
 from replant.fitting.miso_verdict import judged
+from replant.fitting.parted_record import solve_parted_row
 from replant.kernels.schema import Doubt, Supposition
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.linear_algebra import quiet
@@ -273,14 +275,50 @@ class RowState:
             new = replace(new, started_at=self.length, is_sure=is_settled(done[1]) and is_white(done[1]))
         if RECENT < later <= settings.history and not is_settled(done[1]):  # as where an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
-        ready, solution, of_references = done
+        return new._with(*done)
+
+    def _with(self, ready: RowRecord, solution: RowSolution | None, of_references: tuple[Finding, ...]) -> RowState:
+        """Return the state with a solution of its record; as it is without one."""
         if solution is None:
-            return new
+            return self
         return replace(
-            new, recursion=self._behind(ready, solution.row, solution.found), findings=solution.found.findings,
-            of_references=of_references, look_at=new.look_at or self._next_look, rivals=solution.found.rivals,
+            self, recursion=self._behind(ready, solution.row, solution.found), findings=solution.found.findings,
+            of_references=of_references, look_at=self.look_at or self._next_look, rivals=solution.found.rivals,
             judges=(*self.judges, Judge(solution.found.point.theta, solution.found.noise))[-JUDGES:],
         )  # fmt: skip
+
+    @quiet
+    def finished(self) -> RowState:
+        """Return the state after all samples kept are solved as `fit` does.
+
+        What was taken for a change is asked once more, as the samples since may tell that there was none; where
+        nothing was, and one model does not explain the record, a load is looked for within all of it.
+        """
+        done = self.solved(afresh=True)
+        is_asked = self.record_began or self.loads or (done.recursion is not None and done._may_have_loads)
+        return self._parted() or done if is_asked else done
+
+    @property
+    def _may_have_loads(self) -> bool:
+        return may_have_loads(self.record()[1], self.parameters)
+
+    def _parted(self) -> RowState | None:
+        """Return the state of all samples kept, parted at its loads; None where they tell of another plant since."""
+        if self.references or not self.adapts or self.length > len(self.kept.values):
+            return None
+        whole = replace(self, record_began=self.samples - len(self.kept.values), loads=())
+        ready, row, _ = whole.record()
+        began = int(np.count_nonzero(ready.used[: self.record_began - whole.record_began]))
+        if began:
+            record = leaving_out(replace(ready.record, begins=(began,)), suspected(ready.record, ready.inputs))
+            if plant_change(Row(row.structures, record, row.inputs, row.names), began, self.parameters, self.judges):
+                return None
+        loads = tuple(int(np.count_nonzero(ready.used[: at - whole.record_began])) for at in self.loads)
+        found = solve_parted_row(row.structures, ready, None, row.names, loads)
+        if found.plant is not None or found.solution is None:
+            return None
+        begins = whole.record_began + np.flatnonzero(ready.used)[list(found.loads)]
+        return replace(whole, solved_at=whole.length, loads=tuple(begins.tolist()))._with(ready, found.solution, ())
 
     def _behind(self, ready: RowRecord, row: Row, found: RowEstimate) -> RowRecursion:
         """Return the recursion that has taken what is behind the last stretch of a record, too."""

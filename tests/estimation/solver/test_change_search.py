@@ -7,7 +7,7 @@ import numpy as np
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.change_contest import Supposition
-from replant.estimation.solver.change_search import PlantChange, begin_of_change, change_at, change_within
+from replant.estimation.solver.change_search import PlantChange, begin_of_change, change_at, change_within, worst_begin
 from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import Problem
@@ -35,6 +35,15 @@ def begin_in(solution: Solution) -> int:
 def test_one_plant_is_not_taken_for_two(load: float) -> None:
     """Each record has the chance 1e-4: of 40 none in 99.6 % of all cases."""
     assert not any(begin_in(solved(seed, 2.0, load)) for seed in range(40))
+
+
+@every("begin", [777, 1000, 1234], quick=1)
+def test_a_change_is_dated_to_the_sample(begin: int) -> None:
+    """Each sample tells of it, and hardly any noise is beside: the largest statistic is that of the sample itself."""
+    rng = np.random.default_rng(begin)
+    slopes, is_since = rng.choice([-1.0, 1.0], (SAMPLES, 1)), np.arange(SAMPLES) >= begin
+    error = slopes[:, 0] * (is_since - np.mean(is_since)) + 1e-3 * rng.standard_normal(SAMPLES)
+    assert worst_begin(slopes, error, 1, 20, SAMPLES) == begin
 
 
 @every("seed", range(5))

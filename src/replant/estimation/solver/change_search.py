@@ -147,9 +147,11 @@ def surest_begin(score: FloatArray, white: FloatArray, size: int, fewest: int, c
     if not largest > limit:
         return 0, 0.0
     step = int(begins[1] - begins[0])
-    ends = max(begin - step, fewest), min(begin + step, white.size - fewest)
-    nearer = np.unique(np.linspace(*ends, BEGINS).astype(int))
-    return _worst(score, white, units, size, nearer)[1], largest / limit
+    while step > 1:
+        ends = max(begin - step, fewest), min(begin + step, white.size - fewest)
+        nearer = np.unique(np.linspace(*ends, BEGINS).astype(int))
+        begin, step = _worst(score, white, units, size, nearer)[1], int(nearer[1] - nearer[0])
+    return begin, largest / limit
 
 
 def _scatter(products: FloatArray, begin: int) -> float:

@@ -18,7 +18,8 @@ from replant.estimation.solver.change_prior import weighed
 from replant.estimation.solver.miso_change import (
     Change,
     Judge,
-    dispersion_before,
+    cut,
+    dispersion,
     is_suspect,
     likeliest_change,
     plant_change,
@@ -49,7 +50,7 @@ class Parted(NamedTuple, Generic[Solved]):
     """The likeliest solution of a record: of the whole, or parted at loads, since these samples of it."""
 
     solution: Solved
-    tried: Solved  # the solution with all that may have changed, likelier or not
+    tried: Solved  # with all that may have changed, likelier or not; where that is too much, with the surest of it
     loads: tuple[int, ...] = ()
     is_sure: bool = True  # also beside how differently the model fits each stretch
 
@@ -57,7 +58,7 @@ class Parted(NamedTuple, Generic[Solved]):
 @quiet
 def may_have_loads(row: Row, theta: FloatArray) -> bool:
     """Return whether another load seems to act in a row, by what a model leaves: a quick question before `parted`."""
-    windows = (part for stretch in row.stretches for _, part in _windows(_cut(row, stretch.rows)))
+    windows = (part for stretch in row.stretches for _, part in _windows(cut(row, stretch.rows)))
     return any(is_suspect(part, theta) for part in windows if part.stretches)
 
 
@@ -67,21 +68,24 @@ def parted(
     model_of: Callable[[Solved], Modelled | None],
     solved: Callable[[tuple[int, ...], FloatArray | None], Solved],
     judge: Judge | None = None,
+    loads: tuple[int, ...] = (),
 ) -> Parted[Solved]:
     """Return the solution of a record that is parted at each load; ``whole`` where that is no likelier.
 
     ``solved`` gives the solution of a record with loads, begun at a model, or afresh at None.  The first load is looked
-    for by ``judge``, in the place of the model of the whole.
+    for by ``judge``, in the place of the model of the whole, and beside ``loads``, which may act.
     """
-    loads, without = tuple[int, ...](), set[tuple[int, int]]()
-    model = first = model_of(whole)
-    if first is not None and judge is not None:
-        model = first._replace(judge=judge)
+    without = set[tuple[int, int]]()
+    once = solved(loads, None) if loads else whole
+    first, model = model_of(whole), model_of(once)
+    if model is not None and judge is not None:
+        model = model._replace(judge=judge)
     while model is not None and (change := _find_break(*model, without)) is not None:
-        if len(loads) == PARTS:
-            return Parted(whole, whole)
+        if len(loads) >= PARTS:
+            return Parted(whole, once)
         loads = tuple(sorted((*loads, change.begin)))
-        model = model_of(solved(loads, model.judge.theta))
+        found = solved(loads, model.judge.theta)
+        once, model = found if once is whole else once, model_of(found)
     if not loads or first is None:
         return Parted(whole, whole)
     tried = found = solved(loads, None)
@@ -91,7 +95,9 @@ def parted(
     if loads and model is not None:
         more, least = _explained(model, first, loads)
         if more > least:
-            return Parted(found, tried, loads, weighed(more, *_dispersion(*model)) > least)
+            differently, numbers = dispersion(*model)
+            is_sure = math.isfinite(numbers) and weighed(more, differently, numbers) > least
+            return Parted(found, tried, loads, is_sure)
     return Parted(whole, tried)
 
 
@@ -103,7 +109,7 @@ def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change
     """
     found = []
     for begin, end in ((each.rows.start, each.rows.stop) for each in row.stretches if row.outside is None):
-        change = None if (begin, end) in without else _within(_cut(row, slice(begin, end)), begin, judge)
+        change = None if (begin, end) in without else _within(cut(row, slice(begin, end)), begin, judge)
         if change is None:
             without.add((begin, end))
         else:
@@ -145,15 +151,6 @@ def _explained(parted: Modelled, whole: Modelled, loads: tuple[int, ...]) -> tup
     return 0.5 * row.count * math.log(usual / cost), len(loads) * _price(row)
 
 
-def _dispersion(row: Row, judge: Judge) -> tuple[float, float]:
-    """Return by how much a model fits stretches of a row differently, and by how many numbers that is known."""
-    parts = (_cut(row, stretch.rows) for stretch in row.stretches)
-    found = [dispersion_before(part, [judge.theta], judge.noise, part.record.u.size) for part in parts]
-    known = [(dispersion, numbers) for dispersion, numbers in found if math.isfinite(numbers)]
-    numbers = sum(each for _, each in known)
-    return sum(dispersion * each for dispersion, each in known) / numbers if numbers else math.inf, numbers
-
-
 @quiet
 def find_plant_change(row: Row, theta: FloatArray) -> Change | None:
     """Return where the plant is surest to have changed, of the samples where a stretch begins; None where nowhere."""
@@ -183,19 +180,15 @@ def _windows(stretch: Row) -> list[tuple[int, Row]]:
     """Return a stretch, and three halves of it, with the sample that each begins with."""
     samples = stretch.record.u.size
     halves = (slice(k * samples // 4, (k + 2) * samples // 4) for k in range(3))
-    return [(rows.start, _cut(stretch, rows)) for rows in (slice(0, samples), *halves)]
+    return [(rows.start, cut(stretch, rows)) for rows in (slice(0, samples), *halves)]
 
 
 def _judges(stretch: Row, theta: FloatArray, noise: Autoregression) -> Iterator[Judge]:
     """Yield the models of parts of a stretch that are long enough for one, from the model of all of it."""
     samples = stretch.record.u.size
     for number in range(PARTS):
-        part = _cut(stretch, slice(number * samples // PARTS, (number + 1) * samples // PARTS))
+        part = cut(stretch, slice(number * samples // PARTS, (number + 1) * samples // PARTS))
         if part.count > 4 * (part.nuisances + theta.size):
             point = refine(part, theta, noise)
             point = refine(part, point.theta, noise_of(part, point))
             yield Judge(point.theta, noise_of(part, point))
-
-
-def _cut(row: Row, rows: slice) -> Row:
-    return Row(row.structures, row.record.part(rows), row.inputs[rows], row.names)

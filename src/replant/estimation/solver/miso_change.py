@@ -155,18 +155,20 @@ def is_suspect(row: Row, theta: FloatArray) -> bool:
 
 def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge] = ()) -> Change | None:
     """Return that the plant has changed where a stretch begins; None where the samples on both sides do not tell it."""
-    before, since = parts = _parts(row, begin)
+    before, since = _parts(row, begin)
     if not (before.stretches and since.stretches):
         return None
-    noise = Judge.of(before, theta).noise
+    # to first order; what a model of both sides leaves would take the change for noise
+    quick = Judge.of(before, refine(before, theta, Autoregression.white(1.0, before.count)).theta)
     least = 0.5 * min(each.size for each in row.structures) * math.log(row.count) - math.log(ALPHA)
-    if sum(_explained_by_a_step(part, theta, noise) for part in parts) < least:
+    if _explained_by_a_step(since, *quick) < least:
         return None
     known, noise = _model_before(before, theta, judges)
     together, *apart = (_best(each, [theta, known], noise).cost for each in (row, before, since))
     evidence = -math.inf
     if all(0.0 < cost < math.inf for cost in (together, *apart)):
         evidence = 0.5 * row.count * math.log(together / sum(apart)) - 0.5 * theta.size * math.log(row.count)
+        evidence = weighed(evidence, *dispersion(before, Judge(known, noise), since.record.u.size))
     if begin in row.record.begins:  # not behind a gap, which a branch cannot be followed over
         first = max(each.rows.start for each in row.stretches if each.rows.start < begin)
         end = min(each.rows.stop for each in row.stretches if each.rows.stop > begin)
@@ -282,6 +284,23 @@ def dispersion_before(
     score, white = model.whitened(noise)
     variance = sum_of_squares(white) / max(before.count - score.shape[1], 1)
     return dispersion_of(score, white, np.arange(score.shape[1]) < model.size, length, variance)
+
+
+def dispersion(row: Row, judge: Judge, length: int | None = None) -> tuple[float, float]:
+    """Return by how much a model fits parts of a row differently, and by how many numbers that is known.
+
+    Parts are so many samples long, or as long as each stretch allows.
+    """
+    parts = (cut(row, stretch.rows) for stretch in row.stretches)
+    found = [dispersion_before(part, [judge.theta], judge.noise, length or part.record.u.size) for part in parts]
+    known = [(each, numbers) for each, numbers in found if math.isfinite(numbers)]
+    numbers = sum(count for _, count in known)
+    return (sum(each * count for each, count in known) / numbers, numbers) if numbers else (1.0, math.inf)
+
+
+def cut(row: Row, rows: slice) -> Row:
+    """Return the row of some of the samples."""
+    return Row(row.structures, row.record.part(rows), row.inputs[rows], row.names)
 
 
 def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression) -> Point:
