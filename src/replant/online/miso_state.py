@@ -264,15 +264,16 @@ class RowState:
         begins = Begins() if present is None else Begins(present.noise, (present.parameters, *self.rivals))
         afresh = afresh or present is None
         done = solve(partial(begins.afresh, also_white=True) if afresh else begins.there)
-        settled = is_settled(done[1]) and not self.rivals
-        if not afresh and self._has_told(2.0, self.started_at) and not (self.is_sure and settled):
+        is_asked = not afresh and self._has_told(2.0, self.started_at)
+        settled = is_asked and is_settled(done[1]) and not self.rivals
+        if is_asked and not (self.is_sure and settled):
             if done[1] is not None:
                 found = done[1].found
                 begins = Begins(found.noise, (found.point.theta, *found.rivals))
             newest = settings.startup if settled and not is_white(done[1]) else None
             done, afresh = solve(partial(begins.afresh, newest=newest)), True
         if afresh:
-            new = replace(new, started_at=self.length, is_sure=is_settled(done[1]) and is_white(done[1]))
+            new = replace(new, started_at=self.length, is_sure=is_white(done[1]) and is_settled(done[1]))
         if RECENT < later <= settings.history and not is_settled(done[1]):  # as where an input has not moved yet
             new = replace(new, solve_at=self.record_began + later)
         return new._with(*done)
