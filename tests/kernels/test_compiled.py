@@ -281,15 +281,16 @@ def check_row() -> None:
     measured, usual = np.arange(30) % 11 != 5, np.arange(30) % 7 != 3
 
     def work(instruments: FloatArray) -> tuple[Any, ...]:
-        delta, factor, diagonal, squares = np.zeros(3), np.eye(3), np.full(3, 1e3), np.zeros(1)
-        counts, errors, estimates = np.zeros(3, np.int64), np.zeros(30), np.zeros((30, 2))
+        delta, factor, diagonal, squares = np.zeros(3), np.eye(3), np.full(3, 1e3), np.zeros(2)
+        counts, errors, estimates = np.zeros(4, np.int64), np.zeros(30), np.zeros((30, 2))
         models, powers = np.tril(np.full((LAGS + 1, LAGS + 1), 0.3)), np.linspace(2.0, 1.0, LAGS + 1)
-        learn(
+        alarm = learn(
             rows, instruments, measured.astype(np.int64), usual.astype(np.int64), True, 2, models, powers, delta,
-            factor, diagonal, counts, squares, errors, estimates, np.zeros(13),
+            factor, diagonal, counts, squares, 1e-3, 2.0, errors, estimates, np.zeros(13),
         )  # fmt: skip
         assert counts[REFUSED] == 3  # as the noise model sees it in the two after it, too
-        return delta, factor, diagonal, counts, squares, errors, estimates
+        assert alarm < errors.size
+        return delta, factor, diagonal, counts, squares, errors, estimates, np.array([alarm])
 
     check(functools.partial(work, np.zeros((0, 3))))
     check(functools.partial(work, np.random.default_rng(6).standard_normal((LAGS + 30, 3))))

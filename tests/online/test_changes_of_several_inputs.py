@@ -122,6 +122,56 @@ def test_fit_parts_a_record_at_its_loads(seed: int) -> None:
     assert np.nanstd(left) < 1.1 * np.sqrt(fitted.noise.residual_variance)
 
 
+def doubled(seed: int, at: int, samples: int) -> tuple[FloatArray, FloatArray]:
+    """A record in which the gain of the fast branch is twice as large since a sample."""
+    u = inputs(seed)[:samples]
+    y = answer(u)
+    y[at:] += FAST.simulate(u[:, 0].copy(), DT)[at:]
+    return u, noisy(seed, y, 0.0)
+
+
+@every("seed", range(4), quick=1)
+def test_a_change_raises_an_alarm(seed: int) -> None:
+    """The next look is due 200 samples later; the innovations tell sooner."""
+    at, before, after = 1180, 1175, 1325
+    u, y = doubled(seed, at, after)
+    ident = rp.Identifier(poles=(2, 1), delay=(0.0, 0.3), dt=DT)
+    ident.update_many(u[:before], y[:before])
+    assert ident.assess().status == "trusted"
+    ident.update_many(u[before:], y[before:])
+    assert ident.assess().status != "trusted" or abs(ident.begins[-1] - at) <= 10
+
+
+def test_an_alarm_within_a_chunk_is_one_of_single_samples() -> None:
+    u, y = doubled(3, 700, 850)
+    whole, pieces, single = (rp.Identifier(poles=(2, 1), delay=(0.0, 0.3), dt=DT) for _ in range(3))
+    trace = whole.update_many(u, y)
+    for begin in range(0, len(y), 7):
+        pieces.update_many(u[begin : begin + 7], y[begin : begin + 7])
+    estimates = []
+    for row, output in zip(u.tolist(), y.tolist(), strict=True):
+        single.update(row, output)
+        estimates.append(single.parameters)
+    assert whole.begins[-1] > 0
+    assert whole.to_bytes() == pieces.to_bytes() == single.to_bytes()
+    np.testing.assert_array_equal(trace.parameters, np.array(estimates))
+
+
+@every("pole", [0.0, 0.9], quick=1)
+def test_noise_and_outliers_raise_no_alarm(pole: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once in some thousand records, where the variance is known; of the shortest records it is not quite."""
+    looks, counts = [], []
+    monkeypatch.setattr(miso_state, "find_change", lambda *_: looks.append(1))
+    for seed in range(6):
+        u, rng = inputs(seed)[:2000], np.random.default_rng([seed, 2])
+        y = noisy(seed, answer(u), pole)
+        y[rng.random(y.size) < 0.005 * (seed % 2)] += 5.0
+        looks.clear()
+        identified(u, y)
+        counts.append(len(looks))
+    assert sum(count > min(counts) for count in counts) <= 1
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_fit_says_that_the_plant_has_changed(seed: int) -> None:

@@ -17,6 +17,8 @@ from replant.estimation.simulation.miso import evaluate
 from replant.estimation.solver.miso_start import start
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile, compose
+from replant.online.checkpoint.encoding import ROW, encode_other
+from replant.online.checkpoint.miso import parts_of
 from replant.online.miso_step import RowStep
 from support.cases import every
 from support.rows import ASKED, DT, FAST, SLOW, TRUE, noisy, row_of, toggling
@@ -215,6 +217,19 @@ def test_a_checkpoint_goes_on_to_the_bit(tmp_path: Path) -> None:
     damaged[len(damaged) // 2] ^= 1
     with pytest.raises(rp.DamagedCheckpointError, match="checksum"):
         rp.Identifier.from_bytes(bytes(damaged))
+
+
+def test_a_checkpoint_of_before_is_read_without_an_alarm() -> None:
+    """It has no sum of Page's test."""
+    u, y = record(5)
+    whole = begun()
+    whole.update_many(u[:600], y[:600])
+    plain, arrays = parts_of(whole._now)
+    arrays = arrays | {"counts": arrays["counts"][:-1], "squares": arrays["squares"][:-1]}
+    older = rp.Identifier.from_bytes(encode_other(ROW, plain, arrays, None))
+    for each in (whole, older):
+        each.update_many(u[600:], y[600:])
+    np.testing.assert_array_equal(older.parameters, whole.parameters)
 
 
 def test_the_model_is_that_of_the_samples_so_far() -> None:

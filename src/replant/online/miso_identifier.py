@@ -24,7 +24,8 @@ from replant.numerics.arguments import FloatArray, array_of_reals, number, one_o
 from replant.numerics.limits import duration, stamps_of
 from replant.online.locking import Shared, Turn, changes, reads
 from replant.online.miso_history import RowSettings, fewest
-from replant.online.miso_state import NO_COLUMNS, RowState
+from replant.online.miso_newest import NO_COLUMNS, newest_of
+from replant.online.miso_state import RowState
 from replant.online.miso_step import Kept
 from replant.online.trace import Trace
 from replant.verdict import fit_percent
@@ -221,8 +222,8 @@ class RowIdentifier(Shared):
             return None
         self._kept = kept.without_step()  # whoever is interrupted has the state before
         step = kept.step or kept.step_behind()
-        error = step.take(u, y, interval)
-        self._kept = kept.with_more(step, (*u, y, 0.0 if t is None else t))
+        error, is_alarm = step.take(u, y, interval)
+        self._kept = kept.with_more(step, (*u, y, 0.0 if t is None else t), is_alarm=is_alarm)
         return error
 
     @changes
@@ -453,7 +454,7 @@ class RowIdentifier(Shared):
         plant answers to inputs from before the samples, or from before a gap in them.
         """
         state = self._now
-        found = state.newest(others)
+        found = newest_of(state, others)
         if found is None:
             return None
         ready, row, estimate, verdict, doubt = found
@@ -478,7 +479,7 @@ class RowIdentifier(Shared):
         It is made from the newest samples, at most 10000; the state stays as it is.
         """
         state = self._now
-        found = state.newest()
+        found = newest_of(state)
         if found is not None:
             return found.verdict
         reason = f"starting: {state.kept.measured} of the {state.solve_at} outputs for the first model"

@@ -6,6 +6,7 @@ where those that rest are off by .02 to .4 of one.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from replant.estimation.engine.state import GAP
 from replant.estimation.simulation.miso import Row, Stretch
 from replant.estimation.simulation.miso_branches import Branches
 from replant.estimation.simulation.miso_exogenous import Law, with_moved
+from replant.estimation.solver.change_contest import HARMLESS
 from replant.fitting.miso_solve import RowEstimate
 from replant.kernels.filters.whitening import IRREGULAR
 from replant.kernels.schema import LAGS
@@ -22,11 +24,17 @@ from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
+from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import compose, factor_covariance, factor_information, products, quiet
 
 DIFFUSE = 1e3
 """Standard deviation of offset and initial states behind a gap, before a sample tells of them [sizes of the output].
 Derivation: a thousandth of the output's size is then as good as nothing known, and float64 keeps half of its digits.
+"""
+
+SURPRISE = -2.0 * math.log(ALPHA)
+"""Limit of Page's sum, beyond which the innovations are larger than they were [nats].
+Derivation: it goes beyond h within n samples with the chance n exp(-h): within 1 / `ALPHA` samples with `ALPHA`.
 """
 
 DYING = 100  # samples after which a response to an initial state has shown how large it is [samples]
@@ -93,7 +101,7 @@ class RowRecursion:
     level: float  # mean of the output, the same
     waits: float  # time in s until the outputs answer to inputs of the stretch: the dead time, behind a gap
     tail: FloatArray  # (LAGS, P + N + 1): regressor and error of the newest samples
-    # (P + N,), (P + N, P + N), (P + N,), (3,) and (1,): see `replant.kernels.step.miso.learn`
+    # (P + N,), (P + N, P + N), (P + N,), (4,) and (2,): see `replant.kernels.step.miso.learn`
     delta: FloatArray
     factor: FloatArray
     diagonal: FloatArray
@@ -126,7 +134,8 @@ class RowRecursion:
             theta, weights, found.noise, row.dt, float(np.std(row.record.y[row.record.is_measured])),
             point.power / max(row.count - columns.shape[1], 1), scale,
             row.ended(theta, stretch, weights[1:]), row.inputs[stretch.rows][0], level, 0.0,
-            tail, np.zeros(columns.shape[1]), factor, diagonal, np.array([known, row.count, 0]), np.array([point.cost]),
+            tail, np.zeros(columns.shape[1]), factor, diagonal, np.array([known, row.count, 0, 0]),
+            np.array([point.cost, 0.0]),
             Instruments.of(row, stretch, theta, weights[1:], zeta),
         )  # fmt: skip
 
@@ -141,6 +150,11 @@ class RowRecursion:
         return np.asarray(self.theta + self.delta[: self.theta.size])
 
     @property
+    def harmless(self) -> float:
+        """Variance of an error that does not matter."""
+        return (HARMLESS * self.size) ** 2
+
+    @property
     def noise_model(self) -> NoiseModel:
         """The model of the noise, as a value."""
         return NoiseModel(self.noise.coefficients, self.variance, self.power, self.dt)
@@ -149,6 +163,11 @@ class RowRecursion:
     def variance(self) -> float:
         """That of the whitened error."""
         return float(self.squares[0]) / max(int(self.counts[1]) - self.delta.size, 1)
+
+    @property
+    def surprising(self) -> int:
+        """How many samples the innovations have been larger for, beyond chance; 0 where they are not."""
+        return int(self.counts[3]) if self.squares[1] > SURPRISE else 0
 
     @property
     def covariance(self) -> FloatArray:
@@ -160,25 +179,31 @@ class RowRecursion:
     @quiet
     def take(
         self, u: FloatArray, y: FloatArray, r: FloatArray, intervals: FloatArray, *, learns: bool = True
-    ) -> tuple[RowRecursion, FloatArray, FloatArray]:
+    ) -> tuple[RowRecursion, FloatArray, FloatArray, int]:
         """Take K samples of q inputs and p references; return the recursion after them, errors (K,), estimates (K, P).
 
-        An output that is not finite was not measured.  The interval before each sample is in s.
+        And the first sample at which the innovations are larger beyond chance, K where they are at none.  An output
+        that is not finite was not measured.  The interval before each sample is in s.
         """
-        taken, errors, estimates = self, np.empty(y.size), np.empty((y.size, self.theta.size))
+        taken, errors, estimates, alarm = self, np.empty(y.size), np.empty((y.size, self.theta.size)), y.size
         gaps = np.flatnonzero(intervals > GAP * self.dt).tolist()
         for begin, end in zip([0, *gaps], [*gaps, y.size], strict=True):
             rows = slice(begin, end)
             if begin < end:
                 taken = taken._begun_at(u[begin]) if begin in gaps else taken
-                taken = taken._take(u[rows], y[rows], r[rows], intervals[rows], learns, errors[rows], estimates[rows])
-        return taken, errors, estimates + self.theta
+                given = u[rows], y[rows], r[rows], intervals[rows]
+                taken, place = taken._take(*given, learns, errors[rows], estimates[rows])
+                alarm = min(alarm, begin + place) if place < end - begin else alarm
+        return taken, errors, estimates + self.theta, alarm
 
     def _take(
         self, u: FloatArray, y: FloatArray, r: FloatArray, intervals: FloatArray, learns: bool, errors: FloatArray,
         estimates: FloatArray,
-    ) -> RowRecursion:  # fmt: skip
-        """Take samples without a gap but before the first; write errors and estimates less theta."""
+    ) -> tuple[RowRecursion, int]:  # fmt: skip
+        """Take samples without a gap but before the first; write errors and estimates less theta.
+
+        Also return the sample of an alarm, how many there are where there is none.
+        """
         from replant.kernels.step.miso import learn
 
         models, waits = self.models.copy(), self.waits
@@ -206,12 +231,12 @@ class RowRecursion:
             factor=self.factor.copy(), diagonal=self.diagonal.copy(), counts=self.counts.copy(),
             squares=self.squares.copy(), instruments=instruments,
         )  # fmt: skip
-        learn(
+        alarm = learn(
             rows, zeta, measured.astype(np.int64), usual.astype(np.int64), learns, self.noise.order, self.noise.models,
-            self.noise.powers, new.delta, new.factor, new.diagonal, new.counts, new.squares, errors, estimates,
-            np.empty(4 * self.delta.size + 1),
+            self.noise.powers, new.delta, new.factor, new.diagonal, new.counts, new.squares, self.harmless, SURPRISE,
+            errors, estimates, np.empty(4 * self.delta.size + 1),
         )  # fmt: skip
-        return new
+        return new, int(alarm)
 
     @property
     def _coefficients(self) -> list[FloatArray]:

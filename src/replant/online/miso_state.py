@@ -6,8 +6,9 @@ along: of a short record a fast branch can do what a slow one does.  Each time t
 at the last start, it is solved from a start, too, where the noise had a colour then, which may have been a slow branch,
 or where something is found against what comes of the estimate, or was against that start.
 
-In between a recursion follows.  Each time that the record has grown by `LOOK` a change is looked for: since a load it
-has another offset and initial state, since the plant has changed it begins anew.
+In between a recursion follows.  Each time that the record has grown by `LOOK` a change is looked for, and where its
+innovations have become larger, at growing counts since: since a load it has another offset and initial state, since the
+plant has changed it begins anew.
 
 Nothing is changed in place: a sample makes another state, so that whoever is interrupted has the state before.
 """
@@ -15,52 +16,34 @@ Nothing is changed in place: a sample makes another state, so that whoever is in
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
-from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
+from replant.estimation.simulation.miso import Row, RowRecord
 from replant.estimation.solver.miso_breaks import may_have_loads
 from replant.estimation.solver.miso_change import Judge, find_change, plant_change
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.estimation.solver.srivc_steps import SOONEST
-from replant.fitting.miso_references import with_outside
-from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of, solve_with
-from replant.fitting.miso_verdict import judged
+from replant.fitting.miso_solve import RowEstimate, RowSolution, solve_with
 from replant.fitting.parted_record import solve_parted_row
-from replant.kernels.schema import Doubt, Supposition
-from replant.numerics.arguments import FloatArray, IntArray
+from replant.kernels.schema import Supposition
+from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
 from replant.online.miso_begins import Begins, is_settled, is_white
 from replant.online.miso_history import RowHistory, RowSettings
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_screen import REASONS, RowClock, Screened
-from replant.verdict.miso_tests import controlled, left_out
-from replant.verdict.record_tests import followed_finding, left_out_finding
-from replant.verdict.verdict import Finding, Verdict
+from replant.verdict.verdict import Finding
 
 # as often as it is solved again, and once in between
 LOOK = math.sqrt(AGAIN)  # growth of the record, as far as it is looked at, after which a change is looked for [ratio]
 
 # the oldest of them is of half of the record
 JUDGES = math.ceil(math.log(2.0) / math.log(AGAIN))  # solutions that judge whether there is a change [count]
-
-NO_COLUMNS: Mapping[str, FloatArray] = {}
-
-
-class Newest(NamedTuple):
-    """The newest samples, what the estimate is over them, the verdict, and the `Doubt` in each output (J,)."""
-
-    ready: RowRecord
-    row: Row
-    found: RowEstimate
-    verdict: Verdict
-    doubt: IntArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,6 +119,7 @@ class RowState:
         if held := self.clock.held:
             return self._with_held(held, u, y, t, r, errors, estimates)
         y = np.where(np.isfinite(r).all(axis=1), y, np.nan)
+        given, is_alarm = (u, y, t, r), False
         dt, is_first = self.settings.dt, self.recursion is None
         last = float(self.kept.values[-1, -1]) if self.samples else -math.inf
         done = Screened.of(self.clock, u, y, t, r, last, dt)
@@ -159,12 +143,21 @@ class RowState:
         estimates[:end] = self.parameters
         if self.recursion is not None and rows.size:
             intervals = np.full(rows.size, dt) if t is None else np.diff(done.times[rows], prepend=last)
-            recursion, errors[rows], after = self.recursion.take(u[rows], y[rows], r, intervals, learns=self.adapts)
+            recursion, errors[rows], after, alarm = self.recursion.take(
+                u[rows], y[rows], r, intervals, learns=self.adapts
+            )
+            is_alarm = alarm < rows.size and self.look_at > 0
+            if is_alarm and (stop := int(rows[alarm] + np.argmax(is_now[rows[alarm] :])) + 1) < end:
+                errors[:] = np.nan
+                u, y, t, r = given
+                return self.take(u[:stop], y[:stop], None if t is None else t[:stop], r[:stop], errors, estimates)
             errors[:end][done.is_believed] = np.nan  # nothing was predicted while it waited
             newest = np.maximum.accumulate(np.where(is_now, np.cumsum(done.is_taken) - 1, -1))  # taken by then
             estimates[:end][newest >= 0] = after[newest[newest >= 0]]
             new = replace(new, recursion=recursion)
-        if reached.size:
+            if is_alarm:
+                new = replace(new, look_at=min(new.look_at, new.samples + max(SOONEST - recursion.surprising, 0)))
+        if reached.size or is_alarm:
             new = new._attended()
             estimates[end - 1] = new.parameters
         return new, end
@@ -241,7 +234,9 @@ class RowState:
 
     @property
     def _next_look(self) -> int:
-        return self.samples + max(math.ceil((LOOK - 1.0) * min(self.length, RECENT)), SOONEST)
+        surprising = 0 if self.recursion is None else self.recursion.surprising
+        length = surprising or min(self.length, RECENT)
+        return self.samples + max(math.ceil((LOOK - 1.0) * length), SOONEST)
 
     @quiet
     def solved(self, *, afresh: bool = False) -> RowState:
@@ -344,47 +339,3 @@ class RowState:
         ready = RowRecord.of(u, y, settings.dt, stamps, settings.input_hold, begins)
         references = values[ready.used, inputs:-2] if self.references else None
         return ready, Row(settings.structures, ready.record, ready.inputs, settings.input_names), references
-
-    @quiet
-    def newest(self, others: Mapping[str, FloatArray] = NO_COLUMNS) -> Newest | None:
-        """Return the newest samples, and what the estimate is over them; None where they are too few.
-
-        The verdict names the other column of these samples that explains most of what is left, if one does.
-        """
-        known = self.recursion
-        if known is None:
-            return None
-        if np.isfinite(self.newest_rows[:, -2]).sum() <= known.delta.size:
-            return None
-        ready, row, references = self.record(RECENT)
-        if row.count <= row.nuisances:
-            return None
-        is_moved = np.zeros(len(row.structures), bool) if known.instruments is None else known.instruments.is_moved
-        ready, _ = with_outside(ready, references, row.names, is_moved)
-        doubt = doubts_of(row, ready, _over(row, known), known.noise)
-        row = Row(row.structures, leaving_out(ready.record, doubt), ready.inputs, row.names, ready.outside)
-        if row.count <= row.nuisances:
-            return None
-        point = _over(row, known)
-        # without a noise model the error has a colour, and inputs seem to answer to it
-        findings = [*(self.findings or controlled(row, point, known.noise))]
-        if not row.is_stable(known.parameters):
-            findings.append(
-                Finding("diverged", "an update has made a pole unstable: solve again, with finish, or reset")
-            )
-        if known.counts[2]:
-            findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
-        rest = {name: signal[ready.used] for name, signal in others.items()}
-        findings += [*self.of_references, *left_out(row, point, known.noise, rest)]
-        findings += left_out_finding(int((doubt == Doubt.STUCK).sum()))
-        if self.record_began:
-            findings.append(followed_finding(self.length * self.settings.dt))
-        found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
-        verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
-        return Newest(ready, row, found, verdict, doubt)
-
-
-def _over(row: Row, known: RowRecursion) -> Point:
-    """Return what an estimate is over a row."""
-    point = evaluate(row, known.parameters, known.noise)
-    return evaluate(row, known.parameters, known.noise, point)  # with the initial states of the first

@@ -16,7 +16,7 @@ from replant.estimation.engine.state import GAP
 from replant.kernels.filters.whitening import IRREGULAR
 from replant.kernels.schema import LARGEST, LEAP
 from replant.numerics.arguments import FloatArray
-from replant.online.miso_recursion import RowRecursion
+from replant.online.miso_recursion import SURPRISE, RowRecursion
 from replant.online.miso_state import RowState
 
 SINCE = 256  # single samples that a state takes as one chunk [samples]
@@ -56,7 +56,7 @@ class RowStep:
         self._before = (
             self._rows, np.zeros((0, size)), np.ones(1, np.int64), self._usual, learns, noise.order, noise.models,
             noise.powers, recursion.delta.copy(), recursion.factor.copy(), recursion.diagonal.copy(),
-            recursion.counts.copy(), recursion.squares.copy(), self._error,
+            recursion.counts.copy(), recursion.squares.copy(), recursion.harmless, SURPRISE, self._error,
         )  # fmt: skip
         self._work, self._estimate = np.empty(4 * size + 1), recursion.delta[: self._theta.size][None].copy()
 
@@ -70,8 +70,8 @@ class RowStep:
         """The estimate (P,)."""
         return np.asarray(self._theta + self._estimate[0])
 
-    def take(self, u: Sequence[float], y: float, interval: float) -> float:
-        """Take a finite sample; return its error."""
+    def take(self, u: Sequence[float], y: float, interval: float) -> tuple[float, bool]:
+        """Take a finite sample; return its error, and whether it is one at which the record is looked into."""
         self._rows[:-1] = self._rows[1:]
         self._interval[0], self._usual[0] = interval, abs(interval - self._dt) <= IRREGULAR * self._dt
         error = (y - self._level) - self._constant
@@ -83,9 +83,9 @@ class RowStep:
             error -= output.item()
         self._newest[self._theta.size], self._newest[-1] = 1.0, error
         estimate = np.empty((1, self._theta.size))  # one of its own: another thread may look at the one before
-        self._learn(*self._before, estimate, self._work)
+        is_alarm = self._learn(*self._before, estimate, self._work) < 1.0
         self._estimate = estimate
-        return self._error.item()
+        return self._error.item(), is_alarm
 
 
 class Kept(NamedTuple):
@@ -128,7 +128,9 @@ class Kept(NamedTuple):
         """Return the same samples while a step takes one: where that is interrupted it is made anew."""
         return Kept(self.state, None, self.since)
 
-    def with_more(self, step: RowStep, sample: tuple[float, ...]) -> Kept:
+    def with_more(self, step: RowStep, sample: tuple[float, ...], *, is_alarm: bool) -> Kept:
         """Return what is kept after a sample that a step has taken."""
         self.since.append(sample)
+        if is_alarm:
+            return Kept(self.now, None, [])
         return Kept(self.now, step, []) if len(self.since) >= SINCE else Kept(self.state, step, self.since)

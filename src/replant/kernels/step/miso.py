@@ -9,10 +9,14 @@ which is recursive least squares; offset and initial states are among the entrie
 `OUTLYING` standard deviations at the most, so that a wild output moves the estimate no further.  Where the past is
 broken only j < p predecessors are known: the best model of order j filters, weighted by the root of V_p / V_j.
 
+Page's test tells whether the innovations have become larger: the sum of log-likelihood ratios of twice the variance,
+less its least value so far.  It goes beyond h within n samples by chance at most n exp(-h) times.
+
 In feedback P and the gain are made of instruments zeta, whitened likewise, in place of phi: their products with phi and
 with themselves are alike, as zeta is what phi has from outside, and the rest of phi is independent of it.
 
-Source: Ljung (1999), "System Identification: Theory for the User", sections 7.3 and 11.2.
+Sources: Ljung (1999), "System Identification: Theory for the User", sections 7.3 and 11.2; Page (1954), "Continuous
+inspection schemes", Biometrika 41.
 """
 
 import math
@@ -23,8 +27,17 @@ from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers.covariance import measurement_update, variance_along
 from replant.kernels.schema import LAGS, OUTLYING
 
-KNOWN, LEARNED, REFUSED = range(3)
-"""Places in ``counts``: known predecessors of the next sample; samples learned; updates refused [index]."""
+KNOWN, LEARNED, REFUSED, RISING = range(4)
+"""Places in ``counts``: known predecessors of the next sample; samples learned; updates refused; samples since which
+Page's sum is above nought [index]."""
+
+POWER, PAGE = range(2)
+"""Places in ``squares``: sum of the squares of the normalised innovations; Page's sum [index]."""
+
+# so that a few wild outputs are no alarm
+WILD = 9.0  # square of a normalised innovation that counts in Page's sum, at the most [variances]
+# what it takes 50 calm samples to lose, on the average
+BEYOND = 5.0  # of Page's sum above the limit, at the most [nats]
 
 
 @kernel(
@@ -33,15 +46,15 @@ KNOWN, LEARNED, REFUSED = range(3)
     "measured.size >= errors.size and usual.size >= errors.size and 0 <= order <= LAGS",
     "models.shape[0] > LAGS and models.shape[1] > LAGS and powers.size > LAGS",
     "factor.shape[0] >= delta.size and factor.shape[1] >= delta.size and diagonal.size == delta.size",
-    "counts.size >= 3 and 0 <= counts[KNOWN] <= LAGS and squares.size >= 1 and work.size >= 4 * delta.size + 1",
+    "counts.size >= 4 and 0 <= counts[KNOWN] <= LAGS and squares.size >= 2 and work.size >= 4 * delta.size + 1",
     "estimates.shape[0] >= errors.size and estimates.shape[1] <= delta.size",
 )
 def learn(
     rows: Matrix, instruments: Matrix, measured: Ints, usual: Ints, learns: bool, order: int, models: Matrix,
-    powers: Reals, delta: Reals, factor: Matrix, diagonal: Reals, counts: Ints, squares: Reals, errors: Reals,
-    estimates: Matrix, work: Reals,
+    powers: Reals, delta: Reals, factor: Matrix, diagonal: Reals, counts: Ints, squares: Reals, least: float,
+    limit: float, errors: Reals, estimates: Matrix, work: Reals,
 ):  # fmt: skip
-    """Take K samples.
+    """Take K samples; return the first one at which Page's sum goes beyond its limit, K where it does at none.
 
     Parameters
     ----------
@@ -58,8 +71,12 @@ def learn(
         The noise models of each order, and V of each.
     delta, factor, diagonal : (T,), (T, T) and (T,) arrays
         The estimate less theta_0, and P = U D U'.
-    counts, squares : (3,) and (1,) arrays
-        See `KNOWN`; sum of the squares of the normalised innovations.
+    counts, squares : (4,) and (2,) arrays
+        See `KNOWN` and `POWER`.
+    least : float
+        Variance of an innovation below which nothing is wrong.
+    limit : float
+        Of Page's sum, in nats.
     errors : (K,) array
         Written: y less the output of the model before, in the unit of y; NaN where there is no output.
     estimates : (K, P) array
@@ -67,6 +84,7 @@ def learn(
     work : (4 T + 1,) array
     """
     T = delta.size
+    alarm = errors.size
     white, projected, gain, zeta = work, work[T + 1 :], work[2 * T + 1 :], work[3 * T + 1 :]
     for k in range(errors.size):
         row, known = rows[LAGS + k], counts[KNOWN] if usual[k] else 0
@@ -94,17 +112,27 @@ def learn(
                     zeta[i] = weight * total
             spread = 1.0 + variance_along(factor, diagonal, zeta)
             if math.isfinite(innovation * innovation * spread):
-                variance = squares[0] / max(counts[LEARNED] - T, 1)
+                variance = squares[POWER] / max(counts[LEARNED] - T, 1)
+                power = max(variance * spread, least)
+                if power > 0.0:
+                    before = squares[PAGE]
+                    ratio = min(innovation * innovation / power, WILD)
+                    after = min(max(before + 0.25 * ratio - 0.5 * math.log(2.0), 0.0), limit + BEYOND)
+                    counts[RISING] = counts[RISING] + 1 if after > 0.0 else 0
+                    squares[PAGE] = after
+                    if after > limit and before <= limit and alarm == errors.size:
+                        alarm = k
                 most = OUTLYING * math.sqrt(variance * spread)
                 if most > 0.0:
                     innovation = min(max(innovation, -most), most)
                 alpha = measurement_update(T, factor, diagonal, zeta, 1.0, projected, gain)
                 for i in range(T):
                     delta[i] += gain[i] * innovation / alpha
-                squares[0] += innovation * innovation / alpha
+                squares[POWER] += innovation * innovation / alpha
                 counts[LEARNED] += 1
             else:
                 counts[REFUSED] += 1
         counts[KNOWN] = min(known + 1, LAGS) if measured[k] else 0
         for i in range(estimates.shape[1]):
             estimates[k, i] = delta[i]
+    return float(alarm)

@@ -1,0 +1,80 @@
+"""What an identification of several inputs says of its newest samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from replant.estimation.engine.dimensions import RECENT
+from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
+from replant.estimation.solver.solve import leaving_out
+from replant.fitting.miso_references import with_outside
+from replant.fitting.miso_solve import RowEstimate, doubts_of
+from replant.fitting.miso_verdict import judged
+from replant.kernels.schema import Doubt
+from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.linear_algebra import quiet
+from replant.online.miso_recursion import RowRecursion
+from replant.online.miso_state import RowState
+from replant.verdict.miso_tests import controlled, left_out
+from replant.verdict.record_tests import followed_finding, guard_findings, left_out_finding
+from replant.verdict.verdict import Finding, Verdict
+
+NO_COLUMNS: Mapping[str, FloatArray] = {}
+
+
+class Newest(NamedTuple):
+    """The newest samples, what the estimate is over them, the verdict, and the `Doubt` in each output (J,)."""
+
+    ready: RowRecord
+    row: Row
+    found: RowEstimate
+    verdict: Verdict
+    doubt: IntArray
+
+
+@quiet
+def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) -> Newest | None:
+    """Return the newest samples, and what the estimate is over them; None where they are too few.
+
+    The verdict names the other column of these samples that explains most of what is left, if one does.
+    """
+    known = state.recursion
+    if known is None:
+        return None
+    if np.isfinite(state.newest_rows[:, -2]).sum() <= known.delta.size:
+        return None
+    ready, row, references = state.record(RECENT)
+    if row.count <= row.nuisances:
+        return None
+    is_moved = np.zeros(len(row.structures), bool) if known.instruments is None else known.instruments.is_moved
+    ready, _ = with_outside(ready, references, row.names, is_moved)
+    doubt = doubts_of(row, ready, _over(row, known), known.noise)
+    row = Row(row.structures, leaving_out(ready.record, doubt), ready.inputs, row.names, ready.outside)
+    if row.count <= row.nuisances:
+        return None
+    point = _over(row, known)
+    # without a noise model the error has a colour, and inputs seem to answer to it
+    findings = [*(state.findings or controlled(row, point, known.noise))]
+    if not row.is_stable(known.parameters):
+        findings.append(Finding("diverged", "an update has made a pole unstable: solve again, with finish, or reset"))
+    if known.surprising:
+        findings += guard_findings(0.0, False, known.surprising * state.settings.dt, False)
+    if known.counts[2]:
+        findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
+    rest = {name: signal[ready.used] for name, signal in others.items()}
+    findings += [*state.of_references, *left_out(row, point, known.noise, rest)]
+    findings += left_out_finding(int((doubt == Doubt.STUCK).sum()))
+    if state.record_began:
+        findings.append(followed_finding(state.length * state.settings.dt))
+    found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
+    verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
+    return Newest(ready, row, found, verdict, doubt)
+
+
+def _over(row: Row, known: RowRecursion) -> Point:
+    """Return what an estimate is over a row."""
+    point = evaluate(row, known.parameters, known.noise)
+    return evaluate(row, known.parameters, known.noise, point)  # with the initial states of the first
