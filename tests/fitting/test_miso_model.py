@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -146,6 +147,82 @@ def test_a_log_that_lacks_an_input_is_refused(model: rp.RowModel, given: tuple[s
         model.of_log(("Q1", "Q2"), "y", "").validate(log)
     if len(given) == 2:  # a model of arrays has no names
         assert model.validate(log).fit == model.validate(u, y).fit
+
+
+def test_prediction_uses_the_colour_of_the_residual() -> None:
+    u, y = record(6, 0.0)
+    white = 0.1 * np.random.default_rng(7).standard_normal(y.size)
+    noise = np.zeros(y.size)
+    for k in range(1, y.size):
+        noise[k] = 0.95 * noise[k - 1] + white[k]
+    y = y + noise
+    model = rp.fit(u, y, DT, poles=(2, 1), delay=(0.0, 0.3)).model
+    predicted = model.predict(u, y)
+    errors = [np.nanstd(y - model.predict(u, y, horizon)) for horizon in (1, 3)]
+    assert errors[0] == pytest.approx(0.1, rel=0.06)  # the innovation
+    assert errors[1] == pytest.approx(0.1 * np.sqrt(1 + 0.95**2 + 0.95**4), rel=0.08)
+    found = model.validate(u, y)
+    np.testing.assert_array_equal(model.predict(u, y, SAMPLES), found.output)
+    assert np.isnan(predicted).sum() == 6  # they answer to inputs from before the record
+    assert rp.fit_percent(y, predicted) == pytest.approx(found.one_step, abs=0.5)
+    np.testing.assert_allclose(model.predict(u, y, 2, DT * np.arange(SAMPLES)), model.predict(u, y, 2), atol=1e-6)
+    np.testing.assert_array_equal(replace(model, noise=None).predict(u, y), found.output)
+
+
+def test_a_missing_output_is_predicted_as_far_as_the_others_tell(model: rp.RowModel) -> None:
+    u, y = record(8)
+    model = replace(model, noise=rp.NoiseModel([1.0, -0.5], 0.03, 0.04, DT))
+    lost = y.copy()
+    lost[1000:1010] = np.nan
+    output, predicted = model.validate(u, lost).output, model.predict(u, lost)
+    assert predicted[1000] == pytest.approx(output[1000] + 0.5 * (y[999] - output[999]))
+    np.testing.assert_array_equal(predicted[1001:1011], output[1001:1011])
+    assert predicted[1011] == pytest.approx(output[1011] + 0.5 * (y[1010] - output[1010]))
+
+
+def test_the_score_is_the_fit_of_a_validation(model: rp.RowModel) -> None:
+    u, y = record(1)
+    t = DT * np.arange(SAMPLES)
+    assert model.score(u, y) == model.validate(u, y).fit
+    assert model.score(u, y, t) == model.validate(u, y, t).fit == pytest.approx(model.score(u, y))
+    log = rp.Log(u[:, 0], y, DT, others={"fan": u[:, 1]}, more_inputs=("fan",))
+    assert model.score(log) == model.score(u, y)
+
+
+def test_an_unstable_row_predicts_one_step_ahead_only() -> None:
+    """The error of one whose unstable pole is reflected is the noise by e^(p dt): that of the best predictor."""
+    unstable = rp.RowModel((rp.Structure(1), rp.Structure(1)), [-1.0, 1.0, 2.0, 2.0], dt=0.1, input_levels=[0.0, 3.0])
+    rng = np.random.default_rng(9)
+    r, v = rng.choice([-1.0, 1.0], (200, 2)).repeat(10, axis=0).T
+    noise, grown, decayed = 0.1 * rng.standard_normal(r.size), np.exp(0.1), np.exp(-0.2)
+    x, y, u = np.zeros(2), np.zeros(r.size), np.column_stack([r, v + 3.0])
+    for k in range(r.size):
+        y[k] = 7.0 + x.sum() + noise[k]
+        u[k, 0] -= 4.0 * (y[k] - 7.0)
+        x = np.array([grown * x[0] + (grown - 1.0) * u[k, 0], decayed * x[1] + (1.0 - decayed) * v[k]])
+    assert np.std(y - unstable.predict(u, y)) == pytest.approx(0.1 * grown, rel=0.05)
+    y[50], u[60, 1] = np.nan, np.nan
+    assert np.flatnonzero(np.isnan(unstable.predict(u, y))).tolist() == [50, 60]
+    with pytest.raises(rp.InvalidArgumentError, match="horizon must be 1 for an unstable model, got 2"):
+        unstable.predict(u, y, 2)
+    with pytest.raises(rp.InvalidArgumentError, match="an unstable model runs away"):
+        unstable.score(u, y)
+
+
+@every(
+    "arguments, words",
+    [
+        ({"horizon": 0}, "horizon must be"),
+        ({"u": np.zeros((20, 3))}, "u must have a column for each of 2 inputs"),
+        ({"y": np.zeros(19)}, "u has 20 rows and y 19 samples"),
+        ({"t": np.zeros(20)}, "t must be finite and strictly increasing"),
+        ({"t": 0.5 * np.arange(20)}, r"samples 0\.05 s apart, t is usually 0\.5 s"),
+    ],
+)
+def test_what_cannot_be_predicted_is_refused(model: rp.RowModel, arguments: dict[str, Any], words: str) -> None:
+    given = {"u": np.arange(40.0).reshape(20, 2) % 7, "y": np.arange(20.0) % 3, **arguments}
+    with pytest.raises(rp.InvalidArgumentError, match=words):
+        model.predict(**given)
 
 
 def test_two_records_give_one_model_with_an_offset_each() -> None:

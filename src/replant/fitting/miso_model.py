@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any, Self
 
 import numpy as np
@@ -11,15 +12,17 @@ import numpy as np
 from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.fitted_run import bridged, fit_percent
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate, noise_of
+from replant.estimation.simulation.model_run import model_output, runs_away
 from replant.fitting import model_file, model_json
-from replant.fitting.model import Model, usual_interval
+from replant.fitting.model import Model, unstable_error, usual_interval, with_noise
 from replant.fitting.model_fields import RowFields, has_rest, unnamed
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model import interop
 from replant.model.forced_response import Response
 from replant.model.interop import without_unit
-from replant.numerics.arguments import FloatArray, array_of_reals, vector
+from replant.model.transfer_function import TransferFunction
+from replant.numerics.arguments import FloatArray, array_of_reals, vector, whole
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet
@@ -150,6 +153,60 @@ class RowModel(model_file.Written, RowFields):
             parts[:, number] = forced + (g.dc_gain * at_rest if at_rest else 0.0)
         return parts
 
+    @quiet
+    def predict(self, u: Any, y: Any, horizon: int = 1, t: Any = None) -> FloatArray:
+        """Return the output (K,) predicted ``horizon`` samples ahead: from the inputs, and the output until then.
+
+        What the simulated output leaves is predicted by the noise model; without one this is the simulated output.
+        Offset and initial states are estimated from the whole record.  NaN where an input is missing, or the plant
+        answers to inputs from before the record or a gap in it.
+
+        Parameters
+        ----------
+        u : (K, q) array
+            A column per input.
+        y : (K,) array
+            Measured output; NaN where there is none.
+        horizon : int
+            In samples, 1 or more.
+        t : (K,) array, optional
+            Time stamps in s, strictly increasing.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the columns are not as many as the inputs, the record is too short, the horizon is longer than 1 for an
+            unstable model, whose simulation runs away, or the stamps are usually another time apart than the samples of
+            the noise model.
+        """
+        columns, output, stamps, dt = self._record(u, y, t)
+        horizon = whole("horizon", horizon, 1)
+        if not self._runs_away(output, stamps, dt):
+            ready = RowRecord.of(columns, output, dt, stamps, self.input_hold)
+            return with_noise(ready.simulated(*evaluated(self, ready)), output, self.noise, horizon, dt)
+        if horizon > 1:
+            raise unstable_error(horizon)
+        known = np.isfinite(columns).all(axis=1) & np.isfinite(output)
+        columns = np.where(known[:, None], columns - self.input_levels, np.nan)
+        predicted = np.zeros(output.size)
+        for number, each in enumerate(self._over_common_denominator()):  # what predicts is linear in inputs and output
+            measured = np.where(known, 0.0 if number else output, np.nan)
+            hold = self.input_hold
+            predicted += model_output(each, columns[:, number].copy(), measured, dt, input_hold=hold, t=stamps).output
+        return predicted
+
+    def _runs_away(self, output: FloatArray, stamps: FloatArray | None, dt: float) -> bool:
+        span = dt * (output.size - 1) if stamps is None else float(np.ptp(stamps))
+        return any(runs_away(g.den, span) for g in self.transfer_functions)
+
+    def _over_common_denominator(self) -> Iterator[TransferFunction]:
+        for number, g in enumerate(self.transfer_functions):
+            others = [each.den for each in (*self.transfer_functions[:number], *self.transfer_functions[number + 1 :])]
+            num, den = g.num, g.den
+            for other in others:
+                num, den = (np.asarray(np.polymul(each, other), np.float64) for each in (num, den))
+            yield TransferFunction(num, den, g.delay)
+
     def plot(self, axes: Any = None) -> Any:
         """Draw step response, magnitude and phase from each input; return axes (3, q) of matplotlib.
 
@@ -200,9 +257,12 @@ class RowModel(model_file.Written, RowFields):
         Raises
         ------
         InvalidArgumentError
-            If the record is too short, or its inputs are not those of the model.
+            If the record is too short, its inputs are not those of the model, or this is unstable: its simulation runs
+            away.
         """
         columns, output, stamps, dt = self._record(log, y, t)
+        if self._runs_away(output, stamps, dt):
+            raise InvalidArgumentError("the simulation of an unstable model runs away: compare model.predict(u, y)")
         ready = RowRecord.of(columns, output, dt, stamps, self.input_hold)
         row, point, noise = evaluated(self, ready)
         simulated = ready.simulated(row, point, noise)
@@ -214,6 +274,17 @@ class RowModel(model_file.Written, RowFields):
             self._offset(ready, row, point), simulated, output - simulated, clock, None, None,
             Verdict(*conclude(found, UNSEEN)), row.count, False,
         )  # fmt: skip
+
+    def score(self, log: Log | Any, y: Any = None, t: Any = None) -> float:
+        """Return the simulated fit in percent to another record; see `validate`.
+
+        Parameters
+        ----------
+        log : Log or (K, q) array
+        y, t : (K,) arrays, optional
+            As those of `validate`, which also says what is raised.
+        """
+        return self.validate(log, y, t).fit
 
     def _offset(self, ready: RowRecord, row: Row, point: Point) -> float:
         """Return by how much a record's working point lies above the model's."""

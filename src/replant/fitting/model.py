@@ -16,6 +16,7 @@ from replant.fitting.responses import Bode, ImpulseResponse, Nyquist, PoleMap, S
 from replant.fitting.validation import Validation, validate
 from replant.logs.log import Log
 from replant.model.forced_response import Response
+from replant.model.noise import NoiseModel
 from replant.numerics.arguments import FloatArray, record, vector, whole
 from replant.numerics.autoregression import ahead
 from replant.numerics.limits import increasing
@@ -141,18 +142,8 @@ class Model(model_file.Written, ModelFields):
         dt = self.dt if stamps is None else usual_interval(stamps, self.dt)
         found = model_output(self.transfer_function, self.linear_input(u), y, dt, input_hold=self.input_hold, t=stamps)
         if found.is_prediction and horizon > 1:
-            raise InvalidArgumentError(
-                f"horizon must be 1 for an unstable model, got {shown(horizon)}: what it predicts runs away"
-            )
-        if found.is_prediction or self.noise is None:
-            return found.output
-        if not abs(dt / self.noise.dt - 1.0) < SAME_CLOCK:
-            raise InvalidArgumentError(
-                f"the noise model is that of samples {self.noise.dt:g} s apart, t is usually {dt:g} s: "
-                "simulate instead, or identify at this sampling time"
-            )
-        residual = np.where(np.isfinite(y), y - found.output, 0.0)
-        return found.output + ahead(self.noise.coefficients, residual, horizon)
+            raise unstable_error(horizon)
+        return found.output if found.is_prediction else with_noise(found.output, y, self.noise, horizon, dt)
 
     def of_log(self, input_name: str, output_name: str, source: str, sha256: str = "") -> Model:
         """Return the same model with the names of its signals, and the name and digest of the log's file."""
@@ -258,6 +249,26 @@ class Model(model_file.Written, ModelFields):
 
     def _repr_html_(self) -> str:
         return model_notation.html(self)
+
+
+def unstable_error(horizon: int) -> InvalidArgumentError:
+    """Return the error for a horizon beyond the next sample, which no unstable model predicts."""
+    return InvalidArgumentError(
+        f"horizon must be 1 for an unstable model, got {shown(horizon)}: what it predicts runs away"
+    )
+
+
+def with_noise(output: FloatArray, y: FloatArray, noise: NoiseModel | None, horizon: int, dt: float) -> FloatArray:
+    """Return a simulated output (K,) with what a noise model predicts of the rest of ``y`` (K,), ``dt`` s apart."""
+    if noise is None:
+        return output
+    if not abs(dt / noise.dt - 1.0) < SAME_CLOCK:
+        raise InvalidArgumentError(
+            f"the noise model is that of samples {noise.dt:g} s apart, t is usually {dt:g} s: "
+            "simulate instead, or identify at this sampling time"
+        )
+    residual = y - output
+    return output + ahead(noise.coefficients, np.where(np.isfinite(residual), residual, 0.0), horizon)
 
 
 def usual_interval(t: FloatArray, dt: float) -> float:
