@@ -13,6 +13,7 @@ from replant.estimation.simulation.miso import Row, RowRecord, evaluate, noise_o
 from replant.estimation.simulation.miso_exogenous import Law, Outside, windows
 from replant.estimation.solver.miso_steps import instrumental
 from replant.fitting.miso_solve import solve_with
+from replant.fitting.miso_verdict import _beyond_nought
 from replant.model.structure import Structure
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import chi2_quantile
@@ -84,6 +85,20 @@ def test_a_structure_that_is_wrong_is_no_controller(poles: tuple[int, int], seed
     found = rp.fit(u, y, 0.1, poles=poles)
     assert found.verdict.status == "inconsistent"
     assert not any("a controller makes it" in reason for reason in found.verdict.reasons)
+
+
+def test_a_numerator_whose_variance_is_rounding_is_not_told_from_nought() -> None:
+    """As that of a branch that ran away: the variance that comes of its squares may be negative."""
+    rng = np.random.default_rng(0)
+    u = rng.choice([-1.0, 1.0], (100, 2)).repeat(10, axis=0)
+    ready = RowRecord.of(u, u.sum(axis=1), DT)
+    row = Row((Structure(1), Structure(1)), ready.record, ready.inputs)
+    theta = np.array([1.0, 1.0, 1e12, 2e11])
+    point = evaluate(row, theta, Autoregression.white(1.0, row.count))
+    with np.errstate(over="ignore"):  # as a fit does
+        known, unknown = _beyond_nought(row, point, np.diag([0.01, 0.01, -5e37, -1e36]))
+    assert known == pytest.approx(100.0 / (2.0 * np.log(row.count)))
+    assert unknown == 0.0
 
 
 @pytest.mark.slow

@@ -216,7 +216,9 @@ def _beyond_nought(row: Row, point: Point, covariance: FloatArray) -> Iterator[f
         rows = slice(whole.stop - structure.zeros - 1, whole.stop)
         std = np.sqrt(np.maximum(np.diag(covariance[rows, rows]), np.finfo(float).tiny))
         b = point.theta[rows] / std
-        statistic = float(b @ np.linalg.lstsq(covariance[rows, rows] / np.outer(std, std), b, rcond=None)[0])
+        scaled = covariance[rows, rows] / np.outer(std, std)
+        known = bool(np.isfinite(scaled).all())  # of a branch that ran away a variance may be negative: rounding
+        statistic = float(b @ np.linalg.lstsq(scaled, b, rcond=None)[0]) if known else 0.0
         yield statistic / (structure.size * math.log(row.count))
 
 
