@@ -43,8 +43,8 @@ def test_the_same_column_twice_is_named(capsys, log) -> None:
         (("fit", "LOG", "-i", "u", "-o", "y", "-p", "1", "--poles=2"), "-p/--poles"),
         (("fit", "LOG", "-i", "t", "-i", "u", "-o", "y", "-o", "x", "-p", "1,2", "-p", "1,1"), "-p/--poles"),
         (
-            ("fit", "LOG", "-i", "t", "-i", "u", "-o", "y", "-p", "1,1", "--reference", "r", "--reference", "t"),
-            "--reference",
+            ("fit", "LOG", "-i", "t", "-i", "u", "-o", "y", "-p", "1,1", "--time", "r", "--time", "t"),
+            "--time",
         ),
         (("run", "LOG", "-i", "u", "-o", "y", "-p1", "--delay", "0", "--delay", "0.1"), "--delay"),
         (("live", "-?columns=u,y", "--dt", "1", "-p", "1", "--dt", "2"), "--dt"),

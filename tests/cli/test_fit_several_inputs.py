@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import shlex
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import replant as rp
 from support.cases import every
@@ -221,6 +223,77 @@ def test_compare_names_the_command_for_a_model_of_several_inputs(capsys: Any, lo
     code, _, err = call(capsys, "compare", saved, log)
     assert code == 2
     assert "it has several inputs, and compare takes models of one" in err
+
+
+@pytest.fixture(scope="module")
+def followed(tmp_path_factory: Any) -> Path:
+    """A log of two inputs that follow a set-point each, behind a lag."""
+    rng = np.random.default_rng(0)
+    r = rng.uniform(-1.0, 1.0, (SAMPLES // 15, 2)).repeat(15, axis=0)
+    noise = lfilter([0.03], [1.0, -0.9], rng.standard_normal(SAMPLES))
+    u = lfilter([0.4], [1.0, -0.6], r, axis=0) - 0.5 * np.column_stack([noise, -noise])
+    y = FIRST.simulate(u[:, 0].copy(), DT) + SECOND.simulate(u[:, 1].copy(), DT) + noise
+    path = tmp_path_factory.mktemp("followed") / "followed.csv"
+    columns = np.column_stack([DT * np.arange(SAMPLES), u, y, r])
+    np.savetxt(path, columns, "%.9g", ",", header="t,Q1,Q2,T1,r1,r2 [V]", comments="")
+    return path
+
+
+SET_POINTS = ("--reference", "r1", "--reference", "r2")
+ORDERS = ("-p", "1,1", "--delay", "0,0.3")
+
+
+@pytest.mark.usefixtures("unrendered")
+@pytest.mark.parametrize("command", ["fit", "run"])
+def test_each_input_has_a_reference(capsys: Any, followed: Path, tmp_path: Path, command: str) -> None:
+    log = rp.read_log(followed, input=["Q1", "Q2"], output="T1", reference=["r1", "r2"])
+    direct = getattr(rp, command)(log, poles=(1, 1), delay=(0.0, 0.3)).model
+    asked = (followed, *NAMED, *SET_POINTS, *ORDERS)
+    code, out, _ = call(capsys, command, *asked, "--json", "--out", tmp_path / "out", "--validate", followed)
+    assert code == 0
+    whole = json.loads(out)
+    assert whole["dc_gain"] == [g.dc_gain for g in direct.transfer_functions]
+    for name in ("Q1", "Q2"):
+        assert f"input {name} is moved by the reference" in " ".join(whole["verdict"]["reasons"])
+    report = html.unescape((tmp_path / "out" / "report.html").read_text())
+    for words in ("r1, r2 [V]", "reference=['r1', 'r2 [V]']", "--reference r1 --reference r2"):
+        assert words in report, words
+    assert ("log.references" in report) == (command == "run")
+
+
+def test_the_next_command_repeats_all_references(capsys: Any, followed: Path, tmp_path: Path) -> None:
+    code, out, _ = call(capsys, "fit", followed, *NAMED, *SET_POINTS, *ORDERS)
+    assert code == 0
+    *_, command = out.splitlines()
+    assert "--reference r1 --reference r2" in command
+    words = [str(followed) if word == "LOG2" else word for word in shlex.split(command)[1:]]
+    words[words.index("model.json")] = str(tmp_path / "model.json")
+    assert call(capsys, *words)[0] == 0
+
+
+@every(
+    "words, asked",
+    [
+        ("one input takes one reference, got 2: give one of them", ["-i", "Q1", "-o", "T1", *SET_POINTS, "-p", "1"]),
+        ("one input takes one reference", ["-i", "Q1", "-o", "T1", *SET_POINTS, "-p", "1:2"]),
+        ("--reference r1 is given twice", [*NAMED, *SET_POINTS, "--reference", "r1", *ORDERS]),
+        ("column 'r1' is a reference twice", [*NAMED, "--reference", "r1", "--reference", "R1", *ORDERS]),
+        ("column 'Q2' is an input and a reference", [*NAMED, "--reference", "r1", "--reference", "Q2", *ORDERS]),
+        ("column 'T1' is the output and a reference", [*NAMED, "--reference", "r1", "--reference", "T1", *ORDERS]),
+        ("no column 'r3'", [*NAMED, "--reference", "r1", "--reference", "r3", *ORDERS]),
+    ],
+)
+def test_references_that_cannot_be_are_one_line(capsys: Any, followed: Path, words: str, asked: list[Any]) -> None:
+    for command in ("fit", "run"):
+        code, out, err = call(capsys, command, followed, *asked)
+        assert (code, out, err.count("\n")) == (2, "", 1), err
+        assert words in err
+
+
+def test_compare_takes_one_reference(capsys: Any, followed: Path) -> None:
+    code, _, err = call(capsys, "compare", followed, "-i", "Q1", "-o", "T1", "-p", 1, *SET_POINTS)
+    assert code == 2
+    assert "only replant fit, run, validate and fleet take several references: name one of them here" in err
 
 
 @pytest.mark.slow

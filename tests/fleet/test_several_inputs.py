@@ -48,6 +48,19 @@ def test_a_row_of_the_table_is_what_fit_says(tmp_path: Path) -> None:
         assert fleet.shape == found.shape
 
 
+def test_each_input_has_a_reference(tmp_path: Path) -> None:
+    log = two_inputs(tmp_path / "logs" / "a.csv", 0)
+    header, *rows = log.read_text().splitlines()
+    r = np.random.default_rng(0).standard_normal((len(rows), 2)).tolist()
+    lines = (f"{row},{first},{second}" for row, (first, second) in zip(rows, r, strict=True))
+    log.write_text("\n".join([f"{header},r1,r2", *lines]))
+    found = fitted(tmp_path / "logs", tmp_path / "out", reference=["r1", "r2"]).table().to_pylist()[0]
+    names = {"input": ["Q1", "Q2"], "output": "T1", "reference": ["r1", "r2"]}
+    alone = rp.fit(rp.read_log(log, **names), poles=(1, 1), delay=(0.0, 0.3))
+    assert [found[name] for name in alone.names] == alone.parameters.tolist()
+    assert "the reference explains nothing of any input" in found["reasons"]
+
+
 def test_a_run_is_one_pass_over_each_log(tmp_path: Path) -> None:
     two_inputs(tmp_path / "logs" / "a.csv", 0)
     model = fitted(tmp_path / "logs", tmp_path / "out", method="run").model("a.csv")
@@ -117,6 +130,7 @@ def test_a_wrong_unit_leaves_the_other_gains_or_turns_them_likewise(second: floa
         ("poles has 3 entries and u 2 inputs", {"poles": (1, 1, 1)}),
         ("give the number of poles of each", {"poles": 1}),
         ("poles has 2 entries, and there is one input", {"input": "Q1"}),
+        ("one input takes one reference, got 2", {"input": "Q1", "poles": 1, "delay": 0.0, "reference": ["a", "b"]}),
         ("several inputs take no optimizer yet", {"optimizer": "adam"}),
         ("several inputs take no input_map yet", {"input_map": "square"}),
     ],

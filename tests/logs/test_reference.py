@@ -92,3 +92,51 @@ def test_frames_have_it(log: Path) -> None:
     frame = read.to_pandas()
     assert (list(frame), frame.attrs["reference"]) == (["u", "y", name], name)
     np.testing.assert_array_equal(read.to_xarray()["reference"], R)
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Path:
+    path, of_second = tmp_path / "rig.csv", [4.5, 5.5, 6.5, 7.5]
+    rows = zip(T, U, -U, Y, R, of_second, ["09:00:00", "09:00:01", "09:00:02", "09:00:03"], strict=True)
+    path.write_text("t,u1,u2,y,r1,r2,at\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    return path
+
+
+def test_several_inputs_have_several(rig: Path) -> None:
+    log = rp.read_log(rig, input=["u1", "u2"], output="y", reference=["r1", 5])
+    assert (log.reference_names, log.more_references, log.reference_name) == (("r1", "r2"), ("r2",), "r1")
+    np.testing.assert_array_equal(log.references, np.column_stack([R, [4.5, 5.5, 6.5, 7.5]]))
+    assert list(log.to_pandas()) == ["u1", "y", "u2", "r1", "r2"]
+    np.testing.assert_array_equal(log.to_xarray()["reference_2"], [4.5, 5.5, 6.5, 7.5])
+    assert rp.detrend(log).reference_names == ("r1", "r2")
+    one = rp.read_log(rig, input=["u1", "u2"], output="y", reference=["r1"])
+    assert (one.reference_names, one.more_references) == (("r1",), ())
+    np.testing.assert_array_equal(one.references, R[:, None])
+    none = rp.read_log(rig, input=["u1", "u2"], output="y")
+    assert (none.reference_names, none.references) == ((), None)
+
+
+@every(
+    ("references", "words"),
+    [
+        (["r1", "r1"], "column 'r1' is a reference twice: name each column once"),
+        (["r1", "u1"], "column 'u1' is an input and a reference"),
+        (["r1", "u2"], "column 'u2' is an input and a reference"),
+        (["u2", "r1"], "column 'u2' is a reference and an input"),
+        (["r1", "y"], "column 'y' is the output and a reference"),
+        (["r1", "r3"], "no column 'r3'"),
+    ],
+)
+def test_what_is_wrong_with_one_of_several_is_said(rig: Path, references: list[str], words: str) -> None:
+    with pytest.raises(LogError, match=words) as caught:
+        rp.read_log(rig, input=["u1", "u2"], output="y", reference=references, time="t")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_log_in_memory_has_them_by_name() -> None:
+    with pytest.raises(rp.InvalidArgumentError, match="more_inputs must be different names of others, got 'u2'"):
+        rp.Log(U, Y, 0.1, others={"u2": U}, reference=R, more_inputs=("u2",), more_references=("u2",))
+    with pytest.raises(rp.InvalidArgumentError, match="more_references are beside a reference"):
+        rp.Log(U, Y, 0.1, others={"r2": R}, more_references=("r2",))
+    with pytest.raises(rp.InvalidArgumentError, match="reference must name a column, got an empty list"):
+        rp.read_log("log.csv", input="u", output="y", reference=[])

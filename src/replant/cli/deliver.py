@@ -98,13 +98,16 @@ def validated(model: Model | RowModel, paths: Sequence[Path], columns: dict[str,
 
 
 def _as_named(model: Model | RowModel, log: Log) -> Log:
-    """Return a log whose inputs have the names of a model's, in its order, where they share none with them."""
+    """Return a log whose inputs have the names of a model's, in its order, where they share none with them.
+
+    A row is validated without references.
+    """
     given, names = log.inputs.T, model.input_names if isinstance(model, RowModel) else ()
     shared = {*map(without_unit, names)} & {*map(without_unit, log.input_names)}
     if not names or shared or len(given) != len(names):
         return log
     others = {**log.others, **dict(zip(names[1:], given[1:], strict=True))}
-    return dataclasses.replace(log, input_name=names[0], others=others, more_inputs=names[1:])
+    return dataclasses.replace(log, input_name=names[0], others=others, more_inputs=names[1:], more_references=())
 
 
 def check_required(required: str | None, verdicts: Sequence[Verdict]) -> None:

@@ -119,7 +119,7 @@ def show_command(model: Path, as_json: bool) -> None:
 @click.argument("logs", type=click.Path(path_type=Path), nargs=-1)
 @column_option("input", "Column of the input, or of each of several.  [default: the model's]", several=True)
 @column_option("output", "Column of the output, or of each of several.  [default: the model's]", several=True)
-@click.option("--reference", "reference_column", metavar="COL", help="Column of the reference, if there is one.")
+@column_option("reference", "Column of the reference, if there is one, or of each of several.", several=True)
 @click.option("--time", "time_column", metavar="COL", help="Column of time.")
 @click.option("--dt", type=float, metavar="S", help="Sampling time in s.  [default: the log's, or the model's]")
 @flag("--json", "Print a JSON list, an object a log.", "as_json")

@@ -211,9 +211,16 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
 JSON = flag("--json", "Print one JSON object.", "as_json")
 
 
+TAKE_SEVERAL = {
+    "input": "fit, run, validate, fleet and live",
+    "output": "fit, run and validate",
+    "reference": "fit, run, validate and fleet",
+}
+
+
 def column_option(role: str, text: str, *, several: bool = False) -> Option:
-    """Return the option of "input" or "output", with its line of help: a name, or a tuple of several."""
-    names = f"-{role[0]}", f"--{role}", f"{role}_column"
+    """Return the option of a role, with its line of help: a name, or a tuple of several."""
+    names = *(() if role == "reference" else (f"-{role[0]}",)), f"--{role}", f"{role}_column"
     return click.option(*names, multiple=True, metavar="COL", callback=partial(_named, several, role), help=text)
 
 
@@ -227,7 +234,7 @@ def _named(
         return given[0] if given else None
     if not several:
         typed = " ".join(f"{option.opts[0]} {each}" for each in given)
-        who = "fit, run, validate, fleet and live" if role == "input" else "fit, run and validate"
+        who = TAKE_SEVERAL[role]
         raise click.UsageError(f"{typed}: only replant {who} take several {role}s: name one of them here", context)
     return given
 

@@ -30,7 +30,8 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import AUTO, Request, filter_for
 from replant.fitting.inspect import with_others
-from replant.logs import Log, Recording, doubtful_unit, open_recording, stamped_interval, with_inputs
+from replant.logs import Log, Recording, doubtful_unit, open_recording, open_several, stamped_interval
+from replant.logs.log import check_one_reference
 from replant.logs.sampling_time import COARSE
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
@@ -69,12 +70,9 @@ _INPUTS = column_option(
 )
 _OUTPUT = column_option("output", "Column of the output.")
 _OUTPUTS = column_option("output", "Column of the output; of several outputs once for each.", several=True)
-_REFERENCE = click.option(
-    "--reference",
-    "reference_column",
-    metavar="COL",
-    help="Column of the reference, where a controller makes the input: the set-point, or a dither.",
-)
+_OF_REFERENCE = "Column of the reference, where a controller makes the input: the set-point, or a dither"
+_REFERENCE = column_option("reference", f"{_OF_REFERENCE}.")
+_REFERENCES = column_option("reference", f"{_OF_REFERENCE}; of several inputs once for each reference.", several=True)
 _STRUCTURE = structure_options("Number of poles.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]")
 _OF_INPUTS = structure_options(
     "Number of poles; of several inputs of each: 2,1.",
@@ -125,22 +123,23 @@ def log_options(
 ) -> Option:
     """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log."""
     stretches = (_STRETCHES,) if is_kept else ()
-    columns, structure = ((_INPUTS, _OUTPUTS), _EACH) if inputs else ((_INPUT, _OUTPUT), _STRUCTURE)
-    options = group(_LOGS, *columns, _REFERENCE, structure, _CONDITION, *stretches, _REST, _OUT)
+    several_of = (_INPUTS, _OUTPUTS, _REFERENCES)
+    columns, structure = (several_of, _EACH) if inputs else ((_INPUT, _OUTPUT, _REFERENCE), _STRUCTURE)
+    options = group(_LOGS, *columns, structure, _CONDITION, *stretches, _REST, _OUT)
     return lambda command: options(_checked(command, several, otherwise))
 
 
 def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options, where poles, zeros and dead time may be ranges, of any logs."""
     decorated: Callable[..., Any] = group(
-        _LOGS, _INPUTS, _OUTPUTS, _REFERENCE, _STRUCTURES, _CONDITION, _STRETCHES, _REST, _OUT
+        _LOGS, _INPUTS, _OUTPUTS, _REFERENCES, _STRUCTURES, _CONDITION, _STRETCHES, _REST, _OUT
     )(_checked(command))
     return decorated
 
 
 def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
     """Decorate a click command with the same options for a fleet, whose logs are many, and its results a folder."""
-    options = group(click.argument("logs"), _INPUTS, _OUTPUT, _REFERENCE, _OF_INPUTS, _REST, OPTIMIZER)
+    options = group(click.argument("logs"), _INPUTS, _OUTPUT, _REFERENCES, _OF_INPUTS, _REST, OPTIMIZER)
     decorated: Callable[..., Any] = options(_checked(command))
     return decorated
 
@@ -231,7 +230,9 @@ def structures_of(options: dict[str, Any]) -> list[Structure]:
 
 
 def check_one_input(options: dict[str, Any]) -> None:
-    """Raise InvalidArgumentError where poles, zeros or dead time are those of several inputs."""
+    """Raise InvalidArgumentError where references, poles, zeros or dead time are those of several inputs."""
+    if isinstance(options.get("reference_column"), tuple):
+        check_one_reference(len(options["reference_column"]))
     for name in STRUCTURE:
         if isinstance(options[name], Each):
             one = f", {options['input_column']}" if options["input_column"] else ""
@@ -247,12 +248,9 @@ def preprocess_of(options: dict[str, Any]) -> Preprocess:
 
 def read(options: dict[str, Any]) -> Log:
     """Read the log that the options name."""
-    recording = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
+    recording = open_several(options["log"], **_columns(options), most_held=sys.maxsize)
     _note(options, recording)
-    recording = with_others(recording)
-    if isinstance(options["input_column"], tuple):
-        recording = with_inputs(recording, options["input_column"][1:])
-    log = conditioned(recording.held, options)
+    log = conditioned(with_others(recording).held, options)
     return replace(log, input_hold=input_hold_of(options))
 
 
@@ -275,9 +273,8 @@ def _note(options: dict[str, Any], recording: Recording) -> None:
 
 
 def _columns(options: dict[str, Any]) -> dict[str, Any]:
-    named = options["input_column"]
     return {
-        "input": named[0] if isinstance(named, tuple) else named,
+        "input": options["input_column"],
         "output": options["output_column"],
         "time": options["time_column"],
         "dt": options["dt"],

@@ -204,5 +204,5 @@ def as_one(logs: list[Log]) -> Log:
     return Log(
         all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
         reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
-        others=all_of.others, more_inputs=all_of.more_inputs,
+        others=all_of.others, more_inputs=all_of.more_inputs, more_references=all_of.more_references,
     )  # fmt: skip

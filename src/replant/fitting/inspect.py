@@ -76,7 +76,7 @@ def _with_others(recording: Recording, log: Log) -> Log:
         if column.is_signal and column.rows == log.input.size and column.name not in roles
         and names.count(column.name) == 1
     }  # fmt: skip
-    return replace(log, others=others)
+    return replace(log, others={**others, **log.others})
 
 
 def beside_first_model(

@@ -133,7 +133,7 @@ def ready_row(
         raise InvalidArgumentError(f"u has {len(columns)} rows and y {output.size} samples: give one row for each")
     structures = structures_of(columns.shape[1], poles, zeros, delay)
     stamps = None if given.t is None else increasing(given.t, output.size)
-    references = references_of(given.reference, output.size)
+    references = references_of(given.references, output.size)
     check_numbers(given, columns, output, references)
     if references is not None:
         output = np.where(np.isfinite(references).all(axis=1), output, np.nan)
@@ -163,8 +163,9 @@ def check_numbers(given: Samples, columns: FloatArray, output: FloatArray, refer
         (f"output {given.output_name}", output),
     ]
     if references is not None:
-        one = references.shape[1] == 1
-        signals += [(f"reference{'' if one else f' {k}'}", each) for k, each in enumerate(references.T, 1)]
+        named = (given.reference_name, *given.more_references) if given.more_references else ()
+        words = [f"reference {name}" for name in named or range(1, references.shape[1] + 1)]
+        signals += zip(words if words[1:] else ["reference"], references.T, strict=True)
     for name, signal in signals:
         if signal.size and not accepted(signal)[1].any():
             raise InvalidArgumentError(f"{name} has no number that can be used: leave it out, or give one that has")
@@ -180,7 +181,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
     row, found, _ = solution
-    rest = {name: signal[ready.used] for name, signal in given.others.items() if name not in given.more_inputs}
+    rest = {name: signal[ready.used] for name, signal in given.unused.items()}
     doubt = np.full(output.size, Doubt.MISSING)
     doubt[ready.used] = solution.doubt
     outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))

@@ -14,7 +14,7 @@ from replant.fitting import model_file, model_json, model_notation
 from replant.fitting.model_fields import ModelFields
 from replant.fitting.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.fitting.validation import Validation, validate
-from replant.logs.log import Log
+from replant.logs.log import Log, check_one_reference
 from replant.model.forced_response import Response
 from replant.model.noise import NoiseModel
 from replant.numerics.arguments import FloatArray, record, vector, whole
@@ -283,6 +283,7 @@ def _signals(
     if isinstance(log, Log):
         if y is not None or t is not None or reference is not None:
             raise InvalidArgumentError("a log has its own output, time and reference: leave out y, t and reference")
+        check_one_reference(len(log.reference_names))
         stamps = None if log.stamps is None else increasing(log.stamps, log.input.size)
         return log.input, log.output, stamps, log.reference, log.dt
     if y is None:

@@ -12,7 +12,7 @@ from replant.errors import InvalidArgumentError, shown
 from replant.fitting.miso_fit import RowFit, columns_of, is_row
 from replant.fitting.samples import Samples, is_frame
 from replant.fitting.several_outputs import MatrixFit, outputs_of
-from replant.logs.log import Log
+from replant.logs.log import Log, check_one_reference
 from replant.numerics.arguments import array_of_reals, iterable
 
 Beside = TypeVar("Beside", Log, Samples)
@@ -47,6 +47,8 @@ def without_outputs(given: Beside, names: Collection[str]) -> Beside:
 def are_rows(outputs: list[Samples], not_yet: dict[str, bool], *orders: Any) -> bool:
     """Return whether several outputs or inputs are asked for, and refuse what they do not take yet."""
     if len(outputs) == 1 and not is_row(outputs[0], *orders):
+        r = outputs[0].references
+        check_one_reference(r.shape[1] if isinstance(r, np.ndarray) and r.ndim == 2 else 1)
         return False
     for name, is_given in not_yet.items():
         if is_given:

@@ -14,7 +14,7 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.record import Record, ready_record
 from replant.estimation.simulation.fitted_run import FittedRun
 from replant.fitting.fit_result import FitResult
-from replant.logs.log import Log
+from replant.logs.log import Log, unused
 from replant.model.preprocess import Preprocess, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -47,6 +47,7 @@ class Samples:
     begins: tuple[int, ...] = ()  # samples at which another log begins: its offset and initial state are its own
     reference_name: str = ""
     more_inputs: tuple[str, ...] = ()  # names of those of ``others`` that are inputs too
+    more_references: tuple[str, ...] = ()  # those that are references too
 
     @classmethod
     def of(
@@ -77,7 +78,8 @@ class Samples:
                 )
             return cls(
                 u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
-                u.input_hold, u.sha256, u.others, more_inputs=u.more_inputs,
+                u.input_hold, u.sha256, u.others, reference_name=u.reference_name, more_inputs=u.more_inputs,
+                more_references=u.more_references,
             )  # fmt: skip
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
@@ -91,7 +93,7 @@ class Samples:
         for number, log in enumerate(logs):
             if not log.input.size:
                 raise InvalidArgumentError(f"log {number} has no samples; leave it out")
-            for what in ("input_names", "output_name", "reference_name", "input_hold"):
+            for what in ("input_names", "output_name", "reference_names", "input_hold"):
                 if getattr(log, what) != getattr(first, what):
                     raise InvalidArgumentError(
                         f"log {number} differs in its {what}: {getattr(log, what)!r}, the first has "
@@ -117,13 +119,25 @@ class Samples:
             u, y, first.dt, np.concatenate(stamps), r, first.input_name, first.output_name, source, True,
             first.input_hold, others=others, more_inputs=first.more_inputs,
             begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
-            reference_name=first.reference_name,
+            reference_name=first.reference_name, more_references=first.more_references,
         )  # fmt: skip
 
     @property
     def inputs(self) -> Any:
         """Raw inputs (K, q), where there are several."""
         return np.column_stack([self.u, *(self.others[name] for name in self.more_inputs)]) if self.is_log else self.u
+
+    @property
+    def references(self) -> Any:
+        """One reference (K,), or columns (K, p) of several; None where there is none."""
+        if not self.more_references:
+            return self.reference
+        return np.column_stack([self.reference, *(self.others[name] for name in self.more_references)])
+
+    @property
+    def unused(self) -> dict[str, FloatArray]:
+        """Further columns that are neither inputs nor references."""
+        return unused(self)
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -233,8 +247,9 @@ def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | Non
     if input is None or output is None:
         raise ArgumentTypeError(f"name columns of the table, input=... and output=...; there are {', '.join(names)}")
     first, *more = input if isinstance(input, list | tuple) and input else [input]
-    roles = {"input": first, "output": output, "t": time, "reference": reference}
-    given = [*roles.items(), *(("input", name) for name in more)]
+    r, *references = reference if isinstance(reference, list | tuple) and reference else [reference]
+    roles = {"input": first, "output": output, "t": time, "reference": r}
+    given = [*roles.items(), *(("input", name) for name in more), *(("reference", name) for name in references)]
     for role, name in given:
         if name is not None and (not isinstance(name, str) or name not in names):
             raise InvalidArgumentError(f"{role} must name a column, got {shown(name)}; there are {', '.join(names)}")
@@ -257,7 +272,8 @@ def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | Non
     others = {name: _numbers(frame, name) for name in names if name not in used and _is_numeric(frame, name)}
     return Log(
         signals["input"], signals["output"], dt, stamps, first, output,
-        reference=signals.get("reference"), reference_name=reference or "", others=others, more_inputs=tuple(more),
+        reference=signals.get("reference"), reference_name=r or "", others=others, more_inputs=tuple(more),
+        more_references=tuple(references),
     )  # fmt: skip
 
 

@@ -302,7 +302,7 @@ def fit(
     method: str = "run",
     executor: Executor | str | None = None,
     out: AnyPath | None = None,
-    reference: str | int | None = None,
+    reference: str | int | Sequence[str | int] | None = None,
     time: str | int | None = None,
     dt: float | None = None,
     begin: float | None = None,
@@ -333,7 +333,8 @@ def fit(
     """
     columns: Any = (*input,) if iterable(input) else input  # type: ignore[misc]
     shape = wanted(columns, structure, poles, zeros, delay)
-    job = Job(columns, output, shape, method, reference, time, dt, begin, end, input_map, optimizer)
+    r: Any = (*reference,) if iterable(reference) else reference  # type: ignore[misc]
+    job = Job(columns, output, shape, method, r, time, dt, begin, end, input_map, optimizer)
     logs = file_path("logs", logs)
     folder = Path(tempfile.mkdtemp(prefix="replant-fleet-") if out is None else file_path("out", out))
     rigs = find_rigs(logs, by, leave_out=folder)

@@ -18,6 +18,7 @@ from replant.estimation.optimizers import Optimizer
 from replant.estimation.settings import AUTO, Request
 from replant.fleet.model_shape import Shape, shape_of, wanted
 from replant.logs.arrow import SUFFIXES, RowGroups
+from replant.logs.log import check_one_reference
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics import operating_system
@@ -33,14 +34,14 @@ FORMAT = 2  # version of the files that a fleet writes; those of another version
 class Job:
     """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all.
 
-    Of several inputs there is a tuple of columns, and one of structures.
+    Of several inputs there is a tuple of columns, and one of structures, and perhaps one of references.
     """
 
     input: str | int | tuple[str | int, ...]
     output: str | int
     structure: Structure | tuple[Structure, ...]
     method: str = "run"
-    reference: str | int | None = None
+    reference: str | int | tuple[str | int, ...] | None = None
     time: str | int | None = None
     dt: float | None = None
     begin: float | None = None
@@ -55,9 +56,15 @@ class Job:
             keep(self, "input", _column)
             keep(self, "structure", instance, Structure)
         keep(self, "output", _column)
-        for name in ("reference", "time"):
-            if getattr(self, name) is not None:
-                keep(self, name, _column)
+        if self.reference is not None and iterable(self.reference):
+            references = tuple(_column("reference", each) for each in self.reference)  # type: ignore[union-attr]
+            object.__setattr__(self, "reference", references)
+            if not self.several:
+                check_one_reference(len(references))
+        elif self.reference is not None:
+            keep(self, "reference", _column)
+        if self.time is not None:
+            keep(self, "time", _column)
         keep(self, "method", one_of, METHODS)
         keep(self, "input_map", one_of, ("identity", "square"))
         if self.dt is not None:

@@ -27,7 +27,7 @@ from replant.fitting.samples import Samples
 from replant.fleet.catalogue import is_parquet
 from replant.fleet.job import Job, Piece, Rig, Task, printable
 from replant.fleet.store import FAILED, Movement, Row, cells_of
-from replant.logs import Log, Recording, Table, open_recording, read_columns, with_inputs
+from replant.logs import Log, Recording, Table, open_several, read_columns
 from replant.logs.arrow import first_stamp, read_row_groups
 from replant.logs.read import time_columns
 from replant.logs.recording import MOST_HELD, joined
@@ -183,12 +183,10 @@ def opened(rig: Rig, job: Job) -> Recording:
     """Open the record of a rig; one of several files is joined in the order of their first time stamps."""
     if rig.problem:
         raise LogError(rig.problem)
-    first, *more = job.input if isinstance(job.input, tuple) else (job.input,)
-    recording = open_recording(
-        _table(rig, job), input=first, output=job.output, time=job.time, dt=job.dt, reference=job.reference,
+    return open_several(
+        _table(rig, job), input=job.input, output=job.output, time=job.time, dt=job.dt, reference=job.reference,
         begin=job.begin, end=job.end, most_held=sys.maxsize if job.method == "fit" or job.several else MOST_HELD,
     )  # fmt: skip
-    return with_inputs(recording, more)
 
 
 def begin_of(rig: Rig, recording: Recording, job: Job) -> float:

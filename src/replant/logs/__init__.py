@@ -5,9 +5,9 @@ from replant.logs.log import Log
 from replant.logs.read import (
     doubtful_unit,
     open_recording,
+    open_several,
     read_log,
     stamped_interval,
-    with_inputs,
 )
 from replant.logs.recording import Recording
 from replant.logs.table import Table
@@ -18,8 +18,8 @@ __all__ = [
     "Table",
     "doubtful_unit",
     "open_recording",
+    "open_several",
     "read_columns",
     "read_log",
     "stamped_interval",
-    "with_inputs",
 ]

@@ -1,4 +1,4 @@
-"""Log: one input, one output, perhaps a reference, and the sampling time, read from a file."""
+"""Log: inputs, one output, perhaps references, and the sampling time, read from a file."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,8 +60,8 @@ class Log:
         Digest of the file, which a model keeps; empty where it is not known.
     others : mapping of str to float64 array, shape (K,)
         Further columns of the same rows.  The verdict of `fit` names one that explains what the model leaves.
-    more_inputs : tuple of str
-        Names of those of ``others`` that are inputs too, see `inputs`.
+    more_inputs, more_references : tuple of str
+        Names of those of ``others`` that are inputs or references too, see `inputs` and `references`.
 
     Examples
     --------
@@ -87,6 +87,7 @@ class Log:
     sha256: str = ""
     others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     more_inputs: tuple[str, ...] = ()
+    more_references: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for name in ("input", "output", "time", "reference"):
@@ -97,10 +98,13 @@ class Log:
             keep(self, name, text)
         others = {text("others", name): vector(name, each) for name, each in self.others.items()}
         object.__setattr__(self, "others", others)
-        object.__setattr__(self, "more_inputs", tuple(text("more_inputs", name) for name in self.more_inputs))
-        for name in self.more_inputs:
-            if name not in others or self.more_inputs.count(name) > 1:
-                raise InvalidArgumentError(f"more_inputs must be different names of others, got {name!r}")
+        for role in ("more_inputs", "more_references"):
+            object.__setattr__(self, role, tuple(text(role, name) for name in getattr(self, role)))
+            for name in getattr(self, role):
+                if name not in others or (*self.more_inputs, *self.more_references).count(name) > 1:
+                    raise InvalidArgumentError(f"{role} must be different names of others, got {name!r}")
+        if self.more_references and self.reference is None:
+            raise InvalidArgumentError("more_references are beside a reference: give that too")
         signals = (self.output, self.time, self.reference, *self.others.values())
         sizes = [self.input.size, *(each.size for each in signals if each is not None)]
         if min(sizes) != max(sizes):
@@ -122,7 +126,7 @@ class Log:
     def __repr__(self) -> str:
         clock = "irregular, usually " if self.stamps is not None else ""
         signals = f"{', '.join(self.input_names)} -> {self.output_name}"
-        rest = [name for name in self.others if name not in self.more_inputs]
+        rest = unused(self)
         others = f", beside {', '.join(rest)}" if rest else ""
         name = " ".join(filter(None, ("Log", self.path.name)))
         return f"<{name}: {signals}, {len(self):,} samples, {clock}dt {self.dt:g} s{others}>"
@@ -143,6 +147,18 @@ class Log:
                [1., 3.]])
         """
         return np.column_stack([self.input, *(self.others[name] for name in self.more_inputs)])
+
+    @property
+    def reference_names(self) -> tuple[str, ...]:
+        """Names of all references: `reference_name`, then `more_references`; none without a reference."""
+        return () if self.reference is None else (self.reference_name, *self.more_references)
+
+    @property
+    def references(self) -> NDArray[np.float64] | None:
+        """All references, a column (K, p) each; None without one."""
+        if self.reference is None:
+            return None
+        return np.column_stack([self.reference, *(self.others[name] for name in self.more_references)])
 
     @cached_property
     def stamps(self) -> NDArray[np.float64] | None:
@@ -196,7 +212,8 @@ class Log:
     def to_xarray(self) -> Any:
         """Return an `xarray.Dataset` of the signals over time in s; their names and units are attributes.
 
-        The variables are ``input``, ``output`` and, if there is one, ``reference``.
+        The variables are ``input``, ``output`` and, if there is one, ``reference``; further ones ``input_2``,
+        ``reference_2`` and so on.
 
         Raises
         ------
@@ -216,4 +233,29 @@ class Log:
     def _signals(self) -> dict[str, tuple[str, NDArray[np.float64]]]:
         signals = {"input": (self.input_name, self.input), "output": (self.output_name, self.output)}
         signals |= {f"input_{i}": (name, self.others[name]) for i, name in enumerate(self.more_inputs, 2)}
-        return signals if self.reference is None else signals | {"reference": (self.reference_name, self.reference)}
+        if self.reference is not None:
+            signals |= {"reference": (self.reference_name, self.reference)}
+        return signals | {f"reference_{i}": (name, self.others[name]) for i, name in enumerate(self.more_references, 2)}
+
+
+class _Named(Protocol):
+    @property
+    def others(self) -> Mapping[str, NDArray[np.float64]]: ...
+    @property
+    def more_inputs(self) -> tuple[str, ...]: ...
+    @property
+    def more_references(self) -> tuple[str, ...]: ...
+
+
+def unused(given: _Named) -> dict[str, NDArray[np.float64]]:
+    """Return those of the other columns of a log, or of samples, that are neither inputs nor references."""
+    used = {*given.more_inputs, *given.more_references}
+    return {name: signal for name, signal in given.others.items() if name not in used}
+
+
+def check_one_reference(count: int) -> None:
+    """Raise InvalidArgumentError where one input has several references."""
+    if count > 1:
+        raise InvalidArgumentError(
+            f"one input takes one reference, got {count}: give one of them, or name the other inputs, too"
+        )

@@ -33,7 +33,7 @@ from replant.numerics.arguments import iterable
 from replant.numerics.limits import file_path
 
 FIRST = 1 << 16  # stamps of a log that its unit of time is told from [samples]
-_ROLES = ("an input", "the output", "the reference")
+_ROLES = "an input", "the output", "a reference"
 _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
 
 
@@ -44,11 +44,11 @@ def read_log(
     output: str | int,
     time: str | int | None = None,
     dt: float | None = None,
-    reference: str | int | None = None,
+    reference: str | int | Sequence[str | int] | None = None,
     begin: float | None = None,
     end: float | None = None,
 ) -> Log:
-    """Read input and output of a plant, and perhaps a reference, from a recorded log.
+    """Read input and output of a plant, and perhaps references, from a recorded log.
 
     Without `time` and `dt`, a column called t, time or timestamp (in any case, also with a unit as in ``time [s]``)
     gives the sampling time, else the only column of dates or clock times, else a number called Ts in a .mat, .npz or
@@ -70,7 +70,8 @@ def read_log(
     dt : float, optional
         The sampling time in seconds, instead of `time`.
     reference : str or int, optional
-        The column of the reference: set-point or dither of a controller, applied from outside.
+        The column of the reference: set-point or dither of a controller, applied from outside; beside several inputs
+        a list of one or several.
     begin, end : float, optional
         Read only the rows between these times, in s from the first row of the log.
 
@@ -100,43 +101,55 @@ def read_log(
     >>> log.dt, log.output
     (0.1, array([0.  , 0.5 , 0.75]))
     """
-    several: list[Any] = [input] if isinstance(input, str | int) or not iterable(input) else list(input)
-    if not several:
-        raise InvalidArgumentError("input must name a column, got an empty list")
-    first, *more = several
-    columns: dict[str, Any] = {"input": first, "output": output, "time": time, "dt": dt, "reference": reference}
-    recording = open_recording(file_path("path", path), **columns, begin=begin, end=end, most_held=sys.maxsize)
+    columns: dict[str, Any] = {"input": input, "output": output, "time": time, "dt": dt, "reference": reference}
+    recording = open_several(file_path("path", path), **columns, begin=begin, end=end, most_held=sys.maxsize)
     for note in recording.table.notes:
         warnings.warn(note, stacklevel=2)
-    log = with_inputs(recording, more).held
+    log = recording.held
     assert log is not None
     return replace(log, sha256=digest(recording.path))
 
 
-def with_inputs(recording: Recording, more: Sequence[str | int]) -> Recording:
-    """Return a recording whose log, which is held in memory, has further columns as inputs."""
+def open_several(path: str | os.PathLike[str] | Table, *, input: Any, reference: Any = None, **more: Any) -> Recording:  # noqa: A002
+    """Open a log of one or several inputs and references, see `open_recording`; of several all of it is held."""
+    first, *inputs = _each("input", input)
+    one, *references = (None,) if reference is None else _each("reference", reference)
+    recording = open_recording(path, input=first, reference=one, **more)
     log, table = recording.held, recording.table
-    if not more:
+    if not inputs and not references:
         return recording
     assert log is not None
-    numbers = [table.find(key) for key in more]
+    numbers = [table.find(key) for key in (*inputs, *references)]
     taken = {table.names[column]: role for column, role in zip(recording.columns, _ROLES, strict=False)}
-    for number in numbers:
-        name = table.names[number]
+    for place, number in enumerate(numbers):
+        name, role = table.names[number], "an input" if place < len(inputs) else "a reference"
         if name in taken:
-            raise LogError(f"{table.path}: column {shown(name)} is {taken[name]} and an input: name each column once")
+            both = f"{role} twice" if taken[name] == role else f"{taken[name]} and {role}"
+            raise LogError(f"{table.path}: column {shown(name)} is {both}: name each column once")
         if number in table.in_seconds:
-            raise LogError(f"{table.path}: column {shown(name)} holds dates or times, no samples; choose another input")
-        taken[name] = "an input"
+            what = role.split()[1]
+            raise LogError(
+                f"{table.path}: column {shown(name)} holds dates or times, no samples; choose another {what}"
+            )
+        taken[name] = role
     signals = {table.names[number]: signal for number, signal in zip(numbers, table.columns(numbers), strict=True)}
     for name, signal in signals.items():
         if signal.size != log.input.size:
             raise LogError(
                 f"{table.path}: column {shown(name)} has {signal.size:,} rows and {shown(log.input_name)} "
-                f"{log.input.size:,}: inputs need one clock; resample them (merge_rasters)"
+                f"{log.input.size:,}: all need one clock; resample them (merge_rasters)"
             )
-    log = replace(log, others={**log.others, **signals}, more_inputs=tuple(signals))
+    names = tuple(signals)
+    log = replace(log, others=signals, more_inputs=names[: len(inputs)], more_references=names[len(inputs) :])
     return replace(recording, held=log)
+
+
+def _each(role: str, given: Any) -> list[Any]:
+    """Return the columns of a role: one, or those of a list."""
+    several = [given] if isinstance(given, str | int) or not iterable(given) else list(given)
+    if not several:
+        raise InvalidArgumentError(f"{role} must name a column, got an empty list")
+    return several
 
 
 def open_recording(

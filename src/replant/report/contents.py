@@ -212,7 +212,7 @@ def of_record(log: Log, *others: Log) -> list[tuple[str, str]]:
         ("file", log.path.name or "none: the record is simulated"),
         ("SHA-256", digest(log.path) or "none: there is no file"),
         ("input, output", ", ".join([*log.input_names, *(each.output_name for each in (log, *others))])),
-        *([("reference", log.reference_name)] if log.reference_name else []),
+        *([("reference", ", ".join(log.reference_names))] if log.reference_name else []),
         ("record", f"{len(log):,} samples, {lasts(log)}"),
     ]
 

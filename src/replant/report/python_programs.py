@@ -92,10 +92,10 @@ def _stamps(log: Log) -> str:
 
 
 def _reference(log: Log, argument: str) -> str:
-    """Return the argument that hands over the reference, where there is one."""
+    """Return the argument that hands over the reference, or several, where there is one."""
     if not log.reference_name:
         return ""
-    return f", {argument}={'log.reference' if log.path.name else 'r'}"
+    return f", {argument}={('log.references' if log.more_references else 'log.reference') if log.path.name else 'r'}"
 
 
 def _open(log: Log) -> str:
@@ -107,7 +107,7 @@ def _open(log: Log) -> str:
     given = list(log.input_names) if log.more_inputs else log.input_name
     names = f"input={given!r}, output={log.output_name!r}"
     if log.reference_name:
-        names += f", reference={log.reference_name!r}"
+        names += f", reference={list(log.reference_names) if log.more_references else log.reference_name!r}"
     ends = (("begin", log.begin), ("end", log.end))
     part = "".join(f", {name}={value!r}" for name, value in ends if value is not None)
     return f"import replant as rp\n\nlog = rp.read_log({str(log.path)!r}, {names}{sampling}{part})"

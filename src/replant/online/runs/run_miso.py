@@ -38,10 +38,10 @@ def run_row(
         raise InvalidArgumentError("a pass over several inputs takes one log: give one, or use fit for several")
     u, y = columns_of(given.inputs), vector("y", given.y)
     structures_of(u.shape[1], **orders)
-    for name, signal in (("u", u), ("t", given.t), ("reference", given.reference)):
+    for name, signal in (("u", u), ("t", given.t), ("reference", given.references)):
         if signal is not None and len(signal) != y.size:
             raise InvalidArgumentError(f"{name} has {len(signal)} rows and y {y.size} samples: give one row for each")
-    check_numbers(given, u, y, references_of(given.reference, y.size))
+    check_numbers(given, u, y, references_of(given.references, y.size))
     t = None if given.t is None else increasing(given.t, y.size)
     first = first_model(y.size) if startup is None else startup
     ident = RowIdentifier(
@@ -52,14 +52,14 @@ def run_row(
         t = given.dt * np.arange(y.size, dtype=np.float64)  # a sample that is left out takes its time nevertheless
     for begin in range(0, y.size, CHUNK):
         rows = slice(begin, begin + CHUNK)
-        stamps, references = (None if each is None else each[rows] for each in (t, given.reference))
+        stamps, references = (None if each is None else each[rows] for each in (t, given.references))
         ident.update_many(u[rows], y[rows], stamps, references)
         progress(min(begin + CHUNK, y.size))
     if startup is None or not ident.has_model:
         ident.finish()
     names, taken = ident.request.input_names, np.flatnonzero(screened.is_taken)
     of_newest = taken[taken.size - len(ident.recent[1]) :]
-    others = {name: each[of_newest] for name, each in given.others.items() if name not in given.more_inputs}
+    others = {name: each[of_newest] for name, each in given.unused.items()}
     found = ident.fit_of_newest(others)
     newest = ident.model if found is None else found.model
     model = newest.of_log(names, given.output_name, given.source, given.sha256)
