@@ -281,7 +281,7 @@ def check_row() -> None:
     measured, usual = np.arange(30) % 11 != 5, np.arange(30) % 7 != 3
 
     def work(instruments: FloatArray) -> tuple[Any, ...]:
-        delta, factor, diagonal, squares = np.zeros(3), np.eye(3), np.full(3, 1e3), np.zeros(2)
+        delta, factor, diagonal, squares = np.zeros(3), np.eye(3), np.full(3, 1e3), np.zeros(3)
         counts, errors, estimates = np.zeros(4, np.int64), np.zeros(30), np.zeros((30, 2))
         models, powers = np.tril(np.full((LAGS + 1, LAGS + 1), 0.3)), np.linspace(2.0, 1.0, LAGS + 1)
         alarm = learn(

@@ -157,6 +157,19 @@ def test_an_alarm_within_a_chunk_is_one_of_single_samples() -> None:
     np.testing.assert_array_equal(trace.parameters, np.array(estimates))
 
 
+def test_larger_noise_is_an_alarm_until_no_change_explains_it() -> None:
+    u, at = inputs(4)[:3500], 2000
+    noise = np.random.default_rng(4).standard_normal(3500) * np.where(np.arange(3500) < at, 0.2, 0.5)
+    ident, statuses = rp.Identifier(poles=(2, 1), delay=(0.0, 0.3), dt=DT), []
+    for k in range(0, 3500, 100):
+        ident.update_many(u[k : k + 100], (answer(u) + noise)[k : k + 100])
+        statuses.append(ident.assess().status)
+    assert statuses[at // 100 - 1] == "trusted"
+    assert statuses[at // 100 + 1] == "inconsistent"
+    assert set(statuses[-5:]) == {"trusted"}
+    assert ident.begins == (0,)
+
+
 @every("pole", [0.0, 0.9], quick=1)
 def test_noise_and_outliers_raise_no_alarm(pole: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Once in some thousand records, where the variance is known; of the shortest records it is not quite."""

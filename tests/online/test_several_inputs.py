@@ -225,7 +225,7 @@ def test_a_checkpoint_of_before_is_read_without_an_alarm() -> None:
     whole = begun()
     whole.update_many(u[:600], y[:600])
     plain, arrays = parts_of(whole._now)
-    arrays = arrays | {"counts": arrays["counts"][:-1], "squares": arrays["squares"][:-1]}
+    arrays = arrays | {"counts": arrays["counts"][:-1], "squares": arrays["squares"][:1]}
     older = rp.Identifier.from_bytes(encode_other(ROW, plain, arrays, None))
     for each in (whole, older):
         each.update_many(u[600:], y[600:])

@@ -13,7 +13,7 @@ import numpy as np
 
 from replant.estimation.engine.record import SAME, Record
 from replant.estimation.engine.state import GAP
-from replant.estimation.simulation.miso import Row, Stretch
+from replant.estimation.simulation.miso import Point, Row, Stretch
 from replant.estimation.simulation.miso_branches import Branches
 from replant.estimation.simulation.miso_exogenous import Law, with_moved
 from replant.estimation.solver.change_contest import HARMLESS
@@ -25,7 +25,14 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import compose, factor_covariance, factor_information, products, quiet
+from replant.numerics.linear_algebra import (
+    compose,
+    factor_covariance,
+    factor_information,
+    products,
+    quiet,
+    sum_of_squares,
+)
 
 DIFFUSE = 1e3
 """Standard deviation of offset and initial states behind a gap, before a sample tells of them [sizes of the output].
@@ -101,7 +108,7 @@ class RowRecursion:
     level: float  # mean of the output, the same
     waits: float  # time in s until the outputs answer to inputs of the stretch: the dead time, behind a gap
     tail: FloatArray  # (LAGS, P + N + 1): regressor and error of the newest samples
-    # (P + N,), (P + N, P + N), (P + N,), (4,) and (2,): see `replant.kernels.step.miso.learn`
+    # (P + N,), (P + N, P + N), (P + N,), (4,) and (3,): see `replant.kernels.step.miso.learn`
     delta: FloatArray
     factor: FloatArray
     diagonal: FloatArray
@@ -111,8 +118,11 @@ class RowRecursion:
 
     @classmethod
     @quiet
-    def of(cls, row: Row, found: RowEstimate, level: float) -> RowRecursion:
-        """Return the recursion that goes on behind the last stretch of a record, of an output with that mean."""
+    def of(cls, row: Row, found: RowEstimate, level: float, newest: int) -> RowRecursion:
+        """Return the recursion that goes on behind the last stretch of a record, of an output with that mean.
+
+        Innovations as large as those of so many newest samples raise no alarm.
+        """
         point, stretch, theta = found.point, row.stretches[-1], found.point.theta
         weights = point.nuisances[-1]
         outputs, slopes, free = row.signals(theta, stretch, weights[1:])
@@ -135,7 +145,7 @@ class RowRecursion:
             point.power / max(row.count - columns.shape[1], 1), scale,
             row.ended(theta, stretch, weights[1:]), row.inputs[stretch.rows][0], level, 0.0,
             tail, np.zeros(columns.shape[1]), factor, diagonal, np.array([known, row.count, 0, 0]),
-            np.array([point.cost, 0.0]),
+            np.array([point.cost, 0.0, _variance_of(point, stretch, newest)]),
             Instruments.of(row, stretch, theta, weights[1:], zeta),
         )  # fmt: skip
 
@@ -163,6 +173,10 @@ class RowRecursion:
     def variance(self) -> float:
         """That of the whitened error."""
         return float(self.squares[0]) / max(int(self.counts[1]) - self.delta.size, 1)
+
+    def used_to(self, point: Point, stretch: Stretch, newest: int) -> RowRecursion:
+        """Return the recursion that innovations as large as those of the newest samples do not surprise."""
+        return replace(self, squares=np.array([self.squares[0], 0.0, _variance_of(point, stretch, newest)]))
 
     @property
     def surprising(self) -> int:
@@ -266,6 +280,11 @@ class RowRecursion:
             self, weights=weights, models=models, origin=u.copy(), waits=-1.0, delta=delta, factor=factor,
             diagonal=diagonal, instruments=instruments,
         )  # fmt: skip
+
+
+def _variance_of(point: Point, stretch: Stretch, newest: int) -> float:
+    """Return that of the whitened error of so many newest samples of the last stretch."""
+    return sum_of_squares(point.error[-1][-newest:]) / max(int(stretch.measured[-newest:].sum()), 1)
 
 
 def _newest(rows: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ from functools import partial
 import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
-from replant.estimation.simulation.miso import Row, RowRecord
+from replant.estimation.simulation.miso import Row, RowRecord, evaluate
 from replant.estimation.solver.miso_breaks import may_have_loads
 from replant.estimation.solver.miso_change import Judge, find_change, plant_change
 from replant.estimation.solver.solve import leaving_out, suspected
@@ -218,7 +218,7 @@ class RowState:
             row = Row(row.structures, leaving_out(row.record, doubt), row.inputs, row.names)
         change = find_change(row, self.parameters, self.judges)
         if change is None:
-            return new
+            return new._used_to(row)
         at = self.samples - ready.used.size + int(np.flatnonzero(ready.used)[change.begin])
         if change.supposition is Supposition.LOAD:
             began = max(self.record_began, self.samples - len(self.kept.values))  # it is solved with what is kept
@@ -231,6 +231,15 @@ class RowState:
         if changed.recursion is self.recursion:  # no model was found with it
             return new
         return replace(changed, look_at=changed._next_look)
+
+    def _used_to(self, row: Row) -> RowState:
+        """Return the state that has got used to larger innovations, which no change explains: the noise has grown."""
+        known = self.recursion
+        if known is None or known.surprising < self.settings.startup or not row.stretches:
+            return self
+        point = evaluate(row, known.parameters, known.noise)
+        used = known.used_to(point, row.stretches[-1], known.surprising)
+        return replace(self, recursion=used, look_at=replace(self, recursion=used)._next_look)
 
     @property
     def _next_look(self) -> int:
@@ -318,7 +327,7 @@ class RowState:
 
     def _behind(self, ready: RowRecord, row: Row, found: RowEstimate) -> RowRecursion:
         """Return the recursion that has taken what is behind the last stretch of a record, too."""
-        recursion = RowRecursion.of(row, found, ready.level)
+        recursion = RowRecursion.of(row, found, ready.level, self.settings.startup)
         end = int(np.flatnonzero(ready.used)[row.stretches[-1].rows.stop - 1]) + 1
         kept = self.kept.values[-ready.used.size :]
         rest = kept[end:]

@@ -31,8 +31,9 @@ KNOWN, LEARNED, REFUSED, RISING = range(4)
 """Places in ``counts``: known predecessors of the next sample; samples learned; updates refused; samples since which
 Page's sum is above nought [index]."""
 
-POWER, PAGE = range(2)
-"""Places in ``squares``: sum of the squares of the normalised innovations; Page's sum [index]."""
+POWER, PAGE, USUAL = range(3)
+"""Places in ``squares``: sum of the squares of the normalised innovations; Page's sum; variance of innovations that
+it is used to, where that is more than their mean [index]."""
 
 # so that a few wild outputs are no alarm
 WILD = 9.0  # square of a normalised innovation that counts in Page's sum, at the most [variances]
@@ -46,7 +47,7 @@ BEYOND = 5.0  # of Page's sum above the limit, at the most [nats]
     "measured.size >= errors.size and usual.size >= errors.size and 0 <= order <= LAGS",
     "models.shape[0] > LAGS and models.shape[1] > LAGS and powers.size > LAGS",
     "factor.shape[0] >= delta.size and factor.shape[1] >= delta.size and diagonal.size == delta.size",
-    "counts.size >= 4 and 0 <= counts[KNOWN] <= LAGS and squares.size >= 2 and work.size >= 4 * delta.size + 1",
+    "counts.size >= 4 and 0 <= counts[KNOWN] <= LAGS and squares.size >= 3 and work.size >= 4 * delta.size + 1",
     "estimates.shape[0] >= errors.size and estimates.shape[1] <= delta.size",
 )
 def learn(
@@ -71,7 +72,7 @@ def learn(
         The noise models of each order, and V of each.
     delta, factor, diagonal : (T,), (T, T) and (T,) arrays
         The estimate less theta_0, and P = U D U'.
-    counts, squares : (4,) and (2,) arrays
+    counts, squares : (4,) and (3,) arrays
         See `KNOWN` and `POWER`.
     least : float
         Variance of an innovation below which nothing is wrong.
@@ -113,7 +114,7 @@ def learn(
             spread = 1.0 + variance_along(factor, diagonal, zeta)
             if math.isfinite(innovation * innovation * spread):
                 variance = squares[POWER] / max(counts[LEARNED] - T, 1)
-                power = max(variance * spread, least)
+                power = max(max(variance, squares[USUAL]) * spread, least)
                 if power > 0.0:
                     before = squares[PAGE]
                     ratio = min(innovation * innovation / power, WILD)

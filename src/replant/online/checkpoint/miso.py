@@ -142,11 +142,11 @@ def _recursion(
     shapes = {
         "theta": (coefficients,), "weights": (states,), "scale": (coefficients,), "origin": (len(structures),),
         "tail": (LAGS, size + 1), "delta": (size,), "factor": (size, size), "diagonal": (size,), "counts": (4,),
-        "squares": (2,), "numbers": (len(NUMBERS),),
+        "squares": (3,), "numbers": (len(NUMBERS),),
     }  # fmt: skip
-    for name, places in (("counts", 4), ("squares", 2)):  # checkpoints of before have no Page's sum
-        if arrays[name].shape == (places - 1,):
-            arrays[name] = np.append(arrays[name], np.zeros(1, arrays[name].dtype))
+    for name, before, places in (("counts", 3, 4), ("squares", 1, 3)):  # checkpoints of before have no Page's sum
+        if arrays[name].shape == (before,):
+            arrays[name] = np.append(arrays[name], np.zeros(places - before, arrays[name].dtype))
     for name, shape in shapes.items():
         _check(name, arrays[name], shape)
     if arrays["counts"].dtype.kind != "i" or not 0 <= arrays["counts"][0] <= LAGS:
