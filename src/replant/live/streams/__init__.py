@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from replant.live.streams.addresses import open_source
-from replant.live.streams.source import UY, Batch, Signals, Source
+from replant.live.streams.reader_thread import Source
+from replant.live.streams.source import UY, Batch, Signals
 
 __all__ = ["UY", "Batch", "Signals", "Source", "open_source"]

@@ -10,7 +10,8 @@ from pathlib import Path
 from urllib.parse import SplitResult, parse_qsl, unquote, urlsplit
 
 from replant.errors import InvalidArgumentError
-from replant.live.streams.source import UY, Columns, Signals, Source
+from replant.live.streams.reader_thread import Source
+from replant.live.streams.source import UY, Columns, Signals
 
 
 @dataclass(frozen=True)

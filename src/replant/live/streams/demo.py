@@ -13,7 +13,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.live.streams.addresses import Address
-from replant.live.streams.reader_thread import Reader, StopRequest
+from replant.live.streams.reader_thread import Source, StopRequest
 from replant.live.streams.source import UY, Batch, Columns, Signals, together
 from replant.logs import read_columns
 from replant.logs.merged_channels import on_one_clock
@@ -27,7 +27,7 @@ from replant.signals import random_steps, white_noise
 REPLAYED = 1 << 12  # samples handed over at once at the most [samples]
 
 
-class ReplaySource(Reader):
+class ReplaySource(Source):
     """A log as a stream, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
 
     def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float = math.inf) -> None:
@@ -194,7 +194,7 @@ LOOPS = (
 )  # the values of the option loop: the actuator, driven from outside, or the motor under a controller
 
 
-class DemoSource(Reader):
+class DemoSource(Source):
     """The rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples."""
 
     def __init__(self, name: str = "demo", speed: float = 1.0, seed: int = 0, *, looped: bool = False) -> None:

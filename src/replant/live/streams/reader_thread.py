@@ -11,21 +11,13 @@ from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterator
 from types import TracebackType
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from replant.live.streams.line_parser import LineSplitter, Parser
 from replant.live.streams.source import UY, Batch, Columns, Numbering, Signals
 from replant.numerics.operating_system import Worker
-
-
-class HasFile(Protocol):
-    """A socket, or any other object that `select` can wait for."""
-
-    def fileno(self) -> int:
-        """Return the file descriptor."""
-        ...
 
 
 class StopRequest:
@@ -61,7 +53,7 @@ class StopRequest:
         self.wait_readable(None, timeout)
         return self.requested
 
-    def wait_readable(self, file: HasFile | int | None, timeout: float) -> bool:
+    def wait_readable(self, file: socket.socket | int | None, timeout: float) -> bool:
         """Wait until ``file`` can be read, at most ``timeout`` s."""
         if self.requested or self._sockets is None:
             return False
@@ -174,17 +166,17 @@ CLOSE_TIMEOUT = 1.0  # time that a closed source may still take to let go of wha
 BACKOFF = 0.1, 5.0  # first and longest pause before connecting again [s]
 
 
-class Reader(ABC):
-    """A `Source` that is read by its own thread."""
+class Source(ABC):
+    """A stream of live samples, which is read by its own thread."""
 
     def __init__(self, name: str, *, waits: bool, replays: bool = True, capacity: int = CAPACITY) -> None:
-        self.name = name
-        self.trouble = ""  # why the source is not connected, for messages
+        self.name = name  # the URL without password, for messages
+        self.trouble = ""  # why the source is not connected, for messages; empty while it is
+        self.state = "connecting"  # or "connected", "waiting" (before connecting again), "ended"
         self._counts: Counter[str] = Counter()
         self._numbering = Numbering(self._counts, replays=replays)
         self._inbox = Inbox(capacity, drop=not waits)
         self._stop = StopRequest()
-        self._state = "connecting"
         self._backoff = BACKOFF[0]
         self._again = False  # whether it has been connected before
 
@@ -193,7 +185,10 @@ class Reader(ABC):
         """Read and `_deliver` samples until the stream ends or a stop is requested."""
 
     def batches(self) -> Iterator[Batch]:
-        """Yield samples as they arrive, see `Source.batches`."""
+        """Yield samples as they arrive; while none arrive, yield an empty batch at least every 0.1 s.
+
+        The iterator ends at the end of the stream, or after `close` once every complete sample has been yielded.
+        """
         thread = Worker(self._run)
         with self._stop:
             thread.start()
@@ -203,25 +198,24 @@ class Reader(ABC):
                 self.close()
                 self._inbox.abandon()
                 thread.join(CLOSE_TIMEOUT)
-                self._state = "ended"
+                self.state = "ended"
 
     def seek(self, sequence: int) -> None:
-        """Continue after this sequence number, see `Source.seek`."""
+        """Continue after this sequence number; called before `batches`, and raises no error.
+
+        A source that can send samples again does so: a TCP peer is asked to, a log skips rows.  Any other source
+        continues with the samples that arrive.
+        """
         self._numbering.last = sequence
 
     def close(self) -> None:
-        """Stop reading, see `Source.close`."""
+        """Stop reading; may be called from any thread and from a signal handler."""
         self._stop.request()
 
     @property
     def counters(self) -> dict[str, int]:
-        """How often each fault has occurred, see `Source.counters`."""
+        """How often each fault has occurred; faults that never occurred are not listed."""
         return {reason: count for reason, count in dict(self._counts).items() if count}
-
-    @property
-    def state(self) -> str:
-        """One of "connecting", "connected", "waiting" and "ended"."""
-        return self._state
 
     def _batches_until_end(self) -> Iterator[Batch]:
         deadline = float("inf")
@@ -257,12 +251,12 @@ class Reader(ABC):
 
     def _connected(self) -> None:
         self._numbering.connect()
-        self._state, self.trouble, self._backoff = "connected", "", BACKOFF[0]
+        self.state, self.trouble, self._backoff = "connected", "", BACKOFF[0]
         self._counts["reconnects"] += self._again
         self._again = True
 
 
-class Wire(Reader):
+class Wire(Source):
     """A connection whose lines or payloads are parsed, opened again when it is lost."""
 
     def __init__(
@@ -289,6 +283,6 @@ class Wire(Reader):
 
     def _pause(self, trouble: str) -> None:
         """Pause before the next attempt to connect; each pause is twice as long as the one before."""
-        self._state, self.trouble = "waiting" if self._again else "connecting", trouble
+        self.state, self.trouble = "waiting" if self._again else "connecting", trouble
         self._stop.wait(self._backoff)
         self._backoff = min(2.0 * self._backoff, BACKOFF[1])

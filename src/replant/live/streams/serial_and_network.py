@@ -79,7 +79,7 @@ class SerialSource(Wire):
     def close(self) -> None:
         """Stop reading, see `Source.close`."""
         super().close()
-        if self._state == "connecting":  # the reading, which closes the port, has not begun
+        if self.state == "connecting":  # the reading, which closes the port, has not begun
             self._port.close()
 
     def _open(self) -> Any:
@@ -227,7 +227,7 @@ class UdpSource(Wire):
     def close(self) -> None:
         """Stop listening, see `Source.close`."""
         super().close()
-        if self._state == "connecting":  # the reading, which closes the socket, has not begun
+        if self.state == "connecting":  # the reading, which closes the socket, has not begun
             self._socket.close()
 
     def _session(self) -> None:

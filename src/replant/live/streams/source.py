@@ -1,11 +1,10 @@
-"""A source of live samples: what every source gives, and the sequence numbers that tell lost samples."""
+"""What a source gives: signals, batches of samples, and the sequence numbers that tell lost samples."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -62,46 +61,6 @@ UY = Signals()
 def together(columns: Sequence[FloatArray]) -> FloatArray:
     """Return the inputs of a batch: that of one input as it is, those of several as (K, q)."""
     return columns[0] if len(columns) == 1 else np.column_stack(columns)
-
-
-#: The values of `Source.state`.
-STATES = ("connecting", "connected", "waiting", "ended")
-
-
-class Source(Protocol):
-    """A stream of live samples."""
-
-    name: str  # the URL of the source without password, for messages
-    trouble: str  # why the source is not connected, for messages; empty while it is
-
-    def batches(self) -> Iterator[Batch]:
-        """Yield samples as they arrive; while none arrive, yield an empty batch at least every 0.1 s.
-
-        The iterator ends at the end of the stream, or after `close` once every complete sample has been yielded.
-        """
-        ...
-
-    def seek(self, sequence: int) -> None:
-        """Continue after this sequence number; called before `batches`.
-
-        A source that can send samples again does so: a TCP peer is asked to, a log skips rows.  Any other source
-        continues with the samples that arrive.  `seek` raises no error.
-        """
-        ...
-
-    def close(self) -> None:
-        """Stop reading; may be called from any thread and from a signal handler."""
-        ...
-
-    @property
-    def counters(self) -> dict[str, int]:
-        """How often each fault has occurred; faults that never occurred are not listed."""
-        ...
-
-    @property
-    def state(self) -> str:
-        """One of "connecting", "connected", "waiting" (before connecting again) and "ended"."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
