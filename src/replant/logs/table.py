@@ -44,8 +44,8 @@ def too_many_error(path: Path, what: str, most: int = MOST_COLUMNS) -> LogError:
     return LogError(f"{path}: more than {most:,} {what}; write the log's signals into a file of their own")
 
 
-def needed(path: Path, module: str, why: str, package: str) -> Any:
-    """Return a module of a package that may not be installed; ``why`` says what needs it."""
+def needed(path: Path | str, module: str, why: str, package: str) -> Any:
+    """Return a module of a package that may not be installed; ``why`` says what needs it, ``path`` stands before."""
     try:
         importlib.import_module(module.partition(".")[0])
         return importlib.import_module(module)

@@ -25,7 +25,8 @@ from typing import Any, Protocol
 from replant.errors import InvalidArgumentError
 from replant.live.outputs.message import ENDED, LEAST_TTL, UNKNOWN, WAITING, EstimateMessage, Notices
 from replant.live.streams.addresses import NO_PORT, Address, split
-from replant.live.streams.serial_and_network import import_paho
+from replant.live.streams.serial_and_network import PAHO
+from replant.logs.table import needed
 from replant.numerics.operating_system import Worker, one_line
 
 PORT = "give a port from 1 to 65535 after the host"
@@ -147,7 +148,7 @@ class MqttSink:
     def __init__(self, address: Address, ttl: float = LEAST_TTL) -> None:
         self._topic, port = address.path, address.port or MQTT_PORT
         self.name = f"mqtt://{address.host}:{port}/{self._topic}"
-        client = import_paho(f"--to {self.name}")
+        client = needed(f"--to {self.name}", *PAHO)
         if not self._topic or set(self._topic) & set("+#"):
             raise InvalidArgumentError(
                 f"--to {self.name}: name one topic after the host, as in mqtt://host/rig/1/model"

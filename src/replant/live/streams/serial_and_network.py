@@ -11,11 +11,12 @@ import uuid
 from collections import deque
 from typing import Any
 
-from replant.errors import InvalidArgumentError, MissingDependencyError
+from replant.errors import InvalidArgumentError
 from replant.live.streams.addresses import Address
 from replant.live.streams.line_parser import Payloads
 from replant.live.streams.reader_thread import Wire
 from replant.live.streams.source import UY, Columns, Signals
+from replant.logs.table import needed
 
 BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
@@ -83,7 +84,8 @@ class SerialSource(Wire):
             self._port.close()
 
     def _open(self) -> Any:
-        return import_pyserial(self.name).Serial(*self._port_and_baud, timeout=WAIT)
+        serial = needed(self.name, "serial", "serial ports need pyserial", "'replant[live]'")
+        return serial.Serial(*self._port_and_baud, timeout=WAIT)
 
     def _session(self) -> str | None:
         try:
@@ -100,15 +102,6 @@ class SerialSource(Wire):
             self._lines.restart()
             return port_reason(error)
         return None
-
-
-def import_pyserial(name: str) -> Any:
-    """Return the module of pyserial; ``name`` is the source's URL, for the message."""
-    try:
-        import serial
-    except ImportError as error:
-        raise MissingDependencyError(f"{name}: serial ports need pyserial: pip install 'replant[live]'") from error
-    return serial
 
 
 def port_errors() -> tuple[type[Exception], ...]:
@@ -281,6 +274,7 @@ def open_udp(address: Address, columns: Columns, signals: Signals) -> UdpSource:
     return UdpSource(address.name, *address.host_and_port(UDP_EXAMPLE), columns, signals, bare=bare)
 
 
+PAHO = "paho.mqtt.client", "MQTT needs paho-mqtt", "'replant[live]'"  # module, what needs it, and what to install
 MQTT_EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
 PORT = 1883  # port of a broker, as registered [number]
 MQTT_KEEPALIVE = 15  # MQTT's keep-alive interval: the broker hears from the client at least that often [s]
@@ -293,7 +287,7 @@ class MqttSource(Wire):
 
     def __init__(self, address: Address, columns: Columns = None, signals: Signals = UY) -> None:
         super().__init__(address.name, columns, signals, waits=False)
-        import_paho(address.name)
+        self._mqtt = needed(address.name, *PAHO)
         self._address = address
         self._qos = int(address.one_of("qos", ("0", "1"), "0"))
         self._payloads = Payloads(self._parser)
@@ -333,8 +327,7 @@ class MqttSource(Wire):
             self._deliver(self._payloads.parse(messages, time.monotonic()))
 
     def _client(self) -> Any:
-        mqtt = import_paho(self.name)
-        client = mqtt.Client(mqtt.CallbackAPIVersion.VERSION2, self._id, clean_session=self._qos == 0)
+        client = self._mqtt.Client(self._mqtt.CallbackAPIVersion.VERSION2, self._id, clean_session=self._qos == 0)
         if self._address.user is not None:
             client.username_pw_set(self._address.user, self._address.password)
         client.on_connect = self._on_connect
@@ -362,15 +355,6 @@ class MqttSource(Wire):
             self._counts["too long"] += 1
         else:
             self._messages.append(message.payload)
-
-
-def import_paho(name: str) -> Any:
-    """Return paho's client module; ``name`` is the source's URL, for the message."""
-    try:
-        from paho.mqtt import client
-    except ImportError as error:
-        raise MissingDependencyError(f"{name}: MQTT needs paho-mqtt: pip install 'replant[live]'") from error
-    return client
 
 
 def open_mqtt(address: Address, columns: Columns, signals: Signals) -> MqttSource:
