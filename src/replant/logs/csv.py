@@ -41,6 +41,7 @@ from replant.logs.text_layout import (
     later_mark,
     lines_of,
     sniff,
+    split_or_none,
     too_long_error,
 )
 from replant.logs.text_times import READ, checked_clocks
@@ -102,19 +103,12 @@ def cut_line(path: Path, layout: Layout) -> str:
     before, line = _last_lines(path, layout.encoding)
     if not is_data(line):
         return ""
-    last, width = _cells(line, layout), len(layout.names)
+    last, width = split_or_none(line, layout.delimiter), len(layout.names)
     if last is None or len(last) < width:
         return line
-    previous = _cells(before, layout)
+    previous = split_or_none(before, layout.delimiter)
     was_readable = previous is not None and len(previous) >= width and _is_readable(path, layout, previous)
     return line if was_readable and not _is_readable(path, layout, last) else ""
-
-
-def _cells(line: str, layout: Layout) -> list[str] | None:
-    try:
-        return split_line(line, layout.delimiter)
-    except CellError:
-        return None
 
 
 def _is_readable(path: Path, layout: Layout, cells: list[str]) -> bool:
@@ -177,11 +171,6 @@ def read(path: Path) -> Table:
         approximate_rows=_approximate_rows(path),
         notes=tuple(notes),
     )
-
-
-def check_head(path: Path) -> None:
-    """Check that the beginning of a text log has a row of data."""
-    sniff(path)
 
 
 def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:

@@ -6,7 +6,6 @@ The file lives as long as its `Table`, which may be read several times.  Message
 from __future__ import annotations
 
 import gzip
-import importlib
 import os
 import shutil
 import stat
@@ -14,7 +13,7 @@ import sys
 import tempfile
 import weakref
 import zipfile
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import chain
@@ -38,7 +37,7 @@ HEAD_BYTES = 1 << 25  # unpacked bytes after which text is looked at, before the
 MOST_OF_DISK = 0.8  # part of the disk's free space that an unpacked file may take [part]
 
 
-def read_packed(path: Path, read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
+def read_packed(path: Path) -> Table:
     """Read a compressed log, such as ``log.csv.gz``, or a zip archive with one file in it."""
     suffix = path.suffix.lower()
     with (
@@ -48,11 +47,11 @@ def read_packed(path: Path, read: Callable[[Path], Table], check: Callable[[Path
         inner = PurePosixPath(name.replace("\\", "/")).name
         if PurePosixPath(inner).suffix.lower() in SUFFIXES:
             raise LogError(f"{path}: holds another compressed file, {inner}; unpack it first")
-        copy = _Copy(path, inner, parts, check)
-    return _table_of(path, copy, read)
+        copy = _Copy(path, inner, parts)
+    return _table_of(path, copy)
 
 
-def read_standard_input(read: Callable[[Path], Table], check: Callable[[Path], None]) -> Table:
+def read_standard_input() -> Table:
     """Read a log from standard input: text, or JSON lines if it begins with a brace."""
     if sys.stdin is None or sys.stdin.isatty():
         raise LogError("standard input: a log is to be piped into it, as in: cat log.csv | replant run - ...")
@@ -61,18 +60,20 @@ def read_standard_input(read: Callable[[Path], Table], check: Callable[[Path], N
         raise LogError("standard input: not open for reading bytes; give the log's path")
     head = file.read(_BLOCK_BYTES)
     name = "log.jsonl" if head.removeprefix(b"\xef\xbb\xbf").lstrip().startswith(b"{") else "log.csv"
-    copy = _Copy(STANDARD_INPUT, name, chain([head], _parts_of(file)), check)
-    return _table_of(STANDARD_INPUT, copy, read)
+    copy = _Copy(STANDARD_INPUT, name, chain([head], _parts_of(file)))
+    return _table_of(STANDARD_INPUT, copy)
 
 
 class _Copy:
     """A file in a temporary folder, which is removed with this object."""
 
-    def __init__(self, path: Path, name: str, parts: Iterable[bytes], check: Callable[[Path], None]) -> None:
+    def __init__(self, path: Path, name: str, parts: Iterable[bytes]) -> None:
         folder = tempfile.mkdtemp(prefix="replant-")
         weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
         self.path = Path(folder, name)
-        room, size, is_checked = MOST_OF_DISK * shutil.disk_usage(folder).free, 0, False
+        room, size = MOST_OF_DISK * shutil.disk_usage(folder).free, 0
+        # the other formats have their numbers where they say
+        is_checked = not FORMATS.get(self.path.suffix.lower(), "").startswith(("csv.", "jsonl."))
         with self.path.open("wb") as file:
             for part in parts:
                 size += file.write(part)
@@ -85,14 +86,14 @@ class _Copy:
                     is_checked = True
                     file.flush()
                     with _named(self, path):
-                        check(self.path)
+                        _read_file(self.path)  # looks for rows in the first lines
 
 
-def _table_of(path: Path, copy: _Copy, read: Callable[[Path], Table]) -> Table:
+def _table_of(path: Path, copy: _Copy) -> Table:
     if copy.path.stat().st_size == 0:
         raise LogError(f"{path}: the file is empty; record the log again")
     with _named(copy, path):
-        table = read(copy.path)
+        table = _read_file(copy.path)
 
     def blocks(numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
         with _named(copy, path):
@@ -214,11 +215,11 @@ def read_columns(path: str | os.PathLike[str]) -> Table:
     """
     path = Path(path)
     if path == STANDARD_INPUT:
-        return read_standard_input(_read_file, _check_head)
+        return read_standard_input()
     if path.suffix.lower() in SUFFIXES and not path.is_dir():
         with _unreadable_as_log_error(path):
             _check_file(path)
-            return read_packed(path, _read_file, _check_head)
+            return read_packed(path)
     return _read_file(path)
 
 
@@ -253,13 +254,6 @@ def _check_file(path: Path) -> None:
         )
     if about.st_size == 0:
         raise LogError(f"{path}: the file is empty; record the log again")
-
-
-def _check_head(path: Path) -> None:
-    """Check that the beginning of a text log holds rows; the other formats have their numbers where they say."""
-    module = FORMATS.get(path.suffix.lower(), "").partition(".")[0]
-    if module in ("csv", "jsonl"):
-        importlib.import_module(f"replant.logs.{module}").check_head(path)
 
 
 def _suffix_of_folder(path: Path) -> str:

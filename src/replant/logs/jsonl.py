@@ -72,11 +72,6 @@ def read(path: Path) -> Table:
     return Table(path, columns.names, blocks, describe_row, in_seconds=frozenset(stamps), notes=notes)
 
 
-def check_head(path: Path) -> None:
-    """Check that the first JSON line has an object with a key; what is cut off may be more than it."""
-    read(path)
-
-
 def _head(path: Path, *, is_cut: bool) -> Iterator[_Row]:
     """Yield the first rows: fewer where they are wide."""
     found = 0

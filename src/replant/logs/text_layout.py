@@ -155,7 +155,7 @@ def sniff(path: Path) -> Layout:
         raise LogError(f"{path}: line {number}, column {error.at}: {error}; {QUOTES_REMEDY}") from None
     if len(first) > MOST_COLUMNS:
         raise too_many_error(path, "columns")
-    below = [(at, cells) for at, line in rows[1:] if (cells := _split_or_none(line, delimiter)) is not None]
+    below = [(at, cells) for at, line in rows[1:] if (cells := split_or_none(line, delimiter)) is not None]
     units = units_in(below[0][1]) if len(below) > 1 and len(below[0][1]) <= len(first) + 1 else None
     others = [cells for _, cells in below[units is not None :]]
     if not _is_header(path, number, first, others):
@@ -256,7 +256,7 @@ def _delimiter(lines: Sequence[str]) -> str | None:
 
 def _score(lines: Sequence[str], delimiter: str | None) -> float:
     """Return the score of a delimiter: the share of rows of the usual width times the share of numbers in the cells."""
-    rows = [cells for line in lines if (cells := _split_or_none(line, delimiter)) is not None]
+    rows = [cells for line in lines if (cells := split_or_none(line, delimiter)) is not None]
     widths = Counter(len(row) for row in rows)
     width, count = widths.most_common(1)[0] if rows else (0, 0)
     if width < 2:
@@ -266,7 +266,7 @@ def _score(lines: Sequence[str], delimiter: str | None) -> float:
     return count / len(lines) * (numbers + 1e-3) / (len(cells) + 1e-3)  # equal widths alone give a small score
 
 
-def _split_or_none(line: str, delimiter: str | None) -> list[str] | None:
+def split_or_none(line: str, delimiter: str | None) -> list[str] | None:
     """Split a line; return None if its quotation marks do not fit this delimiter."""
     try:
         return split_line(line, delimiter)
@@ -279,10 +279,10 @@ def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tup
 
     Empty cells at the end of a line do not count: a spreadsheet fills up each line to the widest one.
     """
-    widths = [_filled(_split_or_none(line, delimiter) or ()) for _, line in rows]
+    widths = [_filled(split_or_none(line, delimiter) or ()) for _, line in rows]
     usual = Counter(widths).most_common(1)[0][0]
     at = widths.index(usual)
-    names = _split_or_none(rows[at][1], delimiter) or []
+    names = split_or_none(rows[at][1], delimiter) or []
     is_title = at > 0 and max(widths[:at]) < usual and len(rows) > at + 1
     return rows[at:] if is_title and all(name[:1].isalpha() for name in names) else rows
 
@@ -337,7 +337,7 @@ def _commented_names(
     """Return the names in the last comment before the data, if it has one per column, as numpy.savetxt writes them."""
     numbered = _names([str(column) if cell else "" for column, cell in enumerate(first)], others)
     text = comment.strip().lstrip("".join(COMMENT_MARKS)).strip() if comment else ""
-    names = _split_or_none(text, delimiter) if text else None
+    names = split_or_none(text, delimiter) if text else None
     if names is None or len(names) != len(numbered):
         return numbered
     fit = all(name[:1].isalpha() and len(name) <= LONGEST_NAME and not is_number(name, None) for name in names)
