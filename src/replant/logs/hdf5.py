@@ -32,8 +32,7 @@ BLOCK_ROWS = 1 << 16  # rows read at a time, or one chunk where that has more [r
 DEEPEST = 64  # groups within each other that are looked into [count]
 MOST_UNWRITTEN = 16  # length of a data set, of which a recorder wrote only a part, in lengths of that part [times]
 _CLASS, _DECODED = "MATLAB_class", "MATLAB_object_decode"
-_INTEGERS = (f"{sign}int{bits}".encode() for sign in ("", "u") for bits in (8, 16, 32, 64))
-_NUMBERS = frozenset({b"double", b"single", b"logical", *_INTEGERS})
+_NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
 
 @dataclass(frozen=True)
@@ -43,7 +42,7 @@ class _Signal:
     name: str
     dataset: str
     field: str | None
-    index: tuple[int | slice, ...]
+    index: tuple[int | slice, ...]  # as the file has it: MATLAB's dimensions are reversed there
     rows: int
 
 
@@ -78,10 +77,11 @@ def _table(path: Path, *, matlab: bool) -> Table:
             if reason:
                 left_out[name] = reason
                 continue
-            kind = dataset.attrs.get(_CLASS)
+            given = dataset.attrs.get(_CLASS)
+            kind = given.decode(errors="replace") if isinstance(given, bytes) else ""
             if matlab and _DECODED in dataset.attrs:
-                objects[name] = bytes(kind or b"").decode(errors="replace")
-            elif not matlab or kind in _NUMBERS:
+                objects[name] = kind
+            elif not matlab or kind in _NUMERIC:
                 signals += _signals_in(name, place, dataset, matlab=matlab)
                 if is_sampling_time(name, dataset.shape or (), dataset.dtype.kind):
                     scalars.append((name, float(np.asarray(dataset[()]).reshape(-1)[0])))
@@ -159,7 +159,7 @@ def _signals_in(name: str, place: str, dataset: Any, *, matlab: bool) -> Iterato
         if kind.kind in "biuf" and kind.shape == ():
             for of_column, index in places_of(of_part, shape):
                 rows = next(length for length, one in zip(shape, index, strict=True) if isinstance(one, slice))
-                yield _Signal(of_column, place, field, index, rows)
+                yield _Signal(of_column, place, field, index[::-1] if matlab else index, rows)
 
 
 def _blocks(
@@ -168,28 +168,26 @@ def _blocks(
     chosen = [signals[number] for number in columns]
     with _opened(path, matlab=matlab) as file:
         rows = {signal.rows for signal in chosen}
-        step = max((_block_rows(file[signal.dataset], signal, matlab=matlab) for signal in chosen), default=1)
+        step = max((_block_rows(file[signal.dataset], signal) for signal in chosen), default=1)
         if len(rows) != 1:  # which the caller says; none can be cut into blocks
             allow(held=8 * sum(signal.rows for signal in chosen))
             step = max(rows, default=0)
         for begin in range(0, max(rows, default=0), max(1, step)):
-            yield [_values(file, signal, slice(begin, begin + step), matlab=matlab) for signal in chosen]
+            yield [_values(file, signal, slice(begin, begin + step)) for signal in chosen]
 
 
-def _block_rows(dataset: Any, signal: _Signal, *, matlab: bool) -> int:
+def _block_rows(dataset: Any, signal: _Signal) -> int:
     """Return the rows to read at a time: whole chunks, which are unpacked as a whole."""
     if dataset.chunks is None:
         return BLOCK_ROWS
-    index = signal.index[::-1] if matlab else signal.index
-    rows = next(length for length, one in zip(dataset.chunks, index, strict=True) if isinstance(one, slice))
+    rows = next(length for length, one in zip(dataset.chunks, signal.index, strict=True) if isinstance(one, slice))
     chunk, whole = math.prod(dataset.chunks), math.prod(dataset.shape)
     allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
     return int(rows * max(1, BLOCK_ROWS // rows))
 
 
-def _values(file: Any, signal: _Signal, rows: slice, *, matlab: bool) -> NDArray[np.float64]:
-    at = tuple(rows if isinstance(one, slice) else one for one in signal.index)
-    values = file[signal.dataset][at[::-1] if matlab else at]
+def _values(file: Any, signal: _Signal, rows: slice) -> NDArray[np.float64]:
+    values = file[signal.dataset][tuple(rows if isinstance(one, slice) else one for one in signal.index)]
     if signal.field is not None:
         values = values[signal.field]
     return np.array(values, np.float64).reshape(-1)
@@ -201,7 +199,6 @@ _SAVE_AGAIN = "save it again in MATLAB with save(..., '-v7')"
 _COMPRESSED = 15  # kind of an element of a file that holds another one, compressed [code]
 _FIRST_ELEMENT = 128  # place of the first element [bytes]
 _PART = 1 << 18  # part of a compressed element that is unpacked at a time, to see how long it is [bytes]
-_NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 _NO_SIGNALS = {"char", "cell", "sparse", "function"}
 
 
