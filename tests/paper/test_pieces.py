@@ -11,7 +11,7 @@ from replant.paper.actuator import Course, measure, measure_rig
 from replant.paper.figures import FIGURES, compute
 from replant.paper.rendering import _listed, _short, typeset
 from replant.paper.reproduction import Cell, reproduce
-from replant.paper.tables import TABLES, Plant, run, thin
+from replant.paper.tables import TABLES, Plant, run_seeds, thin
 
 
 def test_measures_of_a_course() -> None:
@@ -57,7 +57,7 @@ def test_figures_beside_the_published_ones() -> None:
 def test_an_experiment() -> None:
     plant = Plant(num=(1.25,), den=(1.0, 0.5), dt=1e-3, duration=10.0, period=1.25)
     assert (plant.samples, plant.true) == (10000, {"a0": 0.5, "b0": 1.25})
-    indices = run(TABLES["table1"].row("Gradient, no buffer").experiment)
+    (indices,) = run_seeds(TABLES["table1"].row("Gradient, no buffer").experiment, [0], plant.record())
     assert {name: f"{value:.2e}" for name, value in indices.items()} == {
         "J_a0": "8.41e+02", "J_b0": "1.64e+03", "J_sum": "2.48e+03",
     }  # fmt: skip

@@ -22,8 +22,8 @@ import numpy as np
 from replant.fitting.fit_result import FitResult
 from replant.paper import actuator as rig
 from replant.paper.actuator import GAINS, Actuator, Record
-from replant.paper.reproduction import TableResult, reproduce, runs
-from replant.paper.tables import TABLES, Curve, Table, curve, trace, transients
+from replant.paper.reproduction import TableResult, reproduce
+from replant.paper.tables import TABLES, Curve, Table, curve, transients
 from replant.plotting.numbers import symbol
 from replant.plotting.style import BLUE, GREY, NAVY, ORANGE, SKY, TRUE, VERMILION, blank_figure, tidy
 
@@ -61,7 +61,8 @@ def compute(figure: Figure, on_run: Callable[[], None] = lambda: None) -> Transi
     curves = {}
     for line in figure.lines:
         experiment = figure.table.row(line.row).experiment
-        curves[line.label] = transients(trace(experiment), experiment.plant.dt)
+        trace = experiment.identifier().update_many(*experiment.plant.record())
+        curves[line.label] = transients(trace, experiment.plant.dt)
         on_run()
     return curves
 
@@ -294,8 +295,8 @@ def is_figure(name: str) -> bool:
 
 
 def steps(names: Sequence[str]) -> int:
-    """Return how many runs ``names`` need: how often `run` calls ``on_run``."""
-    count = sum(runs(TABLES[name]) for name in names if name in TABLES)
+    """Return how many rows of tables and other runs ``names`` need: how often `run` calls ``on_run``."""
+    count = sum(len(TABLES[name].rows) for name in names if name in TABLES)
     count += sum(len(FIGURES[name].lines) for name in names if name in FIGURES)
     return count + (rig.RUNS if _needs_runs(names) else len(rig.FILTERS) if "fig6" in names else 0)
 
@@ -303,9 +304,9 @@ def steps(names: Sequence[str]) -> int:
 def run(
     names: Sequence[str], on_run: Callable[[str], None] = lambda name: None, executor: Executor | str | None = None
 ) -> Outcome:
-    """Run the experiments that ``names`` need, tables on ``executor``; call ``on_run`` after each run with its name."""
+    """Run the experiments that ``names`` need, tables on ``executor``; call ``on_run`` after each with its name."""
     tables = {
-        name: reproduce(TABLES[name], on_run=partial(on_run, name), executor=executor)
+        name: reproduce(TABLES[name], on_row=partial(on_run, name), executor=executor)
         for name in names
         if name in TABLES
     }

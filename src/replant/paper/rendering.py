@@ -140,16 +140,11 @@ def _fields(row: Row) -> tuple[str, ...]:
 
 def _figures(row: Row) -> dict[str, float | None]:
     figures: dict[str, float | None] = {f"error_{name}": value for name, value in row.errors.items()}
-    if row.measures is not None:
-        found = row.measures
-        parts: Iterable[tuple[str, Mapping[str, float | None], float | None]] = (
-            ("J", found.index, None),
-            ("settled", found.settled, found.all_settled),
-            ("roughness", found.roughness, found.roughest),
-        )
-        for prefix, by_name, overall in parts:
-            figures |= {f"{prefix}_{name}": value for name, value in by_name.items()}
-            figures["J_sum" if prefix == "J" else prefix] = found.index_sum if prefix == "J" else overall
+    if (found := row.measures) is not None:
+        figures |= {f"J_{name}": value for name, value in found.index.items()}
+        figures |= {f"settled_{name}": value for name, value in found.settled.items()}
+        figures |= {f"roughness_{name}": value for name, value in found.roughness.items()}
+        figures |= {"J_sum": found.index_sum, "settled": found.all_settled, "roughness": found.roughest}
     return figures | {"free_run": row.free_run}
 
 

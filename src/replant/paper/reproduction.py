@@ -98,37 +98,20 @@ class TableResult:
 def reproduce(
     table: Table,
     seeds: int = SEEDS,
-    on_run: Callable[[], None] | None = None,
+    on_row: Callable[[], None] = lambda: None,
     executor: Executor | str | None = None,
 ) -> TableResult:
-    """Run every experiment of a table."""
-    tasks = [(row, len(_seeds_of(row, seeds))) for row in table.rows]
-    made, total = 0, runs(table, seeds)
-
-    def progress(done: int, of: int) -> None:
-        nonlocal made
-        while on_run is not None and made < total * done // of:
-            made += 1
-            on_run()
-
-    found = sweep(_run_row, tasks, executor, progress)
+    """Run every experiment of a table; call ``on_row`` after each row."""
+    tasks = [(row, 1 if row.experiment.replay is None else seeds) for row in table.rows]
+    found = sweep(_run_row, tasks, executor, lambda done, of: on_row())
     return TableResult(
         table, tuple(_row_result(table, row, results) for row, results in zip(table.rows, found, strict=True))
     )
 
 
-def runs(table: Table, seeds: int = SEEDS) -> int:
-    """Return how many runs `reproduce` needs."""
-    return sum(len(_seeds_of(row, seeds)) for row in table.rows)
-
-
 def three_digits(value: float) -> str:
     """Return a figure with three digits, as the article prints it."""
     return f"{value:.2e}"
-
-
-def _seeds_of(row: Row, seeds: int) -> range:
-    return range(1 if row.experiment.replay is None else seeds)
 
 
 def _run_row(task: tuple[Row, int]) -> list[dict[str, float]]:

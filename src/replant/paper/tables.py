@@ -98,23 +98,12 @@ class Experiment:
         return indices | {"J_sum": sum(indices.values())}
 
 
-def trace(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> Trace:
-    """Run an experiment; return the estimate after every sample."""
-    u, y = experiment.plant.record() if record is None else record
-    return experiment.identifier(seed).update_many(u, y)
-
-
 def run_seeds(
     experiment: Experiment, seeds: Iterable[int], record: tuple[FloatArray, FloatArray]
 ) -> list[dict[str, float]]:
     """Run an experiment with several seeds at once; return the performance indices of each."""
     ensemble = Ensemble([experiment.identifier(seed) for seed in seeds])
     return [experiment.indices(trace) for trace in ensemble.trace(*record)]
-
-
-def run(experiment: Experiment, seed: int = 0, record: tuple[FloatArray, FloatArray] | None = None) -> dict[str, float]:
-    """Run an experiment; return its performance indices (21) by name: "J_a0", ..., "J_sum"."""
-    return experiment.indices(trace(experiment, seed, record))
 
 
 POINTS = 2000  # points of a curve: more than a panel has pixels, few enough for a small SVG [count]

@@ -2,7 +2,7 @@
 
 import math
 
-from replant.paper.reproduction import Cell, reproduce, runs
+from replant.paper.reproduction import Cell, reproduce
 from replant.paper.tables import TABLES
 from support.cases import every
 
@@ -28,8 +28,8 @@ def test_no_spread_leaves_no_room():
     assert Cell("J_a0", 101.0, 100.0, std=0.0).distance == math.inf
 
 
-def test_progress_is_told_of_every_run():
+def test_progress_is_told_of_every_row():
     calls = []
-    result = reproduce(TABLES["table1"], seeds=2, on_run=lambda: calls.append(1))
-    assert len(calls) == runs(TABLES["table1"], seeds=2) == 4 * 2 + 2
+    result = reproduce(TABLES["table1"], seeds=2, on_row=lambda: calls.append(1))
+    assert len(calls) == 6
     assert [row.seeds for row in result.rows] == [2, 2, 1, 2, 2, 1]
