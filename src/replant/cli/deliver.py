@@ -25,6 +25,7 @@ from replant.errors import InvalidArgumentError
 from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.model_file import check_target
+from replant.fitting.several_outputs import MatrixModel
 from replant.fitting.validation import Validation
 from replant.logs import Log, read_columns
 from replant.logs.recording import digest
@@ -83,6 +84,13 @@ class Keeping:
     @property
     def _columns(self) -> dict[str, Any]:
         return {**self.columns, **dict.fromkeys(STRETCH_NAMES)}
+
+    def save(self, model: Model | RowModel | MatrixModel) -> list[Path]:
+        """Write a model into the file that was asked for; return it."""
+        if self.saved is None:
+            return []
+        model.save(self.saved)
+        return [self.saved]
 
 
 def validated(model: Model | RowModel, paths: Sequence[Path], columns: dict[str, Any]) -> list[tuple[str, Validation]]:
@@ -153,12 +161,9 @@ def deliver(
 
     result = dataclasses.replace(result, model=kept(result.model, log))
     validations = keeping.validated(result.model)
-    paths = []
+    paths = keeping.save(result.model)
     asked = not (is_quiet() or validations)
     step = _next(result, log, keeping, is_searched="candidates" in report) if asked else None
-    if keeping.saved is not None:
-        result.model.save(keeping.saved)
-        paths.append(keeping.saved)
     if out is not None:
         from replant.report.figures import save_figures
         from replant.report.result_page import write_report
@@ -174,17 +179,11 @@ def deliver(
     if as_json:
         echo_json(result_as_json(result) | (more or {}), validations)
     else:
-        console = Console()
         record = record_line(len(log), log.dt, log.duration)
-        print_result(console, result, record=record, lead="" if step is None else step.words)
-        for name, each in validations:
-            print_validation(console, each, name)
+        print_result(Console(), result, record=record, lead="" if step is None else step.words)
         if result.settings is not None:
             click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")
-        for path in paths:
-            click.echo(f"wrote {path}")
-        if step is not None:
-            click.echo(f"\nNext: {step.words}:\n{step.command}")
+        print_rest(validations, paths, step)
     check_required(keeping.required, [result.verdict, *(each.verdict for _, each in validations)])
 
 
@@ -193,6 +192,20 @@ def echo_json(whole: dict[str, Any], validations: Sequence[tuple[str, Validation
     if validations:
         whole = whole | {"validations": [validation_as_json(each, name) for name, each in validations]}
     click.echo(json.dumps(whole, allow_nan=False))
+
+
+def print_rest(
+    validations: Sequence[tuple[str, Validation]], paths: Sequence[Path], step: NextStep | None = None
+) -> None:
+    """Print the validations of a model, what was written, and what to do next."""
+    from rich.console import Console
+
+    for name, found in validations:
+        print_validation(Console(), found, name)
+    for path in paths:
+        click.echo(f"wrote {path}")
+    if step is not None:
+        click.echo(f"\nNext: {step.words}:\n{step.command}")
 
 
 def _next(result: Result, log: Log, keeping: Keeping, *, is_searched: bool) -> NextStep:

@@ -17,6 +17,7 @@ from replant.cli.deliver import (
     kept,
     make_folder,
     model_clock,
+    print_rest,
     validated,
     whole_log,
     write_errors_reported,
@@ -25,7 +26,6 @@ from replant.cli.notes import progress_bar
 from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
 from replant.cli.run_fit_compare_options import log_options, open_log
 from replant.errors import InvalidArgumentError, ModelFileError
-from replant.estimation.settings import Request
 from replant.examples import NAMES, path_of
 from replant.fitting.inspect import inspect
 from replant.fitting.miso_model import RowModel
@@ -33,13 +33,12 @@ from replant.fitting.model import Model
 from replant.fitting.model_file import holds_model
 from replant.fitting.several_outputs import MatrixModel, load_model
 from replant.fitting.validation import Validation
-from replant.logs import Log
 from replant.model.interop import without_unit
-from replant.online.runs.run_log import METHODS, USUAL, Contender, compare
+from replant.online.runs.run_log import METHODS, USUAL, compare
 from replant.report.log_as_text import as_json as look_as_json
 from replant.report.log_as_text import print_look
 from replant.report.results_as_text import comparison_as_json as comparison_as_json
-from replant.report.results_as_text import print_comparison, print_kept_model, print_row, print_validation, table
+from replant.report.results_as_text import print_comparison, print_kept_model, print_row, table
 from replant.report.results_as_text import validation_as_json as validation_as_json
 
 
@@ -129,8 +128,6 @@ def validate_command(
     model: Path, logs: tuple[Path, ...], as_json: bool, out: Path | None, required: str | None, **columns: Any
 ) -> None:
     """Compare MODEL with LOGS that it was not made from; offset and initial state are estimated, nothing else."""
-    from rich.console import Console
-
     loaded = load_model(model)
     if not logs:
         raise click.UsageError(f"name the logs to compare the model with: replant validate {model} LOG")
@@ -150,10 +147,7 @@ def validate_command(
     if as_json:
         click.echo(json.dumps([validation_as_json(each, name) for name, each in found], allow_nan=False))
     else:
-        for name, each in found:
-            print_validation(Console(), each, name)
-        for file in written:
-            click.echo(f"wrote {file}")
+        print_rest(found, written)
     check_required(required, [each.verdict for _, each in found])
 
 
@@ -187,11 +181,14 @@ if TYPE_CHECKING:
 SHOWN = 7  # columns of the table that fit into a terminal [count]
 
 
-def compare_models(paths: Sequence[Path], options: dict[str, Any]) -> None:
-    """Compare the models in all files but the last over the log in the last one."""
+def compare_models(options: dict[str, Any]) -> bool:
+    """Compare the models in all files but the last over the log in the last one; False where the first is no model."""
+    if not holds_model(options["logs"][0]):
+        return False
     from replant.report.compared_page import compare as compare_saved
+    from replant.report.compared_page import write_models
 
-    *saved, path = paths
+    *saved, path = options["logs"]
     if not saved or holds_model(path):
         raise click.UsageError("name the log behind the models: replant compare MODEL.json MODEL2.json LOG")
     if options["poles"] is not None:
@@ -205,14 +202,19 @@ def compare_models(paths: Sequence[Path], options: dict[str, Any]) -> None:
     make_folder(out)
     log = whole_log(path, columns | model_clock(path, columns, first.dt))
     comparison = compare_saved(models, log)
-    written = [] if out is None else _written(comparison, out)
+    written: list[Path] = []
+    if out is not None:
+        with write_errors_reported(out):
+            written.append(out / "models.png")
+            comparison.plot()[0].figure.savefig(written[0], dpi=110)
+            written.append(write_models(out / "report.html", comparison, command_line()))
     if options["as_json"]:
         found = {name: validation_as_json(each, path.name) for name, each in comparison.validations.items()}
         click.echo(json.dumps(found, allow_nan=False))
-        return
-    _print(comparison)
-    for file in written:
-        click.echo(f"wrote {file}")
+    else:
+        _print(comparison)
+        print_rest([], written)
+    return True
 
 
 def _of_one_input(path: Path) -> Model:
@@ -225,15 +227,6 @@ def _of_one_input(path: Path) -> Model:
 
 def _name(path: Path, saved: Sequence[Path]) -> str:
     return path.stem if sum(each.stem == path.stem for each in saved) == 1 else str(path)
-
-
-def _written(comparison: ModelComparison, out: Path) -> list[Path]:
-    from replant.report.compared_page import write_models
-
-    picture = out / "models.png"
-    with write_errors_reported(out):
-        comparison.plot()[0].figure.savefig(picture, dpi=110)
-        return [picture, write_models(out / "report.html", comparison, command_line())]
 
 
 def _print(comparison: ModelComparison) -> None:
@@ -250,16 +243,10 @@ def _print(comparison: ModelComparison) -> None:
             console.print(f"\n{name}: {found.verdict.reasons[0]}", style="dim", highlight=False, markup=False)
 
 
-def _of_models(given: dict[str, Any]) -> bool:
-    """Compare saved models, where the first file is one; return whether that was asked for."""
-    if not holds_model(given["logs"][0]):
-        return False
-    compare_models(given["logs"], given)
-    return True
-
-
 @click.command(name="compare")
-@log_options(several="replant compare takes one log, or saved models and a log", otherwise=_of_models, is_kept=False)
+@log_options(
+    several="replant compare takes one log, or saved models and a log", otherwise=compare_models, is_kept=False
+)
 @click.option(
     "--optimizer",
     "methods",
@@ -276,6 +263,8 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
     An optimizer identifies online, in one pass, as `replant run` does; "default" is the method of `replant run` without
     options.  srivc and least_squares fit the whole log at once, as `replant fit` does.
     """
+    from rich.console import Console
+
     log, request = open_log(options)
     make_folder(out)
     methods = tuple(dict.fromkeys(methods))
@@ -288,16 +277,10 @@ def compare_command(as_json: bool, out: Path | None, methods: tuple[str, ...], *
         )  # fmt: skip
     if all(entry.result is None for entry in contenders):
         raise InvalidArgumentError(f"no method found a model; {contenders[0].name}: {contenders[0].problem}")
-    _deliver(contenders, log, request, as_json=as_json, out=out)
-
-
-def _deliver(contenders: Sequence[Contender], log: Log, request: Request, *, as_json: bool, out: Path | None) -> None:
-    from rich.console import Console
-
-    from replant.report.compared_page import save_figures, write_comparison
-
     paths: list[Path] = []
     if out is not None:
+        from replant.report.compared_page import save_figures, write_comparison
+
         with write_errors_reported(out):
             paths += save_figures(out, contenders, log, request.preprocess)
             paths.append(write_comparison(out / "report.html", contenders, log, request.preprocess, command_line()))
@@ -310,5 +293,4 @@ def _deliver(contenders: Sequence[Contender], log: Log, request: Request, *, as_
         click.echo(json.dumps(comparison_as_json(named), allow_nan=False))
         return
     print_comparison(Console(), contenders, request.structure, len(log))
-    for path in paths:
-        click.echo(f"wrote {path}")
+    print_rest([], paths)

@@ -33,7 +33,6 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.estimation.simulation.fitted_run import FITTED
 from replant.fitting.fit import METHODS, fit
-from replant.fitting.fit_result import FitResult
 from replant.fitting.structure_search import SearchResult, search
 from replant.logs import Log, Recording
 from replant.model.structure import Structure
@@ -147,7 +146,8 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
     """
     from rich.console import Console
 
-    keeping, begun, found = Keeping.of(options), time.perf_counter(), None
+    keeping, begun = Keeping.of(options), time.perf_counter()
+    more, report = dict[str, Any](), dict[str, Any]()
     if are_several(options):
         identify_rows(fitted_rows, as_json, keeping, out, options | {"method": method})
         return
@@ -161,6 +161,8 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
         make_folder(out)
         found = _search(logs, options)
         fitted = found.best
+        report["candidates"] = comparison.HEADINGS, comparison.rows_of(found), found.rest
+        more["candidates"] = comparison.candidates_as_json(found)
         if not as_json:
             comparison.print_candidates(Console(), found)
     else:
@@ -170,7 +172,11 @@ def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) ->
         make_folder(out)
         given = logs if len(logs) > 1 else logs[0]
         fitted = fit(given, structure=request.structure, method=method, preprocess=request.preprocess)
-    _deliver(fitted, logs, begun, found, keeping, as_json=as_json, out=out)
+    log = as_one(logs)
+    report |= {"filter": fitted.fixed_filter, "preprocess": fitted.preprocess}
+    report["python"] = fit_as_python(fitted, logs)
+    result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
+    deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)
 
 
 def _search(logs: list[Log], options: dict[str, Any]) -> SearchResult:
@@ -188,25 +194,3 @@ def _search(logs: list[Log], options: dict[str, Any]) -> SearchResult:
             preprocess=preprocess_of(options),
             progress=lambda done, of: bar.update(task, completed=done, total=of),
         )
-
-
-def _deliver(
-    fitted: FitResult,
-    logs: list[Log],
-    begun: float,
-    found: SearchResult | None,
-    keeping: Keeping,
-    *,
-    as_json: bool,
-    out: Path | None,
-) -> None:
-    log = as_one(logs)
-    report: dict[str, Any] = {
-        "filter": fitted.fixed_filter, "preprocess": fitted.preprocess, "python": fit_as_python(fitted, logs)
-    }  # fmt: skip
-    more = {}
-    if found is not None:
-        report["candidates"] = comparison.HEADINGS, comparison.rows_of(found), found.rest
-        more["candidates"] = comparison.candidates_as_json(found)
-    result = result_of_fit(fitted, log.input, log.output, begun, log.stamps)
-    deliver(result, log, keeping, as_json=as_json, out=out, more=more, **report)

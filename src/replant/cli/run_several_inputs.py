@@ -10,9 +10,17 @@ from typing import Any, NamedTuple
 
 import click
 
-from replant.cli.advice import OTHER_LOG, again
+from replant.cli.advice import OTHER_LOG, NextStep, again
 from replant.cli.conditioning_options import is_conditioned
-from replant.cli.deliver import CONDITIONED, Keeping, check_required, echo_json, make_folder, write_errors_reported
+from replant.cli.deliver import (
+    CONDITIONED,
+    Keeping,
+    check_required,
+    echo_json,
+    make_folder,
+    print_rest,
+    write_errors_reported,
+)
 from replant.cli.notes import is_quiet, progress_bar
 from replant.cli.option_types import command_line
 from replant.cli.run_fit_compare_options import read_several
@@ -34,7 +42,6 @@ from replant.report.results_as_text import (
     candidates_as_json,
     print_candidates,
     print_row,
-    print_validation,
     record_line,
     rows_of,
 )
@@ -116,10 +123,7 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
         searches += [] if search_of is None else [search_of]
         validations += [(f"{name}, {row.model.output_name}" if len(outputs) > 1 else name, one) for name, one in found]
     model = MatrixFit(tuple(rows)).model if len(rows) > 1 else rows[0].model
-    paths = []
-    if keeping.saved is not None:
-        model.save(keeping.saved)
-        paths.append(keeping.saved)
+    paths = keeping.save(model)
     if out is not None:
         python = CONDITIONED if is_conditioned(click.get_current_context().params) else "\n\n".join(programs)
         paths += _reported(out, rows, [as_one(logs) for logs in records], python, validations, searches)
@@ -131,19 +135,19 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
         whole |= {"candidates": tried if len(rows) > 1 else tried[0]} if tried else {}
         echo_json(whole | {"elapsed_seconds": round(time.perf_counter() - begun, 3)}, validations)
     else:
-        _print(rows, records, searches, validations, paths, may_save=keeping.saved is None)
+        _print(rows, records, searches)
+        step = None
+        if not (keeping.saved or validations or is_quiet()) and all(row.verdict.status == "trusted" for row in rows):
+            chosen = (
+                {} if not searches or len(rows) > 1 else _orders(rows[0])
+            )  # of what was searched for, what was found
+            again_with = again(**chosen, save="model.json", validate=OTHER_LOG)
+            step = NextStep("keep the model; check it on another log", again_with)
+        print_rest(validations, paths, step)
     check_required(keeping.required, [*(row.verdict for row in rows), *(each.verdict for _, each in validations)])
 
 
-def _print(
-    rows: Sequence[RowFit],
-    records: Sequence[list[Log]],
-    searches: Sequence[SearchResult],
-    validations: Sequence[tuple[str, Validation]],
-    paths: Sequence[Path],
-    *,
-    may_save: bool,
-) -> None:
+def _print(rows: Sequence[RowFit], records: Sequence[list[Log]], searches: Sequence[SearchResult]) -> None:
     from rich.console import Console
 
     console = Console()
@@ -153,14 +157,6 @@ def _print(
             print_candidates(console, searches[number])
         samples, seconds = sum(map(len, logs)), sum(each.duration for each in logs)
         print_row(console, row.model, record=record_line(samples, logs[0].dt, seconds))
-    for name, found in validations:
-        print_validation(console, found, name)
-    for path in paths:
-        click.echo(f"wrote {path}")
-    if may_save and not validations and not is_quiet() and all(row.verdict.status == "trusted" for row in rows):
-        chosen = {} if not searches or len(rows) > 1 else _orders(rows[0])  # of what was searched for, what was found
-        click.echo("\nNext: keep the model; check it on another log:")
-        click.echo(f"{again(**chosen, save='model.json', validate=OTHER_LOG)}")
 
 
 def _orders(row: RowFit) -> dict[str, object]:
