@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.cli import COMMANDS, cli
-from replant.cli.help_examples import EXAMPLES
+from replant.cli import COMMANDS, EXAMPLES, cli
 from replant.model.transfer_function import TransferFunction
 from replant.paper import figures, reproduction
 from replant.paper.reproduction import TableResult

@@ -31,7 +31,7 @@ from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, no
 from replant.plotting.numbers import off_by, true_parameters
 from replant.report.figures import save_figures
 from replant.report.result_page import write_report
-from replant.report.results_as_text import print_result
+from replant.report.results_as_text import print_result, table
 from replant.rigs import Rig, deap_rig, deap_voltage
 
 DEFAULT_FOLDER = Path("out/reproduce")
@@ -225,18 +225,16 @@ def _counter(progress: Any, name: str, total: int) -> Callable[[int], None]:
 
 def _print_beside(console: Any, results: Mapping[str, Result], true: Sequence[float]) -> None:
     """Print the error of each method's coefficients, its fit and its verdict with the first reason."""
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=None, pad_edge=False, padding=(0, 3, 0, 0))
-    for heading in ("off by", *results):
-        table.add_column(heading, justify="left" if heading == "off by" else "right", no_wrap=True)
-    for i, (name, target) in enumerate(zip(STRUCTURE.names, true, strict=True)):
-        table.add_row(Text(name), *(off_by(float(result.parameters[i]), target) for result in results.values()))
-    table.add_row("simulated fit", *(f"{result.simulation.fit:.1f} %" for result in results.values()))
-    table.add_row("verdict", *(result.verdict.status for result in results.values()))
+    rows = [
+        (name, *(off_by(float(result.parameters[i]), target) for result in results.values()))
+        for i, (name, target) in enumerate(zip(STRUCTURE.names, true, strict=True))
+    ]
+    rows.append(("simulated fit", *(f"{result.simulation.fit:.1f} %" for result in results.values())))
+    rows.append(("verdict", *(result.verdict.status for result in results.values())))
     console.print()
-    console.print(table)
+    console.print(table(("off by", *results), rows, left=(0,), no_wrap=True))
     other = results[ARTICLE].verdict
     if other.status != "trusted":
         console.print(Text(f"{ARTICLE}: {other.reasons[0]}", "dim"))

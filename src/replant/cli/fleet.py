@@ -10,9 +10,8 @@ from typing import Any
 import click
 
 from replant.cli.notes import note, progress_bar
-from replant.cli.option_types import Choice, path_option
+from replant.cli.option_types import Choice, numbers_of, path_option
 from replant.cli.run_fit_compare_options import fleet_options, structure_of
-from replant.cli.several_inputs_options import numbers_of
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load

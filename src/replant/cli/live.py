@@ -10,9 +10,8 @@ from typing import Any
 import click
 
 from replant.cli.conditioning_options import seconds_of
-from replant.cli.option_types import Choice, Parsed, column_option, flag, path_option, structure_options
+from replant.cli.option_types import Choice, Parsed, column_option, flag, numbers_of, path_option, structure_options
 from replant.cli.run_fit_compare_options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, preprocess_of, structure_of
-from replant.cli.several_inputs_options import numbers_of
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.live.dashboard.server import libraries_needed

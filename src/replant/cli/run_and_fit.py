@@ -12,7 +12,7 @@ import click
 
 from replant.cli.deliver import Keeping, deliver, keeping_options, make_folder
 from replant.cli.notes import progress_bar
-from replant.cli.option_types import Choice, path_option
+from replant.cli.option_types import Choice, are_several, path_option
 from replant.cli.run_fit_compare_options import (
     OPTIMIZER,
     are_ranges,
@@ -28,7 +28,6 @@ from replant.cli.run_fit_compare_options import (
 )
 from replant.cli.run_several_inputs import as_one, identify_rows, passed_over
 from replant.cli.run_several_inputs import fitted as fitted_rows
-from replant.cli.several_inputs_options import are_several
 from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.estimation.simulation.fitted_run import FITTED

@@ -22,9 +22,8 @@ from replant.cli.deliver import (
     write_errors_reported,
 )
 from replant.cli.notes import is_quiet, progress_bar
-from replant.cli.option_types import command_line
+from replant.cli.option_types import command_line, is_range, orders_of, refuse_not_yet, refuse_ranges
 from replant.cli.run_fit_compare_options import read_several
-from replant.cli.several_inputs_options import is_range, orders_of, refuse_not_yet, refuse_ranges
 from replant.fitting import model_json
 from replant.fitting.fit import fit
 from replant.fitting.miso_fit import RowFit
