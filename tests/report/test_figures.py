@@ -23,12 +23,11 @@ from replant.report.figures import (
     draw_spectrum,
     draw_step,
     draw_transients,
-    regions,
     save_figures,
     style,
-    zero_covariance,
 )
 from replant.report.findings import excitation
+from replant.report.panels import regions, zero_covariance
 from support.builders import with_model
 
 
@@ -145,7 +144,7 @@ def test_poles_and_zeros(plain, uncertain) -> None:
 
 def test_ellipses_hold_95_percent_of_the_poles_drawn_from_the_covariance(uncertain) -> None:
     result = with_model(uncertain.result, covariance=uncertain.result.covariance / 100)  # where it is linear
-    pole, covariance = next((root, known) for root, known in regions(result) if root.imag > 0)
+    pole, covariance = next((root, known) for root, known in regions(result.model) if root.imag > 0)
     drawn = np.random.default_rng(0).multivariate_normal(result.parameters, result.covariance, 4000)
     upper = np.array([max(np.roots([1.0, *row[:2]]), key=lambda root: root.imag) for row in drawn])
     off = np.column_stack([upper.real - pole.real, upper.imag - pole.imag])
@@ -175,7 +174,7 @@ def test_double_pole_and_unknown_covariance_have_no_region(uncertain) -> None:
         axis = draw_poles_and_zeros(each)
         draw_bode(each, 0.05)
         assert len(curves(axis)["poles"]) == 2
-    assert regions(unknown) == []
+    assert regions(unknown.model) == []
 
 
 def test_bode_holds_the_response_and_its_band(uncertain) -> None:

@@ -20,7 +20,7 @@ from replant.cli import main
 from replant.errors import MissingDependencyError
 from replant.report import result_page as module
 from replant.report.findings import findings
-from replant.report.page_figures import charts
+from replant.report.page_figures import charts_of
 from replant.report.result_page import write_report
 from support.builders import with_model
 
@@ -242,7 +242,9 @@ def test_whatever_a_file_calls_itself_is_text(plain, tmp_path) -> None:
 def test_plots_hold_the_record(uncertain) -> None:
     from replant.report.contents import Material
 
-    found = charts(Material(uncertain.result, uncertain.log, uncertain.result.settings.filter, rp.Preprocess()))
+    found = charts_of(
+        Material(uncertain.result, uncertain.log, uncertain.result.settings.filter, rp.Preprocess()).panels
+    )
     measured, model = found["fit"][1]["curves"]
     np.testing.assert_allclose(values(measured), uncertain.log.output, atol=1e-6)
     np.testing.assert_allclose(values(model), uncertain.result.simulation.output, atol=1e-6)
@@ -381,10 +383,10 @@ def test_where_uplot_was_not_fetched_that_of_uplot_python_is_taken(tmp_path, mon
 
 def test_plots_over_time_know_what_is_left_out(uncertain) -> None:
     from replant.report.contents import Material
-    from replant.report.page_figures import charts
+    from replant.report.page_figures import charts_of
 
     result = dataclasses.replace(uncertain.result, left_out=np.array([[10, 30]]))
-    found = charts(Material(result, uncertain.log, result.settings.filter, rp.Preprocess()))
+    found = charts_of(Material(result, uncertain.log, result.settings.filter, rp.Preprocess()).panels)
     dt = uncertain.log.dt
     for chart in found["fit"]:
         assert chart["left_out"] == [[pytest.approx(9 * dt), pytest.approx(30 * dt)]]

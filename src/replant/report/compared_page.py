@@ -28,7 +28,7 @@ from replant.report import contents as tables
 from replant.report import python_programs
 from replant.report.figures import draw_outputs, draw_overlay, draw_responses, responses_of
 from replant.report.findings import BAD, GOOD, Finding, findings
-from replant.report.page_figures import HALF, look, svg, variable
+from replant.report.page_figures import HALF, VARIABLES, look, svg
 from replant.report.page_frame import NO_BREAK, Html, code, facts, icon, section, table, words, write_page
 from replant.report.panels import draw_poles_of, draw_steps, output_panels
 from replant.report.result_page import in_small
@@ -58,7 +58,7 @@ def _swatch(colour: str, dashes: Any, width: float = 2.4) -> str:
     pattern = "" if dashes == "solid" else f' stroke-dasharray="{" ".join(f"{1.4 * x:g}" for x in dashes[1])}"'
     return (
         f'<svg class="swatch" viewBox="0 0 42 8" aria-hidden="true"><path d="M0 4h42" fill="none" '
-        f'stroke="var(--{variable(colour)})" stroke-width="{width:g}"{pattern}/></svg>'
+        f'stroke="var(--{VARIABLES[colour]})" stroke-width="{width:g}"{pattern}/></svg>'
     )
 
 

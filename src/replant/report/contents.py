@@ -18,7 +18,6 @@ from replant.logs.log import Log
 from replant.logs.recording import digest
 from replant.model.preprocess import Preprocess
 from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import places_on_grid
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
@@ -34,10 +33,9 @@ from replant.plotting.numbers import (
     uncertain,
 )
 from replant.plotting.over_time import Panel
-from replant.report.figures import regions, usable_uncertainty
 from replant.report.findings import Excitation, excitation, regressors_of
 from replant.report.page_frame import facts, table
-from replant.report.panels import estimate_panels, excitation_panels, fit_panels
+from replant.report.panels import estimate_panels, excitation_panels, fit_panels, regions
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +70,6 @@ class Material:
         return {"input_label": of_input, "output_label": self.log.output_name}
 
     @cached_property
-    def uncertainty(self) -> Uncertainty | None:
-        """Uncertainty of the result; None without a usable covariance."""
-        return usable_uncertainty(self.result)
-
-    @cached_property
     def panels(self) -> dict[str, list[Panel]]:
         """What is drawn over time, by section."""
         result, log = self.result, self.log
@@ -97,11 +90,8 @@ class Material:
         """Correlations of the residual with itself and with the mapped input."""
         times = [mode.time_constant for mode in self.result.transfer_function.modes]
         lags = correlation_lags(times, self.log.output.size, self.log.dt)
-        return correlations(self.on_grid(self.residual), self.on_grid(self.preprocess.map_input(self.log.input)), lags)
-
-    def on_grid(self, signal: FloatArray) -> FloatArray:
-        """Return a signal (K,) as one of a regular clock, see `on_grid`."""
-        return on_grid(signal, self.log)
+        residual, u = (on_grid(x, self.log) for x in (self.residual, self.preprocess.map_input(self.log.input)))
+        return correlations(residual, u, lags)
 
     @cached_property
     def excitation(self) -> Excitation | None:
@@ -135,7 +125,7 @@ PACKAGES = ("replant", "numpy", "scipy", "matplotlib")
 
 def coefficients(material: Material) -> str:
     """Return the table of coefficients with units, standard deviations and, if known, true values."""
-    result, known = material.result, material.uncertainty
+    result, known = material.result, material.result.uncertainty
     stds: Sequence[float | None] = [None] * result.structure.size if known is None else known.std.tolist()
     labels = symbols(result.structure, material.plant_label, material.log.output_name)
     headings = ["coefficient", "estimate" if known is None else "estimate ± std"]
@@ -163,7 +153,7 @@ def gain_and_times(model: Model) -> tuple[str, list[str]]:
 
 def poles(material: Material) -> str:
     """Return the tables of poles, with frequency, damping and time constant, and of zeros."""
-    result, known = material.result, material.uncertainty
+    result, known = material.result, material.result.uncertainty
     modes = result.transfer_function.modes
     spreads: Sequence[tuple[float | None, ...]] = [(None, None, None)] * len(modes)
     if known is not None:
@@ -180,7 +170,7 @@ def _zeros(result: Result) -> str:
     zeros = [zero for zero in result.transfer_function.zeros.tolist() if zero.imag >= 0]
     if not zeros:
         return '<p class="note">No zeros.</p>' if result.structure.zeros == 0 else ""
-    spread = {root: covariance for root, covariance in regions(result) if np.isfinite(covariance).all()}
+    spread = {root: covariance for root, covariance in regions(result.model) if np.isfinite(covariance).all()}
     rows = []
     for zero in sorted(zeros, key=abs):
         known = spread.get(zero)

@@ -30,7 +30,6 @@ from replant.fitting.responses import Bode, StepResponse, frequencies
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import accepted
 from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, instance, owned, record
 from replant.numerics.limits import duration, file_path
 from replant.numerics.residuals import Correlations, periodogram
@@ -48,6 +47,7 @@ from replant.report.panels import (
     output_panels,
     overlay_panels,
     plant_input,
+    regions,
 )
 
 __all__ = [
@@ -259,38 +259,7 @@ def draw_poles_and_zeros(result: Result, *, truth: TransferFunction | None = Non
         Drawn into; without it a figure is made.
     """
     model = result.transfer_function
-    return diagrams.draw_poles({"model": (model.poles, model.zeros, regions(result))}, ax, truth=truth)
-
-
-def regions(result: Result) -> list[tuple[complex, FloatArray]]:
-    """Return each pole and zero with the covariance (2, 2) of its real and imaginary part; empty where unknown."""
-    known = usable_uncertainty(result)
-    if known is None:
-        return []
-    with np.errstate(all="ignore"):  # at a double root the region is unbounded
-        modes = known.modes
-    found = diagrams.with_conjugates([(mode.mode.pole, mode.covariance) for mode in modes])
-    numerator = known.covariance[result.structure.numerator, result.structure.numerator]
-    model = result.transfer_function
-    return [*found, *((zero, zero_covariance(model.num, numerator, zero)) for zero in model.zeros.tolist())]
-
-
-def usable_uncertainty(result: Result) -> Uncertainty | None:
-    """Return the uncertainty of a result; None if it has no covariance, or one that is not finite."""
-    if result.covariance is None or not np.isfinite(result.covariance).all():
-        return None
-    return Uncertainty(result.structure, result.parameters, result.covariance)
-
-
-def zero_covariance(num: FloatArray, covariance: FloatArray, zero: complex) -> FloatArray:
-    """Return the covariance (2, 2) of a zero's real and imaginary part: N(z) = 0 gives dz/db_i = -z^i / N'(z)."""
-    steepness = complex(np.polyval(np.polyder(num), zero))
-    size = covariance.shape[0]
-    if steepness == 0.0 or num.size != size:
-        return np.full((2, 2), np.inf)
-    slope = -(complex(zero) ** np.arange(size - 1, -1, -1)) / steepness
-    parts = np.stack([slope.real, slope.imag])
-    return np.asarray(parts @ covariance @ parts.T) + 0.0
+    return diagrams.draw_poles({"model": (model.poles, model.zeros, regions(result.model))}, ax, truth=truth)
 
 
 def draw_bode(
@@ -317,15 +286,11 @@ def draw_bode(
         With the unit in brackets at the end, if it is known.
     """
     result, dt = instance("result", result, Result), duration("dt", dt)
-    found = _response(result, frequencies(result.transfer_function, dt), dt)
+    with np.errstate(all="ignore"):
+        found = result.model.bode(frequencies(result.transfer_function, dt))
     true = None if truth is None else Bode.of(truth, None, dt, found.frequency)
     unit = gain_unit(plant_input(result, input_label), output_label)
     return diagrams.draw_bode({"model": found}, axes, truth=true, unit=unit)
-
-
-def _response(result: Result, omega: FloatArray, dt: float) -> Bode:
-    with np.errstate(all="ignore"):
-        return Bode.of(result.transfer_function, usable_uncertainty(result), dt, omega)
 
 
 def draw_responses(
@@ -352,7 +317,8 @@ def responses_of(results: Mapping[str, Result], dt: float, reference: str) -> di
     found = {}
     for name, result in results.items():
         omega = np.union1d(frequencies(result.transfer_function, dt), np.geomspace(span[0], span[1], 200))
-        found[name] = _response(result, omega[(omega >= span[0]) & (omega <= span[1])], dt)
+        with np.errstate(all="ignore"):
+            found[name] = result.model.bode(omega[(omega >= span[0]) & (omega <= span[1])])
     return found
 
 

@@ -30,17 +30,12 @@ HEIGHTS = {"output": 280, "input": 130, "residual": 140, "eigenvalue": 140, "con
 HEIGHT = 170  # of any other chart [px]
 
 # the variables of the page's style sheet, by the figures' colours
-_VARIABLES = {
+VARIABLES = {
     style.MEASURED: "measured", style.MODEL: "model", style.RESIDUAL: "residual", style.INPUT: "input",
     style.TRUTH: "truth", style.INK: "ink", style.MUTED: "muted", style.GRID: "grid",
 }  # fmt: skip
-_VARIABLES |= {colour: f"line-{i}" for i, colour in enumerate(style.COLOURS) if colour not in _VARIABLES}
+VARIABLES |= {colour: f"line-{i}" for i, colour in enumerate(style.COLOURS) if colour not in VARIABLES}
 _LOOK: Any = {"svg.fonttype": "none", "font.size": 10.0, "axes.titlesize": 10.0, "legend.fontsize": 9.5}
-
-
-def variable(colour: str) -> str:
-    """Return the variable of the page's style sheet for a colour of the figures."""
-    return _VARIABLES[colour]
 
 
 def look() -> Any:
@@ -65,7 +60,7 @@ def svg(figure: Any, name: str, words: str = "", *, themed: bool = True) -> str:
     text = re.sub(r'\bid="', f'id="{name}-', text)
     text = re.sub(r'(href="#|url\(#)', rf"\1{name}-", text)
     text = re.sub(r'(?<= d=")[^"]*', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), text)
-    for colour, name_there in _VARIABLES.items() if themed else ():
+    for colour, name_there in VARIABLES.items() if themed else ():
         text = re.sub(rf"{colour}\b", f"var(--{name_there})", text, flags=re.IGNORECASE)
     return text.replace("<svg", f'<svg role="img" aria-label="{html.escape(words)}"', 1) if words else text
 
@@ -172,7 +167,7 @@ def of_poles(material: Material) -> str:
     poles = ", ".join(complex_number(mode.pole) for mode in model.modes)
     zeros = ", ".join(complex_number(zero) for zero in model.zeros.tolist() if zero.imag >= 0)
     tail = f"; zero{'s' if model.zeros.size > 1 else ''} at {zeros} rad/s" if zeros else ""
-    region = " Coloured: 95 % confidence regions." if material.uncertainty is not None else ""
+    region = " Coloured: 95 % confidence regions." if material.result.uncertainty is not None else ""
     diamonds = " Diamonds: the true poles." if material.truth is not None else ""
     heads = f"Pole{'s' if model.poles.size > 1 else ''} at {poles} rad/s{tail}"
     return f"{heads}. Grey: the right half-plane, in which poles are unstable.{region}{diamonds}"
@@ -180,7 +175,7 @@ def of_poles(material: Material) -> str:
 
 def of_bode(material: Material) -> str:
     """Return the caption of the Bode diagram."""
-    band = " with bands of two standard deviations" if material.uncertainty is not None else ""
+    band = " with bands of two standard deviations" if material.result.uncertainty is not None else ""
     gain = number(material.result.transfer_function.dc_gain)
     unit = gain_unit(material.plant_label, material.log.output_name)
     gain += f" {unit}" if unit else ""
@@ -193,7 +188,7 @@ def _dashed(material: Material) -> str:
 
 def of_step(material: Material) -> str:
     """Return the caption of the step response."""
-    band = " with a band of two standard deviations" if material.uncertainty is not None else ""
+    band = " with a band of two standard deviations" if material.result.uncertainty is not None else ""
     return (
         f"Step response of G(s){band}: what the output makes of a unit step of the input, from rest.{_dashed(material)}"
     )
@@ -245,22 +240,16 @@ def of_spectrum(material: Material) -> str:
     )
 
 
-def charts(material: Material) -> dict[str, list[dict[str, Any]]]:
-    """Return what is drawn over time as data for the browser; none of a section that words stand in for."""
-    found = charts_of(material.panels)
-    for chart in found["parameters"][1:]:
-        chart["quiet"] = True  # one legend serves all
-    return found
-
-
 def charts_of(panels: Mapping[str, Sequence[Panel]]) -> dict[str, list[dict[str, Any]]]:
-    """Return the panels of each section as data for the browser."""
+    """Return the panels of each section as data for the browser; none of one that words stand in for."""
     found = {}
     for section, drawn in panels.items():
         few = any(panel.words or len(panel.curves[0].t) < (2 if panel.is_log else 0) for panel in drawn)
         size = sum(1 + (curve.std is not None) for panel in drawn for curve in panel.curves if curve.kind != "constant")
         points = max(200, PARAMETER_POINTS // max(size, 1)) if section == "parameters" else POINTS
         found[section] = [] if few else [_chart(panel, points) for panel in drawn]
+    for chart in found.get("parameters", ())[1:]:
+        chart["quiet"] = True  # one legend serves all
     return found
 
 
@@ -294,7 +283,7 @@ def _times(t: FloatArray) -> dict[str, Any]:
 def _entries(curve: Curve, panel: Panel, points: int) -> list[dict[str, Any]]:
     """Return a curve, and its band, as data for the browser."""
     scaled = np.log10 if panel.is_log else np.asarray
-    entry = {"label": curve.label, "role": variable(curve.colour)}
+    entry = {"label": curve.label, "role": VARIABLES[curve.colour]}
     if curve.kind == "constant":
         return [entry | {"kind": "constant", "value": float(scaled(curve.values)[0])}]
     values = within_reason(curve.values, panel.limits) if panel.limits else curve.values

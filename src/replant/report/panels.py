@@ -252,7 +252,29 @@ def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
 
 def draw_poles_of(models: Mapping[str, Model], axis: Any) -> None:
     """Draw the poles and zeros of each model with their 95 % regions."""
-    found = {name: model.poles() for name, model in models.items()}
-    regions = {name: [(mode.mode.pole, mode.covariance) for mode in each.uncertain] for name, each in found.items()}
-    drawn = {n: (each.values, each.zeros, diagrams.with_conjugates(regions[n])) for n, each in found.items()}
+    plants = {name: model.transfer_function for name, model in models.items()}
+    drawn = {name: (g.poles, g.zeros, regions(models[name])) for name, g in plants.items()}
     diagrams.draw_poles(drawn, axis)
+
+
+def regions(model: Model) -> list[tuple[complex, FloatArray]]:
+    """Return each pole and zero with the covariance (2, 2) of its real and imaginary part; empty where unknown."""
+    known, g = model.uncertainty, model.transfer_function
+    if known is None:
+        return []
+    with np.errstate(all="ignore"):  # at a double root the region is unbounded
+        modes = known.modes
+    found = diagrams.with_conjugates([(mode.mode.pole, mode.covariance) for mode in modes])
+    numerator = known.covariance[model.structure.numerator, model.structure.numerator]
+    return [*found, *((zero, zero_covariance(g.num, numerator, zero)) for zero in g.zeros.tolist())]
+
+
+def zero_covariance(num: FloatArray, covariance: FloatArray, zero: complex) -> FloatArray:
+    """Return the covariance (2, 2) of a zero's real and imaginary part: N(z) = 0 gives dz/db_i = -z^i / N'(z)."""
+    steepness = complex(np.polyval(np.polyder(num), zero))
+    size = covariance.shape[0]
+    if steepness == 0.0 or num.size != size:
+        return np.full((2, 2), np.inf)
+    slope = -(complex(zero) ** np.arange(size - 1, -1, -1)) / steepness
+    parts = np.stack([slope.real, slope.imag])
+    return np.asarray(parts @ covariance @ parts.T) + 0.0

@@ -94,7 +94,7 @@ def write_report(
         python = python or run_as_python(result, log)
     material = Material(result, log, filter, preprocess or Preprocess(), truth)
     with np.errstate(all="ignore"):  # figures that are not finite are reported in words
-        plots = page_figures.charts(material)
+        plots = page_figures.charts_of(material.panels)
         fields = _fields(material, plots, command, python)
         fields["verdict"] = verdict_of(findings(result, len(log)), advice)
     fields["candidates"] = "" if candidates is None else candidates_of(candidates)
@@ -126,11 +126,7 @@ def _fields(material: Material, plots: dict[str, list[dict[str, Any]]], command:
     note = note if all(each.usable for each in found) else DO_NOT_USE
     return {
         "zoom": asset("zoom.html"),
-        "model_note": DO_NOT_USE
-        if not all(each.usable for each in found)
-        else CONTRADICTED
-        if found[0].gravity == BAD
-        else "",
+        "model_note": note,
         "long": " long" if material.result.structure.poles > BESIDE else "",
         "math": mathml(material.result.transfer_function) if material.result.parameters.any() else NO_MODEL,
         "figures": _figures(material),
@@ -163,7 +159,7 @@ def _sections(material: Material, plots: dict[str, list[dict[str, Any]]]) -> dic
         of: dict[str, Any] = {"truth": truth, **material.labels}
         draw_bode = partial(figures.draw_bode, result, log.dt, **of)
         bode = still("bode", 4.2, lambda axes: draw_bode(axes=axes), rows=2, height_ratios=(3, 2))
-        residual = material.on_grid(material.residual)
+        residual = tables.on_grid(material.residual, log)
         spectrum = still("spectrum", 2.9, lambda axis: figures.draw_spectrum(result.noise, residual, log.dt, ax=axis))
         return {
             "fit": over_time["fit"],
@@ -242,7 +238,7 @@ def verdict_of(found: Sequence[Finding], advice: tuple[str, str] | None, of: str
 
 def _figures(material: Material) -> str:
     """Return the key figures."""
-    result, known = material.result, material.uncertainty
+    result, known = material.result, material.result.uncertainty
     unit = gain_unit(material.plant_label, material.log.output_name)
     gain = uncertain(result.transfer_function.dc_gain, None if known is None else known.dc_gain_std)
     entries = [
