@@ -20,13 +20,18 @@ from replant.fleet.job import report_path
 from replant.fleet.odd_rigs import drift_between, oddness_of
 from replant.fleet.page import write_page
 from replant.fleet.statistics import figures_of, limit_of, located
-from replant.fleet.store import FAILED, Movement, Row, table_of
+from replant.fleet.store import FAILED, Movement, Row, cells_of, schema
 from replant.verdict.verdict import Verdict
 from support.browsing import TEXTS, chromium, contrast, new_page
 from support.cases import every
 
 TWO = rp.Structure(2)
 MOVES = Movement(1.0, 1.0, 0.01)
+
+
+def table_of(rows, shape):
+    """Return rows as the table of results."""
+    return pyarrow.Table.from_pylist([json.loads(cells_of(row, shape)) for row in rows], schema(shape))
 
 
 def row(

@@ -12,8 +12,7 @@ import pytest
 import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.fleet import worker
-from replant.fleet.job import Job
-from replant.fleet.model_shape import RowShape
+from replant.fleet.job import Job, RowShape
 from replant.fleet.odd_rigs import oddness_of
 from replant.fleet.statistics import Deviation, Quantity, quantities_of, unit_factor
 from replant.fleet.store import schema

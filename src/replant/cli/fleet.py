@@ -15,8 +15,7 @@ from replant.cli.run_fit_compare_options import fleet_options, structure_of
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load
-from replant.fleet.job import METHODS, MODELS, TABLE
-from replant.fleet.model_shape import shape_of, wanted
+from replant.fleet.job import METHODS, MODELS, TABLE, shape_of, wanted
 from replant.fleet.odd_rigs import check_comparable, oddness_of
 from replant.fleet.page import MOST_REPORTS, write_page, write_reports
 from replant.fleet.store import FAILED

@@ -25,8 +25,7 @@ from replant.fitting.model import Model
 from replant.fitting.model_json import STRUCTURE
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
-from replant.fleet.job import ABOUT, MODELS, TABLE, Job, planned
-from replant.fleet.model_shape import Shape, branches_of, shape_of, wanted
+from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, branches_of, planned, shape_of, wanted
 from replant.fleet.store import Store, column, read_table
 from replant.fleet.worker import carry_out, one_thread
 from replant.model.structure import Structure

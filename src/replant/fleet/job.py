@@ -1,4 +1,4 @@
-"""The job of a fleet, its tasks, and the files of its folder."""
+"""The job of a fleet, the shape of its models, its tasks, and the files of its folder."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 from replant.errors import InvalidArgumentError, SystemRefusedError
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.settings import AUTO, Request
-from replant.fleet.model_shape import Shape, shape_of, wanted
+from replant.fitting.miso_fit import structures_of
 from replant.logs.arrow import SUFFIXES, RowGroups
 from replant.logs.log import check_one_reference
 from replant.model.preprocess import Preprocess
@@ -25,6 +25,75 @@ from replant.numerics import operating_system
 from replant.numerics.arguments import finite, instance, iterable, keep, one_of, text, whole
 from replant.numerics.limits import duration
 from replant.numerics.operating_system import refusal
+
+
+@dataclass(frozen=True)
+class RowShape:
+    """A structure of each of several inputs; columns of the table end in a dot and the input's name."""
+
+    structures: tuple[Structure, ...]
+    inputs: tuple[str, ...]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters, those of one input after the other."""
+        return tuple(f"{name}{end}" for _, end, structure in branches_of(self) for name in structure.names)
+
+    @property
+    def size(self) -> int:
+        """How many parameters there are."""
+        return sum(each.size for each in self.structures)
+
+    @property
+    def coefficients(self) -> int:
+        """How many of them are coefficients: all."""
+        return self.size
+
+    def __str__(self) -> str:
+        return ", ".join(f"{each} from {name}" for name, _, each in branches_of(self))
+
+
+Shape = Structure | RowShape
+
+
+def branches_of(shape: Shape) -> Iterator[tuple[str, str, Structure]]:
+    """Yield of each input its name, how its columns end, and its structure; of a single one no name and no ending."""
+    if isinstance(shape, Structure):
+        yield "", "", shape
+        return
+    for name, structure in zip(shape.inputs, shape.structures, strict=True):
+        yield name, f".{name}", structure
+
+
+def shape_of(structure: Structure | tuple[Structure, ...], inputs: Any) -> Shape:
+    """Return the shape of models of a structure, or of one for each of several inputs."""
+    if isinstance(structure, Structure):
+        return structure
+    return RowShape(structure, tuple(map(str, inputs)))
+
+
+def wanted(
+    inputs: Any, structure: Structure | Sequence[Structure] | None, poles: Any, zeros: Any, delay: Any
+) -> Structure | tuple[Structure, ...]:
+    """Return the structure asked for, of several inputs a tuple of them.
+
+    >>> [each.poles for each in wanted(["u1", "u2"], None, (2, 1), 0, 0.0)]
+    [2, 1]
+    """
+    if not iterable(inputs):
+        if poles is not None and iterable(poles):
+            raise InvalidArgumentError(f"poles has {len(poles)} entries, and there is one input: name the others")
+        return Structure.wanted(structure, poles, zeros, delay)  # type: ignore[arg-type]
+    if structure is None:
+        return structures_of(len(inputs), poles, zeros, delay)
+    given = (structure,) if isinstance(structure, Structure) else tuple(structure)
+    structures = tuple(instance("structure", each, Structure) for each in given)
+    if len(structures) != len(inputs):
+        raise InvalidArgumentError(f"structure must be one for each of {len(inputs)} inputs, got {len(structures)}")
+    if any(each.bias or each.feedthrough for each in structures):
+        raise InvalidArgumentError("several inputs take no bias and no feedthrough yet: leave them out")
+    return structures
+
 
 METHODS = ("run", "fit")
 FORMAT = 2  # version of the files that a fleet writes; those of another version are made anew [number]

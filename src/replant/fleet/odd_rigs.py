@@ -11,8 +11,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.fleet.fit import Fleet
-from replant.fleet.job import TABLE
-from replant.fleet.model_shape import Shape, branches_of
+from replant.fleet.job import TABLE, Shape, branches_of
 from replant.fleet.statistics import (
     Figures,
     Location,

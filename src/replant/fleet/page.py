@@ -16,8 +16,7 @@ from replant.fitting.miso_fit import RowFit
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import carried_out, workers
 from replant.fleet.fit import Fleet
-from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
-from replant.fleet.model_shape import branches_of
+from replant.fleet.job import REPORTS, Job, Rig, branches_of, replacing, report_path
 from replant.fleet.odd_rigs import Drift, Oddness, drift_between, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
@@ -295,25 +294,19 @@ def write_one(task: ReportTask) -> int:
         try:
             recording = opened(rig, job)
             result = result_of(recording, job, with_history=True)
-        except MemoryError:
-            raise
         except ReplantError:
             return 0
-        log = recording.held
-        if isinstance(result, RowFit):
-            assert log is not None
-            with replacing(Path(task.folder, report_path(rig.name))) as new:
-                write_rows(new, [Output(result, log)], title=rig.name, python=_program(task))
-            return 1
-        shown = result.overview
+        log, shown = recording.held, None if isinstance(result, RowFit) else result.overview
         if shown is not None:
             log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
         assert log is not None
-        more: dict[str, Any] = {"title": rig.name, "python": _program(task)}
-        if job.method == "fit":
-            more["preprocess"] = job.preprocess.resolve(log.input, log.output)
+        about: dict[str, Any] = {"title": rig.name, "python": _program(task)}
         with replacing(Path(task.folder, report_path(rig.name))) as new:
-            write_report(new, result, log, **more)
+            if isinstance(result, RowFit):
+                write_rows(new, [Output(result, log)], **about)
+            else:
+                preprocess = job.preprocess.resolve(log.input, log.output) if job.method == "fit" else None
+                write_report(new, result, log, preprocess=preprocess, **about)
     return 1
 
 

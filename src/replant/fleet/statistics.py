@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.fleet.model_shape import Shape, branches_of
+from replant.fleet.job import Shape, branches_of
 from replant.fleet.store import column
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray

@@ -29,6 +29,8 @@ from replant.fleet.job import (
     TIMING,
     Job,
     Rig,
+    Shape,
+    branches_of,
     clear,
     digest,
     foreign,
@@ -36,7 +38,6 @@ from replant.fleet.job import (
     replacing,
     report_path,
 )
-from replant.fleet.model_shape import Shape, branches_of
 from replant.logs.arrow import CHECKED
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.operating_system import refusal
@@ -257,13 +258,6 @@ class Row:
 def cells_of(row: Row, shape: Shape) -> str:
     """Return a row as an object of JSON: a cell by column, the model's JSON, and the seconds that it took."""
     return json.dumps(_cells(row, shape), allow_nan=False)
-
-
-def table_of(rows: Sequence[Row], shape: Shape) -> Any:
-    """Return rows as the table of results, a `pyarrow.Table`."""
-    import pyarrow
-
-    return pyarrow.Table.from_pylist([_cells(row, shape) for row in rows], schema(shape))
 
 
 def schema(shape: Shape) -> Any:
