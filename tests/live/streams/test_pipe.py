@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from replant.live.streams.addresses import Address
 from replant.live.streams.serial_and_network import PipeSource
 from support.wires import Reading, csv
 
@@ -28,7 +29,7 @@ def test_lines_until_the_pipe_ends(read: Callable[..., Reading]) -> None:
     """The last one counts without its end."""
     t, u, y = np.random.default_rng(8).normal(size=(3, 20_000))
     out, into = os.pipe()
-    reading = read(PipeSource("-", out))
+    reading = read(PipeSource(Address("-", ""), file=out))
     with os.fdopen(into, "wb") as writer:
         writer.write(b"t,u,y\n" + csv(t, u, y).rstrip(b"\n"))
     reading.join()
@@ -41,7 +42,7 @@ def test_lines_until_the_pipe_ends(read: Callable[..., Reading]) -> None:
 
 def test_close_while_the_writer_keeps_silent(read: Callable[..., Reading]) -> None:
     out, into = os.pipe()
-    reading = read(PipeSource("-", out))
+    reading = read(PipeSource(Address("-", ""), file=out))
     os.write(into, b"1,2\n3,4\n5,")
     reading.wait_for(2)
     reading.stop()

@@ -13,6 +13,7 @@ import pytest
 
 from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams import Batch, open_source
+from replant.live.streams.addresses import Address
 from replant.live.streams.line_parser import MAGIC, Parser, Payloads
 from replant.live.streams.reader_thread import Inbox
 from replant.live.streams.serial_and_network import PipeSource
@@ -127,7 +128,7 @@ def test_a_pipe(tmp_path: Path) -> None:
     path = tmp_path / "lines"
     path.write_text("1,0.5,7\n2,0.6,8\n")
     with path.open("rb") as file:
-        batches = list(filter(len, PipeSource("-", file.fileno(), ("u", "y", "r")).batches()))
+        batches = list(filter(len, PipeSource(Address("-", ""), ("u", "y", "r"), file=file.fileno()).batches()))
     np.testing.assert_array_equal(np.concatenate([batch.r for batch in batches]), [7.0, 8.0])
 
 

@@ -34,13 +34,17 @@ class Address:
                 listed = ", ".join(known)
                 raise InvalidArgumentError(f"{self.name}: unknown option {option!r}; known are: {listed}")
 
-    def host_and_port(self, example: str) -> tuple[str, int]:
-        """Return host and port."""
-        if not self.host:
-            raise InvalidArgumentError(f"{self.name}: the host is missing; write {example}")
-        if self.port is None:
-            raise InvalidArgumentError(f"{self.name}: the port is missing; write {example}")
-        return self.host, self.port
+    def check(self, part: object, what: str) -> None:
+        """Check that a part of the address is there."""
+        if not part:
+            raise InvalidArgumentError(f"{self.name}: the {what} is missing; write {SCHEMES[self.scheme][1]}")
+
+    @property
+    def place(self) -> tuple[str, int]:
+        """Host and port."""
+        self.check(self.host, "host")
+        self.check(self.port is not None, "port")
+        return self.host, self.port or 0
 
     def whole(self, option: str, default: int, *, least: int) -> int:
         """Return an option as a whole number."""
@@ -122,12 +126,12 @@ def options_of(name: str, query: str) -> dict[str, str]:
         ) from None
 
 
-#: For each scheme of a URL: the function that opens it, and an example.
+#: For each scheme of a URL: what opens it, and an example.
 SCHEMES = {
-    "tcp": ("serial_and_network.open_tcp", "tcp://127.0.0.1:9000"),
-    "udp": ("serial_and_network.open_udp", "udp://0.0.0.0:9000"),
-    "serial": ("serial_and_network.open_serial", "serial:///dev/ttyUSB0?baud=115200"),
-    "mqtt": ("serial_and_network.open_mqtt", "mqtt://127.0.0.1:1883/rig/1"),
+    "tcp": ("serial_and_network.TcpSource", "tcp://127.0.0.1:9000"),
+    "udp": ("serial_and_network.UdpSource", "udp://0.0.0.0:9000"),
+    "serial": ("serial_and_network.SerialSource", "serial:///dev/ttyUSB0?baud=115200"),
+    "mqtt": ("serial_and_network.MqttSource", "mqtt://127.0.0.1:1883/rig/1"),
 }
 _OTHERS = "-, demo, log.csv?speed=10"
 
@@ -158,15 +162,15 @@ def open_source(url: str, signals: Signals = UY) -> Source:
     (array([0.   , 0.001, 0.002]), array([0, 1, 2]))
     """
     address, opener = _address_of(url)
-    module, _, function = opener.partition(".")
-    source: Source = getattr(importlib.import_module(f"replant.live.streams.{module}"), function)(
+    module, _, opens = opener.partition(".")
+    source: Source = getattr(importlib.import_module(f"replant.live.streams.{module}"), opens)(
         address, _columns_of(address, signals), signals
     )
     return source
 
 
 def _address_of(url: str) -> tuple[Address, str]:
-    """Return the parts of a URL, and the name of the function that opens it."""
+    """Return the parts of a URL, and the name of what opens it."""
     scheme, separator, _ = url.partition("://")
     if separator:
         if scheme.lower() in SCHEMES:
@@ -179,7 +183,7 @@ def _address_of(url: str) -> tuple[Address, str]:
     if not path:
         raise InvalidArgumentError(f"{url!r}: the source is missing; write {SCHEMES['tcp'][1]}, {_OTHERS}")
     address = Address(url, "", path=path, options=options_of(url, query))
-    return address, {"-": "serial_and_network.open_pipe", "demo": "demo.open_demo"}.get(path, "demo.open_replay")
+    return address, {"-": "serial_and_network.PipeSource", "demo": "demo.DemoSource"}.get(path, "demo.open_replay")
 
 
 def _columns_of(address: Address, signals: Signals) -> Columns:

@@ -197,11 +197,12 @@ LOOPS = (
 class DemoSource(Source):
     """The rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples."""
 
-    def __init__(self, name: str = "demo", speed: float = 1.0, seed: int = 0, *, looped: bool = False) -> None:
-        super().__init__(name, waits=True, capacity=4 * PART)
-        self._seed = seed
-        self._looped = looped
-        self._pace = Pace(speed)
+    def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
+        super().__init__(address.name, waits=True, capacity=4 * PART)
+        address.allow("speed", "seed", "loop")
+        self._looped = address.one_of("loop", LOOPS, "none") == "pi"
+        self._pace = Pace(speed_of(address, 1.0))
+        self._seed = address.whole("seed", 0, least=0)
 
     def _read(self) -> None:
         self._connected()
@@ -252,10 +253,3 @@ def demo_voltage(samples: int, seed: int) -> FloatArray:
     )  # fmt: skip
     signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // FLUTTER_HOLD))
     return steps + FLUTTER * np.repeat(signs, FLUTTER_HOLD)[:samples]
-
-
-def open_demo(address: Address, columns: Columns, signals: Signals) -> DemoSource:
-    """Return the source of the URL ``demo``."""
-    address.allow("speed", "seed", "loop")
-    looped = address.one_of("loop", LOOPS, "none") == "pi"
-    return DemoSource(address.name, speed_of(address, 1.0), address.whole("seed", 0, least=0), looped=looped)

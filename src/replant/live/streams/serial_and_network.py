@@ -12,7 +12,7 @@ from collections import deque
 from typing import Any
 
 from replant.errors import InvalidArgumentError
-from replant.live.streams.addresses import Address
+from replant.live.streams.addresses import SCHEMES, Address
 from replant.live.streams.line_parser import Payloads
 from replant.live.streams.reader_thread import Wire
 from replant.live.streams.source import UY, Columns, Signals
@@ -22,11 +22,17 @@ BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
 
 class PipeSource(Wire):
-    """Lines from an open file, ``-`` for standard input.  While the queue is full nothing is read: the writer waits."""
+    """Lines from an open file, by default standard input; while the queue is full nothing is read: the writer waits."""
 
-    def __init__(self, name: str, file: int, columns: Columns = None, signals: Signals = UY) -> None:
-        super().__init__(name, columns, signals, waits=True)
-        self._file = file
+    def __init__(
+        self, address: Address, columns: Columns = None, signals: Signals = UY, file: int | None = None
+    ) -> None:
+        super().__init__(address.name, columns, signals, waits=True)
+        address.allow("columns")
+        try:
+            self._file = sys.stdin.fileno() if file is None else file
+        except (AttributeError, OSError, ValueError):
+            raise InvalidArgumentError("-: there is no standard input; pipe samples into the command") from None
 
     def _session(self) -> None:
         self._connected()
@@ -42,17 +48,6 @@ class PipeSource(Wire):
             self._deliver_lines(data)
 
 
-def open_pipe(address: Address, columns: Columns, signals: Signals) -> PipeSource:
-    """Return the source that reads standard input."""
-    address.allow("columns")
-    try:
-        file = sys.stdin.fileno()
-    except (AttributeError, OSError, ValueError):
-        raise InvalidArgumentError("-: there is no standard input; pipe samples into the command") from None
-    return PipeSource(address.name, file, columns, signals)
-
-
-SERIAL_EXAMPLE = "serial:///dev/ttyUSB0?baud=115200"
 BAUD = 115_200  # usual rate of a serial line [bit/s]
 WAIT = 0.1  # the longest wait of one read; a closed source ends within this time [s]
 
@@ -65,14 +60,19 @@ class SerialSource(Wire):
     opened: sequence numbers tell only which samples were lost.
     """
 
-    def __init__(self, name: str, port: str, baud: int = BAUD, columns: Columns = None, signals: Signals = UY) -> None:
-        super().__init__(name, columns, signals, waits=False, replays=False)
-        self._port_and_baud = port, baud
+    def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
+        super().__init__(address.name, columns, signals, waits=False, replays=False)
+        address.allow("baud", "columns")
+        port = address.path or address.host.upper()  # a host is COM3
+        address.check(port, "port")
+        self._port_and_baud = port, address.whole("baud", BAUD, least=1)
         self._port: Any = None
         try:
             self._port = self._open()
         except port_errors() as error:
-            raise InvalidArgumentError(f"{name}: cannot be opened ({port_reason(error)}); {remedy(port)}") from None
+            raise InvalidArgumentError(
+                f"{address.name}: cannot be opened ({port_reason(error)}); {remedy(port)}"
+            ) from None
 
     def seek(self, sequence: int) -> None:
         """Do nothing: the board's numbers may have started anew."""
@@ -127,16 +127,6 @@ def remedy(port: str) -> str:
     return f"ports found: {ports}; on Linux your user must be in the group dialout (asked for: {port})"
 
 
-def open_serial(address: Address, columns: Columns, signals: Signals) -> SerialSource:
-    """Return the source of a URL ``serial://``."""
-    address.allow("baud", "columns")
-    port = address.path or address.host.upper()  # a host is COM3
-    if not port:
-        raise InvalidArgumentError(f"{address.name}: the port is missing; write {SERIAL_EXAMPLE}")
-    return SerialSource(address.name, port, address.whole("baud", BAUD, least=1), columns, signals)
-
-
-TCP_EXAMPLE = "tcp://127.0.0.1:9000"
 CONNECT_TIMEOUT = 5.0  # time that the peer may take to accept [s]
 #: A peer that was switched off is noticed after 5 + 3 * 2 s.
 KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
@@ -150,9 +140,10 @@ class TcpSource(Wire):
     keeps its samples then continues with N + 1.  Samples that a peer sends again are dropped by their number.
     """
 
-    def __init__(self, name: str, host: str, port: int, columns: Columns = None, signals: Signals = UY) -> None:
-        super().__init__(name, columns, signals, waits=True)
-        self._place = host, port
+    def __init__(self, address: Address, columns: Columns = None, signals: Signals = UY) -> None:
+        super().__init__(address.name, columns, signals, waits=True)
+        address.allow("columns")
+        self._place = address.place
 
     def _session(self) -> str:
         trouble = "the peer closed the connection"
@@ -187,13 +178,6 @@ def enable_keepalive(peer: socket.socket) -> None:
             peer.setsockopt(socket.IPPROTO_TCP, option, value)
 
 
-def open_tcp(address: Address, columns: Columns, signals: Signals) -> TcpSource:
-    """Return the source of a URL ``tcp://``."""
-    address.allow("columns")
-    return TcpSource(address.name, *address.host_and_port(TCP_EXAMPLE), columns, signals)
-
-
-UDP_EXAMPLE = "udp://0.0.0.0:9000"
 BUFFER = 1 << 23  # receive buffer that is requested from the system; the system may grant less [bytes]
 UDP_TOGETHER = 512  # largest number of datagrams parsed together [count]
 LARGEST_DATAGRAM = 1 << 16  # room for one datagram, more than UDP allows [bytes]
@@ -202,19 +186,16 @@ LARGEST_DATAGRAM = 1 << 16  # room for one datagram, more than UDP allows [bytes
 class UdpSource(Wire):
     """Datagrams with lines or packed numbers, received at ``udp://address:port``."""
 
-    def __init__(
-        self,
-        name: str,
-        host: str,
-        port: int,
-        columns: Columns = None,
-        signals: Signals = UY,
-        *,
-        bare: bool = False,
-    ) -> None:
-        super().__init__(name, columns, signals, waits=False, replays=False)
+    def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
+        super().__init__(address.name, columns, signals, waits=False, replays=False)
+        address.allow("columns", "format")
+        bare = address.one_of("format", ("lines", "doubles"), "lines") == "doubles"
+        if bare and columns is None:
+            raise InvalidArgumentError(
+                f"{address.name}: format=doubles needs columns; add &columns=t,{','.join(signals.names)}"
+            )
         self._payloads = Payloads(self._parser, bare=bare)
-        self._socket = listen(name, host, port)
+        self._socket = listen(address)
         self.port: int = self._socket.getsockname()[1]
 
     def close(self) -> None:
@@ -243,39 +224,29 @@ class UdpSource(Wire):
         return datagrams
 
 
-def listen(name: str, host: str, port: int) -> socket.socket:
+def listen(address: Address) -> socket.socket:
     """Return a socket that receives datagrams."""
     try:
-        family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        family, kind, protocol, _, place = socket.getaddrinfo(*address.place, type=socket.SOCK_DGRAM)[0]
         listener = socket.socket(family, kind, protocol)
     except OSError as error:
-        raise InvalidArgumentError(f"{name}: {error.strerror or error}; write {UDP_EXAMPLE}") from None
+        raise InvalidArgumentError(
+            f"{address.name}: {error.strerror or error}; write {SCHEMES[address.scheme][1]}"
+        ) from None
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
         listener.bind(place)
     except OSError as error:
         listener.close()
         raise InvalidArgumentError(
-            f"{name}: cannot listen there ({error.strerror or error}); choose another port, "
+            f"{address.name}: cannot listen there ({error.strerror or error}); choose another port, "
             "and an address of this computer or 0.0.0.0"
         ) from None
     listener.setblocking(False)
     return listener
 
 
-def open_udp(address: Address, columns: Columns, signals: Signals) -> UdpSource:
-    """Return the source of a URL ``udp://``."""
-    address.allow("columns", "format")
-    bare = address.one_of("format", ("lines", "doubles"), "lines") == "doubles"
-    if bare and columns is None:
-        raise InvalidArgumentError(
-            f"{address.name}: format=doubles needs columns; add &columns=t,{','.join(signals.names)}"
-        )
-    return UdpSource(address.name, *address.host_and_port(UDP_EXAMPLE), columns, signals, bare=bare)
-
-
 PAHO = "paho.mqtt.client", "MQTT needs paho-mqtt", "'replant[live]'"  # module, what needs it, and what to install
-MQTT_EXAMPLE = "mqtt://127.0.0.1:1883/rig/1"
 PORT = 1883  # port of a broker, as registered [number]
 MQTT_KEEPALIVE = 15  # MQTT's keep-alive interval: the broker hears from the client at least that often [s]
 LONGEST_MESSAGE = 1 << 20  # the longest message; a longer one is skipped and counted [bytes]
@@ -285,8 +256,18 @@ MQTT_TOGETHER = 256  # largest number of messages parsed together [count]
 class MqttSource(Wire):
     """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``."""
 
-    def __init__(self, address: Address, columns: Columns = None, signals: Signals = UY) -> None:
+    def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
         super().__init__(address.name, columns, signals, waits=False)
+        address.allow("columns", "qos")
+        address.check(address.host, "broker")
+        address.check(address.path, "topic")
+        *above, last = address.path.split("/")
+        if any("#" in level for level in above) or any(
+            mark in level and level != mark for level in (*above, last) for mark in "#+"
+        ):
+            raise InvalidArgumentError(
+                f"{address.name}: + stands for a whole level, # for all that follow; write rig/+"
+            )
         self._mqtt = needed(address.name, *PAHO)
         self._address = address
         self._qos = int(address.one_of("qos", ("0", "1"), "0"))
@@ -355,18 +336,3 @@ class MqttSource(Wire):
             self._counts["too long"] += 1
         else:
             self._messages.append(message.payload)
-
-
-def open_mqtt(address: Address, columns: Columns, signals: Signals) -> MqttSource:
-    """Return the source of a URL ``mqtt://``."""
-    address.allow("columns", "qos")
-    if not address.host:
-        raise InvalidArgumentError(f"{address.name}: the broker is missing; write {MQTT_EXAMPLE}")
-    if not address.path:
-        raise InvalidArgumentError(f"{address.name}: the topic is missing; write {MQTT_EXAMPLE}")
-    *above, last = address.path.split("/")
-    if any("#" in level for level in above) or any(
-        mark in level and level != mark for level in (*above, last) for mark in "#+"
-    ):
-        raise InvalidArgumentError(f"{address.name}: + stands for a whole level, # for all that follow; write rig/+")
-    return MqttSource(address, columns, signals)
