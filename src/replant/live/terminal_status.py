@@ -23,7 +23,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import one_step, one_step_with_lost
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
-from replant.online.running_model import model_of
+from replant.online.running_model import model_of, newest_of_row, newest_samples
 from replant.online.runs.result import Clock, History, Result
 from replant.plotting.numbers import fraction, grouped, with_std, wrapped
 from replant.report.findings import colour_of, without_reasons, words_of
@@ -162,47 +162,45 @@ def _lost(view: View) -> str:
     return ", ".join(f"{grouped(count, 0)} {reason}" for reason, count in counts if count)
 
 
-ROUNDING = 1e-6  # difference between an interval and the sampling time that is rounding [sampling times]
-
-
 def report_of(identifier: Identification, view: View) -> bytes:
     """Return the HTML report of an identifier."""
-    if isinstance(identifier, RowIdentifier):
-        return _report_of_row(identifier, view)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "report.html")
+        if isinstance(identifier, RowIdentifier):
+            _write_row(path, identifier, view)
+        else:
+            _write(path, identifier, view)
+        return path.read_bytes()
+
+
+def _write(path: Path, identifier: Identifier, view: View) -> None:
     from replant.report.result_page import write_report
 
     if identifier.settings is None:
         raise ReplantError("there is no model to report on yet")
     u, y, intervals = identifier.recent.T.copy()
-    t = np.cumsum(intervals) - intervals[0]
-    regular = bool((np.abs(intervals[1:] - identifier.dt) <= ROUNDING * identifier.dt).all())
-    log = Log(u, y, identifier.dt, t, "input", "output", Path(view.source), irregular=not regular)
+    t, irregular = np.cumsum(intervals) - intervals[0], not newest_samples(identifier).regular
+    log = Log(u, y, identifier.dt, t, "input", "output", Path(view.source), irregular=irregular)
     if identifier.reference:
         log = dataclasses.replace(log, reference=identifier.recent_reference, reference_name="reference")
-    with tempfile.TemporaryDirectory() as folder:
-        page = write_report(
-            Path(folder, "report.html"), _result(identifier, view, log), log, command=f"live {view.source}"
-        )
-        return page.read_bytes()
+    write_report(path, _result(identifier, view, log), log, command=f"live {view.source}")
 
 
-def _report_of_row(identifier: RowIdentifier, view: View) -> bytes:
+def _write_row(path: Path, identifier: RowIdentifier, view: View) -> None:
     from replant.report.matrix_page import Output, write_rows
 
     found = identifier.fit_of_newest()
     if found is None:
         raise ReplantError("there is no model to report on yet")
-    (u, y), intervals, names = identifier.recent, identifier.recent_intervals, identifier.request.input_names
-    regular = bool((np.abs(intervals[1:] - identifier.dt) <= ROUNDING * identifier.dt).all())
+    newest, names = newest_of_row(identifier, found), identifier.request.input_names
+    first, *more = newest.input.T
     log = Log(
-        u[:, 0], y, identifier.dt, np.cumsum(intervals) - intervals[0], names[0], view.output_label, Path(view.source),
-        irregular=not regular, input_hold=identifier.input_hold, others=dict(zip(names[1:], u.T[1:], strict=True)),
-        more_inputs=names[1:],
+        first, newest.output, identifier.dt, np.cumsum(newest.intervals) - newest.intervals[0], names[0],
+        view.output_label, Path(view.source), irregular=not newest.regular, input_hold=identifier.input_hold,
+        others=dict(zip(names[1:], more, strict=True)), more_inputs=names[1:],
     )  # fmt: skip
     shown = dataclasses.replace(found, model=found.model.of_log(names, view.output_label, view.source))
-    with tempfile.TemporaryDirectory() as folder:
-        page = write_rows(Path(folder, "report.html"), [Output(shown, log)], command=f"live {view.source}")
-        return page.read_bytes()
+    write_rows(path, [Output(shown, log)], command=f"live {view.source}")
 
 
 def _result(identifier: Identifier, view: View, log: Log) -> Result:
