@@ -22,7 +22,6 @@ from replant.logs.table import Table
 from replant.logs.text_cells import (
     MISSING,
     CellError,
-    DecimalMark,
     NumberError,
     TwoMarksError,
     common_mark,
@@ -52,11 +51,6 @@ _DATE_REMEDY = f"convert dates and clock times to seconds, or give the sampling 
 _WORDS = {".": "decimal point", ",": "comma"}
 
 
-def decimal_mark(layout: Layout, column: int) -> DecimalMark | None:
-    """Return what separates the fractions in a column; None: nothing in the log tells, or the delimiter is a comma."""
-    return layout.content.marks.get(column, layout.content.mark)
-
-
 def parse_column(
     path: Path, layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: int
 ) -> NDArray[np.float64]:
@@ -68,27 +62,22 @@ def parse_column(
             if form.date_column is not None:
                 cells = [joined_cell(row[form.date_column], row[column]) for _, row in rows]
             return form.seconds(cells)
-        mark = decimal_mark(layout, column)
+        mark = layout.content.marks.get(column, layout.content.mark)  # none where nothing tells, or commas delimit
         if mark is None and layout.delimiter != ",":
             mark = common_mark(mark_of(cell, line) for (line, _), cell in zip(rows, cells, strict=True))
         return parse_numbers(cells, mark)
     except CellError as error:
         line, name = rows[error.at][0], layout.names[column]
-        if isinstance(error, TwoMarksError):
+        if isinstance(error, TwoMarksError):  # 1.234 beside 0,5: the point may be a thousands separator
             assert mark is not None
-            raise LogError(_two_marks(path, name, str(error), line, mark)) from None
+            raise LogError(
+                f"{path}: column {shown(name)} has a {_WORDS[mark.other]} in line {line} ({quote(str(error))}) and the "
+                f"log a {_WORDS[mark.mark]} in line {mark.line} ({quote(mark.cell)}); write all numbers one way, "
+                "without thousands separators"
+            ) from None
         remedy = _DATE_REMEDY if _DATE.match(cells[error.at]) else _CELL_REMEDY
         end = f"; {remedy}" if isinstance(error, NumberError) else ""
         raise LogError(f"{path}: line {line}, column {shown(name)}: {error}{end}") from None
-
-
-def _two_marks(path: Path, name: str, cell: str, line: int, mark: DecimalMark) -> str:
-    """Return the message for 1.234 beside 0,5: the point may be a decimal point or a thousands separator."""
-    return (
-        f"{path}: column {shown(name)} has a {_WORDS[mark.other]} in line {line} ({quote(cell)}) and the log a "
-        f"{_WORDS[mark.mark]} in line {mark.line} ({quote(mark.cell)}); write all numbers one way, without thousands "
-        "separators"
-    )
 
 
 _TAIL_BYTES = 1 << 16  # end of a file in which its last line is looked for [bytes]
@@ -100,7 +89,7 @@ def cut_line(path: Path, layout: Layout) -> str:
     Such a line has no line feed, and fewer cells than there are columns, or a last cell that cannot be read, as that of
     the line before can.
     """
-    before, line = _last_lines(path, layout.encoding)
+    before, line = last_lines(path, layout.encoding)
     if not is_data(line):
         return ""
     last, width = split_or_none(line, layout.delimiter), len(layout.names)
@@ -120,12 +109,7 @@ def _is_readable(path: Path, layout: Layout, cells: list[str]) -> bool:
     return True
 
 
-def unended_line(path: Path, encoding: str) -> str:
-    """Return the last line if it is not the first one and has no end, else an empty string."""
-    return _last_lines(path, encoding)[1]
-
-
-def _last_lines(path: Path, encoding: str) -> tuple[str, str]:
+def last_lines(path: Path, encoding: str) -> tuple[str, str]:
     """Return the line before the last one, and the last one if it is not the first one and has no end."""
     with path.open("rb") as file:
         head = file.read(2)

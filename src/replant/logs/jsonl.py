@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
-from replant.logs.csv import unended_line
+from replant.logs.csv import last_lines
 from replant.logs.table import MOST_COLUMNS, Table, too_many_error
 from replant.logs.text_cells import CellError, quote
 from replant.logs.text_layout import MOST_LINES_ABOVE, lines_of
@@ -83,7 +83,7 @@ def _head(path: Path, *, is_cut: bool) -> Iterator[_Row]:
 
 
 def _cut_line(path: Path) -> str:
-    line = unended_line(path, _ENCODING)
+    _, line = last_lines(path, _ENCODING)
     try:
         json.loads(line or "0")
     except (ValueError, RecursionError):
