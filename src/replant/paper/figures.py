@@ -25,7 +25,7 @@ from replant.paper.actuator import GAINS, Actuator, Record
 from replant.paper.reproduction import TableResult, reproduce
 from replant.paper.tables import TABLES, Curve, Table, curve, transients
 from replant.plotting.numbers import symbol
-from replant.plotting.style import BLUE, GREY, NAVY, ORANGE, SKY, TRUE, VERMILION, blank_figure, tidy
+from replant.plotting.style import BLUE, FONT, GREY, NAVY, ORANGE, SKY, TRUE, VERMILION, blank_figure, tidy
 
 
 @dataclass(frozen=True)
@@ -334,9 +334,9 @@ def drawings(outcome: Outcome, names: Sequence[str]) -> Iterator[tuple[str, Any]
 
 def save(outcome: Outcome, names: Sequence[str], folder: Path) -> Iterator[tuple[str, Any, list[Path]]]:
     """Draw figures as PNG and SVG; yield name, figure and paths, to be used before the next, while fonts are set."""
-    from replant.plotting.style import font
+    import matplotlib as mpl
 
-    with font():
+    with mpl.rc_context(FONT):
         for name, canvas in drawings(outcome, names):
             paths = [folder / f"{name}.png", folder / f"{name}.svg"]
             canvas.savefig(paths[0], dpi=DOTS)

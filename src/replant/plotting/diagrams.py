@@ -12,30 +12,8 @@ import numpy.typing as npt
 
 from replant.numerics.arguments import FloatArray
 from replant.numerics.residuals import BAND_95, BAND_99, Correlations
+from replant.plotting import style
 from replant.plotting.over_time import Curve, Panel, draw_panel, thin
-from replant.plotting.style import (
-    BLUE,
-    GRID,
-    INK,
-    LINES,
-    MEASURED,
-    MODEL,
-    MUTED,
-    RESIDUAL,
-    SIGMAS,
-    TRUE,
-    VERMILION,
-    axes_for,
-    blank_figure,
-    given_axes,
-    is_drawable,
-    legend,
-    near,
-    output_limits,
-    say,
-    tidy,
-    title,
-)
 
 ComplexArray = npt.NDArray[np.complex128]
 Regions = Sequence[tuple[complex, FloatArray]]  # roots, each with the covariance (2, 2) of real and imaginary part
@@ -57,10 +35,10 @@ FEW = 60  # lags that can be told apart as stems [count]
 def looks_of(names: Sequence[str]) -> list[dict[str, Any]]:
     """Return how each of several models is drawn; one alone is wider."""
     if len(names) == 1:
-        return [{"color": MODEL, "ls": "solid", "lw": 1.8, "label": names[0]}]
+        return [{"color": style.MODEL, "ls": "solid", "lw": 1.8, "label": names[0]}]
     return [
         {"color": colour, "ls": dashes, "lw": 1.4, "label": name}
-        for name, (colour, dashes) in zip(names, LINES, strict=False)
+        for name, (colour, dashes) in zip(names, style.LINES, strict=False)
     ]
 
 
@@ -73,16 +51,16 @@ def draw_response(
     truth: FloatArray | None = None,
 ) -> Any:
     """Draw an output over time in s with a band of +-2 standard deviations, beside the true one; return the axes."""
-    (axis,) = axes_for("ax", ax, 1, (6.2, 3.4))
+    (axis,) = style.axes_for("ax", ax, 1, (6.2, 3.4))
     curves = [Curve(time, output, "model", std=std, band="± 2σ", width=1.8)]
     if truth is not None:
-        curves.append(Curve(time, truth, "true", TRUE["color"], width=TRUE["lw"], dashes=TRUE["ls"]))
-    reach = np.zeros(1) if std is None else SIGMAS * std
-    limits = output_limits(np.append(output, 0.0), output - reach, output + reach)
-    words = "" if is_drawable(output) else "the response of G(s) is not finite"
+        curves.append(Curve(time, truth, "true", style.TRUE["color"], width=style.TRUE["lw"], dashes=style.TRUE["ls"]))
+    reach = np.zeros(1) if std is None else style.SIGMAS * std
+    limits = style.output_limits(np.append(output, 0.0), output - reach, output + reach)
+    words = "" if style.is_drawable(output) else "the response of G(s) is not finite"
     draw_panel(axis, Panel(what, curves, (float(time[0]), float(time[-1])), limits, words=words, has_zero=True))
     axis.set(xlabel="time [s]", ylabel=what)
-    legend(axis)
+    style.legend(axis)
     return axis
 
 
@@ -101,14 +79,14 @@ def draw_bode(
     ``responses``, by the name of the model, have frequency, magnitude and phase, relative_std and phase_std as
     `replant.fitting.responses.Bode`.  That of the ``reference`` sets the limits.
     """
-    top, bottom = axes_for(argument, axes, 2, size, sharex=True, height_ratios=(3, 2))
+    top, bottom = style.axes_for(argument, axes, 2, size, sharex=True, height_ratios=(3, 2))
     for axis, draw in ((top, draw_magnitude), (bottom, draw_phase)):
         draw(axis, responses, reference=reference, truth=truth)
     top.set_ylabel(f"magnitude [dB re {unit}]" if unit else "magnitude [dB]")
     if top.get_shared_x_axes().joined(top, bottom):
         top.set_xlabel("")
     if len(responses) == 1:
-        legend(top)
+        style.legend(top)
     return np.array([top, bottom], dtype=object)
 
 
@@ -156,7 +134,7 @@ def _over_frequency(
 ) -> tuple[float, float] | None:
     """Draw curves over frequency with their bands, and return the range to be shown; None where none is finite."""
     axis.set_xscale("log")
-    tidy(axis)
+    style.tidy(axis)
     axis.set(xlabel="frequency [rad/s]", ylabel=what.label)
     curves: dict[str, FloatArray] = {}
     for (name, found), look in zip(responses.items(), looks_of(list(responses)), strict=False):
@@ -166,42 +144,42 @@ def _over_frequency(
         if not omega.size:
             continue
         if (spread := getattr(found, what.std)) is not None and np.isfinite(spread[shown]).all():
-            half = np.minimum(SIGMAS * what.unit * spread[shown], what.widest)
+            half = np.minimum(style.SIGMAS * what.unit * spread[shown], what.widest)
             band: Any = {"alpha": 0.22, "label": "± 2σ"} if len(responses) == 1 else {"alpha": 0.13}
             axis.fill_between(omega, values - half, values + half, color=look["color"], lw=0, **band)
         axis.plot(omega, values, **look)
         curves[name] = values
     if truth is not None:
-        axis.plot(truth.frequency, what.values(truth), label="true", **TRUE)
+        axis.plot(truth.frequency, what.values(truth), label="true", **style.TRUE)
     first = reference if reference in curves else next(iter(curves), "")
     if not first:
-        say(axis, "the response of G(s) is not finite")
+        style.say(axis, "the response of G(s) is not finite")
         return None
     omega = responses[first].frequency
     omega = omega[omega > 0.0]
     if omega[0] != omega[-1]:
         axis.set_xlim(float(omega[0]), float(omega[-1]))
-    return near(list(curves.values()), curves[first], what.around)
+    return style.near(list(curves.values()), curves[first], what.around)
 
 
 def draw_nyquist(
     response: ComplexArray, relative_std: FloatArray | None, phase_std: FloatArray | None, ax: Any = None
 ) -> Any:
     """Draw a frequency response in the complex plane, with regions of 2 standard deviations; return the axes."""
-    (axis,) = axes_for("ax", ax, 1, (5.0, 4.6))
-    tidy(axis)
+    (axis,) = style.axes_for("ax", ax, 1, (5.0, 4.6))
+    style.tidy(axis)
     if relative_std is not None and phase_std is not None:
         angle = np.linspace(0.0, math.tau, 61)
         every = max(1, response.size // 60)
         chosen = zip(response[::every], relative_std[::every], phase_std[::every], strict=True)
         for number, (middle, relative, turn) in enumerate(chosen):
             # along the radius and across it; that the two errors are correlated is left out
-            ellipse = middle * (1.0 + SIGMAS * (relative * np.cos(angle) + 1j * turn * np.sin(angle)))
-            axis.fill(ellipse.real, ellipse.imag, color=MODEL, alpha=0.16, lw=0, label=None if number else "2σ")
-    axis.plot(response.real, response.imag, color=MODEL, lw=1.8, label="model")
-    axis.plot([-1.0], [0.0], "+", color=INK, ms=9, mew=1.6, label="-1")
+            ellipse = middle * (1.0 + style.SIGMAS * (relative * np.cos(angle) + 1j * turn * np.sin(angle)))
+            axis.fill(ellipse.real, ellipse.imag, color=style.MODEL, alpha=0.16, lw=0, label=None if number else "2σ")
+    axis.plot(response.real, response.imag, color=style.MODEL, lw=1.8, label="model")
+    axis.plot([-1.0], [0.0], "+", color=style.INK, ms=9, mew=1.6, label="-1")
     axis.set(xlabel="real part", ylabel="imaginary part")
-    legend(axis)
+    style.legend(axis)
     return axis
 
 
@@ -212,16 +190,16 @@ def draw_poles(
 
     ``models``, by name, are poles, zeros and the roots whose covariance is known.
     """
-    (axis,) = axes_for("ax", ax, 1, (5.2, 4.6))
-    tidy(axis)
+    (axis,) = style.axes_for("ax", ax, 1, (5.2, 4.6))
+    style.tidy(axis)
     axis.set(xlabel="real part [rad/s]", ylabel="imaginary part [rad/s]")
     roots = np.concatenate([part for poles, zeros, _ in models.values() for part in (poles, zeros)])
-    if not is_drawable(roots):
-        say(axis, "not finite, or too large to draw")
+    if not style.is_drawable(roots):
+        style.say(axis, "not finite, or too large to draw")
         return axis
-    axis.axvspan(0.0, UNSTABLE, color=GRID, alpha=0.45, lw=0)
-    axis.axhline(0.0, color=MUTED, lw=0.8)
-    axis.axvline(0.0, color=MUTED, lw=0.8)
+    axis.axvspan(0.0, UNSTABLE, color=style.GRID, alpha=0.45, lw=0)
+    axis.axhline(0.0, color=style.MUTED, lw=0.8)
+    axis.axvline(0.0, color=style.MUTED, lw=0.8)
     _show_roots(axis, roots)
     alone = len(models) == 1
     marks: Any = {"ls": "none", "mfc": "none", "clip_on": False}
@@ -232,13 +210,13 @@ def draw_poles(
         label = "poles" if alone else name
         axis.plot(poles.real, poles.imag, marker="x", color=look["color"], ms=9, mew=2.0, label=label, **marks)
         if zeros.size:
-            colour, label = (RESIDUAL, "zeros") if alone else (look["color"], "")
+            colour, label = (style.RESIDUAL, "zeros") if alone else (look["color"], "")
             axis.plot(zeros.real, zeros.imag, marker="o", color=colour, ms=8, mew=1.8, label=label or None, **marks)
     if truth is not None:
-        diamond: Any = {"ls": "none", "marker": "D", "ms": 11, "mfc": "none", "mew": 0.9, "color": TRUE["color"]}
+        diamond: Any = {"ls": "none", "marker": "D", "ms": 11, "mfc": "none", "mew": 0.9, "color": style.TRUE["color"]}
         axis.plot(truth.poles.real, truth.poles.imag, label="true poles", **diamond)
     if alone:
-        legend(axis)
+        style.legend(axis)
     return axis
 
 
@@ -286,7 +264,7 @@ def _region(axis: Any, root: complex, covariance: FloatArray, colour: str) -> An
 
 def draw_correlations(found: Correlations | None, dt: float, axes: Any = None) -> Any:
     """Draw the residual's correlation with itself and with the input over the lag, with 95 and 99 % limits."""
-    left, right = axes_for("axes", axes, 2, (9.6, 3.4), nrows=1, ncols=2)
+    left, right = style.axes_for("axes", axes, 2, (9.6, 3.4), nrows=1, ncols=2)
     draw_auto(found, dt, left)
     draw_cross(found, dt, right)
     return np.array([left, right], dtype=object)
@@ -309,11 +287,11 @@ def draw_cross(found: Correlations | None, dt: float, axis: Any, name: str = "in
 
 
 def _has_correlations(found: Correlations | None, axis: Any, what: str) -> bool:
-    title(axis, what)
-    tidy(axis)
+    style.title(axis, what)
+    style.tidy(axis)
     axis.set(xlabel="lag [s]", ylabel="correlation")
     if found is None:
-        say(axis, "too few samples, or a constant signal")
+        style.say(axis, "too few samples, or a constant signal")
     return found is not None
 
 
@@ -330,70 +308,70 @@ def reach_of(auto: FloatArray, std: float) -> float | None:
 
 
 def _correlation(axis: Any, values: FloatArray, first: int, std: float, dt: float) -> None:
-    axis.axhspan(-BAND_99 * std, BAND_99 * std, color=MEASURED, alpha=0.22, lw=0, label="99 %")
-    axis.axhspan(-BAND_95 * std, BAND_95 * std, color=MEASURED, alpha=0.35, lw=0, label="95 %")
-    axis.axhline(0.0, color=MUTED, lw=0.8)
+    axis.axhspan(-BAND_99 * std, BAND_99 * std, color=style.MEASURED, alpha=0.22, lw=0, label="99 %")
+    axis.axhspan(-BAND_95 * std, BAND_95 * std, color=style.MEASURED, alpha=0.35, lw=0, label="95 %")
+    axis.axhline(0.0, color=style.MUTED, lw=0.8)
     lags = np.asarray(dt * (first + np.arange(values.size)), np.float64)
     if values.size <= FEW:
-        axis.vlines(lags, 0.0, values, color=RESIDUAL, lw=1.6)
-        axis.plot(lags, values, "o", color=RESIDUAL, ms=3.5)
+        axis.vlines(lags, 0.0, values, color=style.RESIDUAL, lw=1.6)
+        axis.plot(lags, values, "o", color=style.RESIDUAL, ms=3.5)
     else:
         drawn = thin(values, 1200)
-        axis.plot(drawn.among(lags), drawn.values, color=RESIDUAL, lw=1.2)
+        axis.plot(drawn.among(lags), drawn.values, color=style.RESIDUAL, lw=1.2)
         for limit in (-BAND_95 * std, BAND_95 * std):  # drawn again, because the curve may cover the bands
-            axis.axhline(limit, color=INK, lw=0.8, ls=(0, (4, 3)))
+            axis.axhline(limit, color=style.INK, lw=0.8, ls=(0, (4, 3)))
     axis.set_xlim(dt * (first - 0.5), dt * (first + values.size - 0.5))
-    legend(axis)
+    style.legend(axis)
 
 
 def draw_spectrum(curves: Mapping[str, tuple[FloatArray, FloatArray]], ax: Any = None) -> Any:
     """Draw power spectral densities per Hz over angular frequency: that of the residual, then that of its model."""
-    (axis,) = axes_for("ax", ax, 1, (4.8, 3.4))
-    title(axis, "spectrum of the noise", ABOVE_LEGEND)
+    (axis,) = style.axes_for("ax", ax, 1, (4.8, 3.4))
+    style.title(axis, "spectrum of the noise", ABOVE_LEGEND)
     axis.set(xlabel="angular frequency [rad/s]", ylabel="power per Hz")
-    tidy(axis)
+    style.tidy(axis)
     if not curves:
-        say(axis, "too few samples, or no residual")
+        style.say(axis, "too few samples, or no residual")
         return axis
     axis.set(xscale="log", yscale="log")  # after the ticks: less than a decade needs labels between
-    for (label, (omega, density)), colour in zip(curves.items(), (MEASURED, MODEL), strict=False):
-        axis.plot(omega, density, color=colour, lw=1.6 if colour == MEASURED else 1.4, label=label)
-    legend(axis)
+    for (label, (omega, density)), colour in zip(curves.items(), (style.MEASURED, style.MODEL), strict=False):
+        axis.plot(omega, density, color=colour, lw=1.6 if colour == style.MEASURED else 1.4, label=label)
+    style.legend(axis)
     return axis
 
 
 def draw_error(found: Any, axis: Any) -> None:
     """Draw the error of a model by frequency, with the limit that chance explains."""
-    tidy(axis)
-    title(axis, "error by frequency")
+    style.tidy(axis)
+    style.title(axis, "error by frequency")
     axis.set_xlabel("frequency [rad/s]")
     if found is None:
-        say(axis, "not known")
+        style.say(axis, "not known")
         return
-    axis.plot(found.frequency, 100.0 * found.error, color=BLUE, lw=1.2, label="error")
-    axis.plot(found.frequency, 100.0 * found.limit, color=MUTED, lw=1.2, ls="--", label="95 % limit")
+    axis.plot(found.frequency, 100.0 * found.error, color=style.BLUE, lw=1.2, label="error")
+    axis.plot(found.frequency, 100.0 * found.limit, color=style.MUTED, lw=1.2, ls="--", label="95 % limit")
     axis.set_ylabel("part of |G| [%]")
-    legend(axis)
+    style.legend(axis)
 
 
 def draw_validation(found: Any, axes: Any = None, size: tuple[float, float] = (9.0, 6.4)) -> Any:
     """Draw a `replant.fitting.validation.Validation`: outputs, residual, error by frequency; return four axes."""
     if axes is None:
-        figure = blank_figure(*size)
+        figure = style.blank_figure(*size)
         grid = figure.add_gridspec(2, 3)
         axes = [figure.add_subplot(grid[0, :]), *(figure.add_subplot(grid[1, column]) for column in range(3))]
-    outputs, auto, cross, frequency = given_axes("axes", axes, 4)
+    outputs, auto, cross, frequency = style.given_axes("axes", axes, 4)
     time, measured = found.time, found.output + found.residual
     curves = [
-        Curve(time, measured, "measured", MEASURED, width=2.4),
-        Curve(time, found.output, f"model, fit {found.fit:.1f} %", VERMILION, width=1.2),
+        Curve(time, measured, "measured", style.MEASURED, width=2.4),
+        Curve(time, found.output, f"model, fit {found.fit:.1f} %", style.VERMILION, width=1.2),
     ]
     ends = (float(time[0]), float(time[-1]))
-    draw_panel(outputs, Panel("", curves, ends, output_limits(measured, found.output)))
+    draw_panel(outputs, Panel("", curves, ends, style.output_limits(measured, found.output)))
     outputs.set_xlabel("time [s]")
-    legend(outputs)
+    style.legend(outputs)
     draw_correlations(found.correlations, float(np.median(np.diff(time))) if time.size > 1 else 1.0, (auto, cross))
     draw_error(found.by_frequency, frequency)
     for axis in (auto, cross, frequency):
-        title(axis, axis.get_title("left"), ABOVE_LEGEND)
+        style.title(axis, axis.get_title("left"), ABOVE_LEGEND)
     return np.array([outputs, auto, cross, frequency], dtype=object)

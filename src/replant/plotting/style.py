@@ -102,13 +102,6 @@ def axes_for(name: str, axes: Any, count: int, size: tuple[float, float], **layo
     return list(blank_figure(*size).subplots(**({"nrows": count, "squeeze": False} | layout)).ravel())
 
 
-def font() -> Any:
-    """Return a context in which figures are made and saved with the project's font sizes."""
-    import matplotlib as mpl
-
-    return mpl.rc_context(FONT)
-
-
 def tidy(axis: Any) -> None:
     """Remove the top and right spine of an axis, set its colours and tick labels, and draw a grid."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
