@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 import warnings
 import zipfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 from typing import IO, Any
 
 import numpy as np
@@ -22,17 +21,9 @@ from replant.logs.table import Table, at_most, damage_as_log_error, open_zip
 
 SAMPLING_TIME = "Ts"  # name of a scalar, perhaps in a struct, that is the sampling time in s
 
-_NOTHING: Mapping[str, str] = MappingProxyType({})
-
-
-def columns_of(name: str, array: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield the signals of an array of numbers with their names: a vector itself, a matrix along its longer side."""
-    if array.dtype.kind in "biuf":
-        yield from ((of_column, array[index].reshape(-1)) for of_column, index in places_of(name, array.shape))
-
 
 def places_of(name: str, shape: Sequence[int]) -> Iterator[tuple[str, tuple[int | slice, ...]]]:
-    """Yield name and index of each signal in an array of a shape; see `columns_of`."""
+    """Yield name and index of each signal in an array of a shape: a vector itself, a matrix along its longer side."""
     every = slice(None)
     long = [axis for axis, length in enumerate(shape) if length != 1]
     if len(long) == 1 and shape[long[0]] > 1:
@@ -60,15 +51,12 @@ def is_sampling_time(name: str, shape: Sequence[int], kind: str) -> bool:
     return name.replace("/", ".").rpartition(".")[2] == SAMPLING_TIME and kind in "iuf" and int(np.prod(shape)) == 1
 
 
-def array_table(
-    path: Path, arrays: Iterable[tuple[str, NDArray[Any]]], left_out: Mapping[str, str] = _NOTHING
-) -> Table:
-    """Make a table from named arrays; a number called Ts is the sampling time."""
-    found = list(arrays)
-    columns = [column for name, array in found for column in columns_of(name, array)]
-    if not columns:
+def array_table(path: Path, found: Sequence[tuple[str, NDArray[Any]]], left_out: Mapping[str, str]) -> Table:
+    """Make a table from named arrays of numbers; one number called Ts is the sampling time."""
+    places = [(name, array[index]) for of, array in found for name, index in places_of(of, array.shape)]
+    if not places:
         raise no_signal_error(path, left_out)
-    values = [value for _, value in columns]
+    values = [value.reshape(-1) for _, value in places]
     scalars = [
         (name, float(array.reshape(-1)[0]))
         for name, array in found
@@ -76,7 +64,7 @@ def array_table(
     ]
     return Table(
         path,
-        tuple(name for name, _ in columns),
+        tuple(name for name, _ in places),
         lambda numbers: iter([[np.array(values[number], dtype=np.float64) for number in numbers]]),
         approximate_rows=max(map(len, values)),
         dt=stated_dt(path, scalars),
