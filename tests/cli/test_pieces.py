@@ -12,7 +12,7 @@ from replant.cli.conditioning_options import BAND, STRETCH, words_of
 from replant.cli.fleet import _plain
 from replant.cli.live import TIME, address_of, demo_of, looped
 from replant.cli.notes import is_quiet, to_ascii
-from replant.cli.option_types import Choice, OptimizerChoice, Whole, did_you_mean
+from replant.cli.option_types import WHOLE, Choice, OptimizerChoice, did_you_mean
 from replant.estimation.optimizers import OPTIMIZERS, AMSGrad
 from support.cases import every
 
@@ -22,7 +22,7 @@ READ = [
     (STRETCH, "12s:1.5min", (12.0, 90.0)),
     (STRETCH, "60:", (60.0, math.inf)),
     (TIME, "10min", 600.0),
-    (Whole(), "1:4", (1, 2, 3, 4)),
+    (WHOLE, "1:4", (1, 2, 3, 4)),
     (OptimizerChoice(), "amsgrad:step_size=0.001", AMSGrad(step_size=0.001)),
     (OptimizerChoice(), "AMSGrad", "amsgrad"),
     (Choice(["srivc", "least_squares"]), "least-squares", "least_squares"),

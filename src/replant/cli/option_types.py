@@ -76,9 +76,9 @@ def path_option(name: str, metavar: str, text: str, *to: str, **more: Any) -> Op
 def structure_options(poles: str, zeros: str, delay: str) -> Option:
     """Return the options of a structure, with their lines of help; each may be a range, or a number for each input."""
     return group(
-        click.option("-p", "--poles", type=Whole(), metavar="N", help=poles),
-        click.option("--zeros", type=Whole(), metavar="M", help=zeros),
-        click.option("--delay", type=Seconds(), default="0", metavar="S", help=delay),
+        click.option("-p", "--poles", type=WHOLE, metavar="N", help=poles),
+        click.option("--zeros", type=WHOLE, metavar="M", help=zeros),
+        click.option("--delay", type=SECONDS, default="0", metavar="S", help=delay),
     )
 
 
@@ -91,8 +91,8 @@ class Each(tuple[Any, ...]):
 class Range(click.ParamType[tuple[Any, ...]]):
     """The type of options that are a number, a range first:last or first:last:step, or a number for each input."""
 
-    number: type = float
-    example = ""
+    def __init__(self, name: str, number: type, example: str) -> None:
+        self.name, self.number, self.example = name, number, example
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[Any, ...]:
         """Return every number of the range, including the last."""
@@ -123,19 +123,7 @@ class Range(click.ParamType[tuple[Any, ...]]):
             self.fail(f"{value!r} must be a {self.name} for each input, with commas between", param, ctx)
 
 
-class Whole(Range):
-    """Whole numbers."""
-
-    name = "whole number"
-    example = "1:4"
-    number = int
-
-
-class Seconds(Range):
-    """Times in s."""
-
-    name = "time in s"
-    example = "0:1:0.1"
+WHOLE, SECONDS = Range("whole number", int, "1:4"), Range("time in s", float, "0:1:0.1")
 
 
 class OptimizerChoice(click.ParamType["str | Optimizer"]):
