@@ -22,7 +22,7 @@ from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column
 from replant.fleet.worker import one_thread, opened, result_of
 from replant.numerics.arguments import FloatArray
-from replant.plotting.numbers import number
+from replant.plotting.numbers import number, rounded
 from replant.report.matrix_page import Output, write_rows
 from replant.report.page_frame import asset, filled, heading, icon, page, script, section, words
 from replant.report.result_page import write_report
@@ -247,18 +247,13 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
         *({"name": name} for name, _ in numbers),
     ]  # fmt: skip
     rigs = table.column("rig").to_pylist()
-    rounded = [_rounded(values) for _, values in numbers]
-    distance = _rounded(found.distance)
+    figures, distance = [rounded(values, 5) for _, values in numbers], rounded(found.distance, 5)
     rows = []
     for rank, row in enumerate(order.tolist(), 1):
         path = report_path(rigs[row])
         link = path if rank <= MOST_LISTED and (fleet.folder / path).exists() else ""
-        rows.append([rigs[row], rank, verdicts[row], distance[row], why[row], *(of[row] for of in rounded), link])
+        rows.append([rigs[row], rank, verdicts[row], distance[row], why[row], *(of[row] for of in figures), link])
     return {"columns": columns, "rows": rows}
-
-
-def _rounded(values: FloatArray) -> list[float | None]:
-    return [float(f"{value:.5g}") if np.isfinite(value) else None for value in values.tolist()]
 
 
 MOST_REPORTS = 100  # reports that are made at most: each takes some seconds [count]

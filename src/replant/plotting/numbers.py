@@ -125,6 +125,11 @@ def grouped(value: float, places: int = 1) -> str:
         return "> 1e+308"
 
 
+def rounded(values: FloatArray, digits: int = 6) -> list[float | None]:
+    """Return values (N,) for JSON: so many digits, and null where they are not finite."""
+    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()]
+
+
 def with_prefix(value: float) -> str:
     """Return a number with three digits and the SI prefix of its size."""
     for power, letter in ((9, " G"), (6, " M"), (3, " k")):

@@ -8,6 +8,7 @@ import re
 import shlex
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, fields
+from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
@@ -204,42 +205,22 @@ def _number(name: str, given: Any) -> float:
 
 def words_of(path: Path, setup: Setup, wish: Wish) -> tuple[str, ...]:
     """Return the words of the command line behind ``replant``: a job runs these very words."""
-    return (RUN if wish.kind == RUN else "fit", str(path), *_read(setup), *_wished_of_command(wish), *_changed(setup))
+    clock = ("--time", setup.time) if setup.dt is None else ("--dt", f"{setup.dt:.12g}")
+    options = [
+        ("-i", setup.input), ("-o", setup.output), ("--reference", setup.reference), clock,
+        ("-p", wish.poles), ("--zeros", wish.zeros), ("--delay", "" if wish.delay == "0" else wish.delay),
+        ("--resample", "" if setup.resample is None else f"{setup.resample:.12g}"),
+        ("--decimate", str(setup.decimate or "")),
+    ]  # fmt: skip
+    stretches = [(f"--{name.replace('_', '-')}", each.written) for name in STRETCHES for each in getattr(setup, name)]
+    words = [word for option, value in options if value for word in (option, value)]
+    words += ["--detrend"] if setup.detrend else []
+    return (RUN if wish.kind == RUN else "fit", str(path), *words, *chain.from_iterable(stretches))
 
 
 def command_line(words: tuple[str, ...], saved: str = "model.json") -> str:
     """Return the command line that writes the model into a file."""
     return shlex.join(["replant", *words, "--save", saved])
-
-
-def _read(setup: Setup) -> Iterator[str]:
-    for option, value in (("-i", setup.input), ("-o", setup.output), ("--reference", setup.reference)):
-        if value:
-            yield from (option, value)
-    if setup.dt is not None:
-        yield from ("--dt", f"{setup.dt:.12g}")
-    elif setup.time:
-        yield from ("--time", setup.time)
-
-
-def _wished_of_command(wish: Wish) -> Iterator[str]:
-    yield from ("-p", wish.poles)
-    if wish.zeros:
-        yield from ("--zeros", wish.zeros)
-    if wish.delay != "0":
-        yield from ("--delay", wish.delay)
-
-
-def _changed(setup: Setup) -> Iterator[str]:
-    if setup.resample is not None:
-        yield from ("--resample", f"{setup.resample:.12g}")
-    if setup.decimate is not None:
-        yield from ("--decimate", str(setup.decimate))
-    if setup.detrend:
-        yield "--detrend"
-    for name in STRETCHES:
-        for stretch in getattr(setup, name):
-            yield from (f"--{name.replace('_', '-')}", stretch.written)
 
 
 def program(path: Path, setup: Setup, wish: Wish, saved: str = "model.json") -> str:

@@ -21,6 +21,7 @@ from replant.kernels.schema import Doubt as Suspect
 from replant.logs import read_columns
 from replant.logs.merged_channels import side_by_side
 from replant.numerics.arguments import FloatArray
+from replant.plotting.numbers import rounded
 
 SHOWN = 12  # stretches that are listed, the longest [count]
 MOVES = 2  # moves of the input within it, without which the output may well rest [count]
@@ -77,7 +78,6 @@ def _end(t: FloatArray, row: int) -> float:
 
 BUCKET = 64  # samples of which least and greatest value are kept [count]
 FACTOR = 8  # buckets that the next level joins [count]
-DIGITS = 6  # digits of a value that is only drawn [count]
 CHUNK = 1 << 20  # samples of which the buckets are made at once [count]
 
 Level = tuple[FloatArray, FloatArray]
@@ -210,8 +210,3 @@ class Clock:
     def ends(self, times: Column | None, rows: int) -> list[float]:
         """Return when the first and the last row were taken, in s from the first."""
         return [float(t) for t in self.at(times, np.array([0.0, max(rows - 1, 1)]))]
-
-
-def rounded(values: FloatArray, digits: int = DIGITS) -> list[float | None]:
-    """Return values (N,) for JSON: so many digits, and null where they are not finite."""
-    return [float(f"{value:.{digits}g}") if math.isfinite(value) else None for value in values.tolist()]

@@ -38,9 +38,10 @@ from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import one_line
 from replant.numerics.residuals import BAND_95
+from replant.plotting.numbers import rounded
 from replant.report.log_as_text import as_json, findings_of
 from replant.workbench.choices import Setup, Stretch
-from replant.workbench.samples import doubts, joined_extremes, rounded
+from replant.workbench.samples import doubts, joined_extremes
 
 KEPT_LOGS = 2  # logs whose samples are kept for the next request [count]
 KEPT_VALIDATIONS = 32  # validations that are kept [count]
