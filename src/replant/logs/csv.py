@@ -56,13 +56,13 @@ def parse_column(
 ) -> NDArray[np.float64]:
     """Turn the cells of one column into float64: numbers, or seconds since the first stamp of the log."""
     cells = [row[column] for _, row in rows]
-    form = layout.content.stamps.get(column)
+    form = layout.stamps.get(column)
     try:
         if form is not None:
             if form.date_column is not None:
                 cells = [joined_cell(row[form.date_column], row[column]) for _, row in rows]
             return form.seconds(cells)
-        mark = layout.content.marks.get(column, layout.content.mark)  # none where nothing tells, or commas delimit
+        mark = layout.marks.get(column, layout.mark)  # none where nothing tells, or commas delimit
         if mark is None and layout.delimiter != ",":
             mark = common_mark(mark_of(cell, line) for (line, _), cell in zip(rows, cells, strict=True))
         return parse_numbers(cells, mark)
@@ -141,17 +141,17 @@ def read(path: Path) -> Table:
     if cut:
         layout = replace(layout, is_cut=True)
         notes.append(f"{path}: the last line is cut off ({quote(cut)}) and left out")
-    mark = layout.content.mark
+    mark = layout.mark
     if layout.delimiter != "," and (mark is None or not mark.certain):
-        mark = later_mark(mark, _rows_with_commas(path, layout), layout.content.stamps)
-        layout = replace(layout, content=replace(layout.content, mark=mark))
+        mark = later_mark(mark, _rows_with_commas(path, layout), layout.stamps)
+        layout = replace(layout, mark=mark)
     return Table(
         path,
         layout.names,
         partial(_blocks, path, layout),
         partial(_line_of_row, path, layout),
-        in_seconds=frozenset(layout.content.stamps),
-        origins={n: form.origin for n, form in layout.content.stamps.items() if form.origin is not None},
+        in_seconds=frozenset(layout.stamps),
+        origins={n: form.origin for n, form in layout.stamps.items() if form.origin is not None},
         approximate_rows=_approximate_rows(path),
         notes=tuple(notes),
     )
@@ -160,7 +160,7 @@ def read(path: Path) -> Table:
 def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
     blocks = (_parse(path, layout, text, first, columns) for first, text in _texts(path, layout))
     describe_row = partial(_line_of_row, path, layout)
-    return checked_clocks(path, layout.names, layout.content.stamps, columns, describe_row, blocks)
+    return checked_clocks(path, layout.names, layout.stamps, columns, describe_row, blocks)
 
 
 def _parse(path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> list[NDArray[np.float64]]:
@@ -245,10 +245,10 @@ def _line_of_row(path: Path, layout: Layout, row: int) -> str:
 def _parse_in_c(layout: Layout, text: str, columns: Sequence[int]) -> list[NDArray[np.float64]] | None:
     """Parse a block with NumPy; return None where it holds anything but full rows of numbers and missing cells."""
     width, delimiter = len(layout.names), layout.delimiter
-    if any(column in layout.content.stamps for column in columns) or any(mark in text for mark in _ODD):
+    if any(column in layout.stamps for column in columns) or any(mark in text for mark in _ODD):
         return None
     if delimiter != ",":
-        mark = layout.content.mark.mark if layout.content.mark else ""
+        mark = layout.mark.mark if layout.mark else ""
         if ("," in text and ("." in text or mark == ".")) or ("." in text and mark == ","):
             return None
         text = text.replace(",", ".")

@@ -24,33 +24,24 @@ from replant.logs.text_cells import (
     units_in,
     with_units,
 )
-from replant.logs.text_times import StampFormat, find_format, is_missing, parse_stamp
+from replant.logs.text_times import StampFormat, find_format, is_missing
 
 
-@dataclass(frozen=True)
-class Content:
-    """What the cells of a text log hold."""
-
-    stamps: Mapping[int, StampFormat] = field(default_factory=dict)
-    mark: DecimalMark | None = None
-    marks: Mapping[int, DecimalMark] = field(default_factory=dict)
-
-
-def content_of(names: Sequence[str], rows: Sequence[tuple[int, Sequence[str]]], delimiter: str | None) -> Content:
-    """Return what rows of cells hold, each with the number of its line."""
-    whole = [(line, cells) for line, cells in rows if len(cells) >= len(names)]
-    stamps = _stamps(names, [cells for _, cells in whole])
-    if delimiter == ",":
-        return Content(stamps)
+def with_content(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]]) -> Layout:
+    """Return a layout with what rows of cells hold, each with the number of its line."""
+    whole = [(line, cells) for line, cells in rows if len(cells) >= len(layout.names)]
+    stamps = _stamps(layout.names, [cells for _, cells in whole])
+    if layout.delimiter == ",":
+        return replace(layout, stamps=stamps)
     own = {
         column: mark
-        for column in range(len(names))
+        for column in range(len(layout.names))
         if column not in stamps
         and (mark := common_mark(mark_of(cells[column], line) for line, cells in whole)) is not None
     }
     common = common_mark(own.values())
     others = {column: mark for column, mark in own.items() if common and mark.certain and mark.mark != common.mark}
-    return Content(stamps, common, others)
+    return replace(layout, stamps=stamps, mark=common, marks=others)
 
 
 def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, StampFormat]:
@@ -58,10 +49,9 @@ def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, St
     found = {}
     for column in range(len(names)):
         first = next((row[column] for row in rows if not is_missing(row[column])), "")
-        if _may_be_stamp(first):
-            form = find_format([row[column] for row in rows])
-            if form is not None:
-                found[column] = form
+        form = find_format([row[column] for row in rows]) if find_format([first]) else None
+        if form is not None:
+            found[column] = form
     dates = [column for column, form in found.items() if form.parts == "d"]
     for column, form in found.items():
         if form.parts == "c" and len(dates) == 1:
@@ -72,17 +62,6 @@ def _stamps(names: Sequence[str], rows: Sequence[Sequence[str]]) -> dict[int, St
         del found[dates[0]]
     named = set(time_candidates(names))
     return {column: form for column, form in found.items() if not named or column in named}
-
-
-def _may_be_stamp(cell: str) -> bool:
-    try:
-        parse_stamp(cell, month_first=False)
-    except ValueError:
-        try:
-            parse_stamp(cell, month_first=True)
-        except ValueError:
-            return False
-    return True
 
 
 def joined_cell(day: str, clock: str) -> str:
@@ -126,9 +105,11 @@ class Layout:
     names_line: int | None
     data_line: int
     encoding: str
-    content: Content = field(default_factory=Content)
-    is_cut: bool = False
     title: range = range(0)
+    stamps: Mapping[int, StampFormat] = field(default_factory=dict)
+    mark: DecimalMark | None = None
+    marks: Mapping[int, DecimalMark] = field(default_factory=dict)  # of columns with another one
+    is_cut: bool = False
 
 
 def is_data(line: str) -> bool:
@@ -160,15 +141,14 @@ def sniff(path: Path) -> Layout:
     others = [cells for _, cells in below[units is not None :]]
     if not _is_header(path, number, first, others):
         names = _commented_names(comment, delimiter, first, others)
-        return Layout(names, delimiter, None, number, encoding, content_of(names, [(number, first), *below], delimiter))
+        return with_content(Layout(names, delimiter, None, number, encoding), [(number, first), *below])
     if len(rows) == 1:
         raise LogError(f"{path}: only a header (line {number}) and no row of data; record some samples first")
     names = _names(first, others)
     if units is not None:
         names, rows, below = with_units(names, units), rows[1:], below[1:]
     _check_lengths(path, number, names)
-    title = range(above, number)
-    return Layout(names, delimiter, number, rows[1][0], encoding, content_of(names, below, delimiter), title=title)
+    return with_content(Layout(names, delimiter, number, rows[1][0], encoding, range(above, number)), below)
 
 
 def _check_lengths(path: Path, number: int, names: Sequence[str]) -> None:
