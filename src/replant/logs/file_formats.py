@@ -161,30 +161,22 @@ def _only_member(path: Path, found: zipfile.ZipFile) -> zipfile.ZipInfo:
     return members[0]
 
 
-# For each suffix the function of a module here, read(path) -> Table; it is imported when such a file is opened
-FORMATS = {
-    ".csv": "csv.read",
-    ".txt": "csv.read",
-    ".tsv": "csv.read",
-    ".dat": "csv.read",
-    ".parquet": "arrow.read_parquet",
-    ".pq": "arrow.read_parquet",
-    ".mat": "hdf5.read_matlab",
-    ".npz": "npz.read",
-    ".jsonl": "jsonl.read",
-    ".ndjson": "jsonl.read",
-    ".feather": "arrow.read_ipc",
-    ".arrow": "arrow.read_ipc",
-    ".xlsx": "xlsx.read",
-    ".xlsm": "xlsx.read",
-    ".h5": "hdf5.read_hdf5",
-    ".hdf5": "hdf5.read_hdf5",
-    ".tdms": "channels.read_tdms",
-    ".mf4": "channels.read_mdf",
-    ".mdf": "channels.read_mdf",
-    ".ulg": "channels.read_ulog",
-    ".mcap": "channels.read_mcap",
+# For each function of a module here, read(path) -> Table, its suffixes; it is imported when such a file is opened
+READERS = {
+    "csv.read": ".csv .txt .tsv .dat",
+    "arrow.read_parquet": ".parquet .pq",
+    "hdf5.read_matlab": ".mat",
+    "npz.read": ".npz",
+    "jsonl.read": ".jsonl .ndjson",
+    "arrow.read_ipc": ".feather .arrow",
+    "xlsx.read": ".xlsx .xlsm",
+    "hdf5.read_hdf5": ".h5 .hdf5",
+    "channels.read_tdms": ".tdms",
+    "channels.read_mdf": ".mf4 .mdf",
+    "channels.read_ulog": ".ulg",
+    "channels.read_mcap": ".mcap",
 }
+FORMATS = {suffix: reader for reader, suffixes in READERS.items() for suffix in suffixes.split()}
 
 
 def read_columns(path: str | os.PathLike[str]) -> Table:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from replant.errors import LogError, shown
 from replant.logs.parser_process import allow
 from replant.logs.table import Table, at_most, damage_as_log_error, needed, open_zip
-from replant.logs.text_cells import quote, units_in, with_units
-from replant.logs.text_times import LocalClock, StampFormat, find_format, is_missing
+from replant.logs.text_cells import CellError, quote, units_in, with_units
+from replant.logs.text_times import LocalClock, find_format, is_missing
 
 _HEADER_ROWS = 100  # first rows of a sheet among which the names are looked for [rows]
 _NEXT_ROWS = 10  # rows below the names in which each column's first cell is looked for [rows]
@@ -183,21 +183,17 @@ def _seconds(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> ND
     """Return the seconds since the first stamp, from whole microseconds, which is how openpyxl reads a stamp."""
     texts = [cell for cell in cells[:_SAMPLE_ROWS] if isinstance(cell, str)]
     form = find_format(texts) if texts else None
-    values = _of_texts(path, sheet, number, cells, form) if form else _of_cells(path, sheet, number, cells)
+    try:
+        given = ["" if cell is None else str(cell) for cell in cells] if form else []
+        values = form.seconds(given) if form else _of_cells(path, sheet, number, cells)
+    except CellError as error:
+        raise _error(path, sheet, number, error.at, str(error)) from None
     kinds = {type(cell) for cell in cells if cell is not None}
     if form.is_local if form else kinds & {datetime, time}:
         has_date = "d" in form.parts if form else datetime in kinds
         clock = LocalClock(path, sheet.names[number], sheet.describe_row, has_date=has_date)
         clock.check(values)
     return values
-
-
-def _of_texts(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any], form: StampFormat) -> NDArray[np.float64]:
-    try:
-        return form.seconds(["" if cell is None else str(cell) for cell in cells])
-    except ValueError as error:
-        row = getattr(error, "at", 0)
-        raise _error(path, sheet, number, row, str(error)) from None
 
 
 def _of_cells(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> NDArray[np.float64]:
