@@ -280,6 +280,8 @@ FUNCTIONS: dict[str, Callable[[], Call]] = {
         row().model.of_log, {"input_names": ("a", "b"), "output_name": "y", "source": "log.csv", "sha256": ""},
     ),
     "RowModel.simulate": lambda: (row().model.simulate, {"u": TWO, "t": T}),
+    "RowModel.predict": lambda: (row().model.predict, {"u": TWO, "y": Y, "horizon": 3, "t": T}),
+    "RowModel.score": lambda: (row().model.score, {"log": TWO, "y": Y, "t": T}),
     "RowModel.validate": lambda: (row().model.validate, {"log": TWO, "y": Y, "t": T}),
     "RowModel.to_control": lambda: (row().model.to_control, {"pade": 2}),
     "RowModel.to_json": lambda: (row().model.to_json, {}),
