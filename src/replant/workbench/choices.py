@@ -6,7 +6,7 @@ import dataclasses
 import math
 import re
 import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from itertools import chain
 from pathlib import Path
@@ -225,31 +225,28 @@ def command_line(words: tuple[str, ...], saved: str = "model.json") -> str:
 
 def program(path: Path, setup: Setup, wish: Wish, saved: str = "model.json") -> str:
     """Return the Python program that makes the same model to the bit: the steps of the command, one by one."""
-    lines = [
-        *_imports(setup, wish),
+    is_cut = any(getattr(setup, name) for name in STRETCHES)
+    lines = ["import dataclasses", "import sys", "", *(["import numpy as np", ""] if is_cut else [])]
+    lines += [
+        "import replant as rp",
+        "from replant.fitting.inspect import with_others",
+        "from replant.logs import open_recording",
+        "from replant.logs.recording import digest",
+        *(["from replant.online.runs.run_log import judged_by_log"] if wish.kind == RUN else []),
         "",
         f"path = {str(path)!r}",
         f"recording = with_others(open_recording(path, {_columns(setup)}, most_held=sys.maxsize))",
         "log = dataclasses.replace(recording.held, sha256=digest(recording.path))",
-        *_conditioning(setup),
-        *_cut(setup),
-        *_model(wish),
-        f"model.save({saved!r})",
-        "print(model)",
     ]
-    return "\n".join(lines) + "\n"
-
-
-def _imports(setup: Setup, wish: Wish) -> Iterator[str]:
-    yield from ("import dataclasses", "import sys", "")
-    if any(getattr(setup, name) for name in STRETCHES):
-        yield from ("import numpy as np", "")
-    yield "import replant as rp"
-    yield "from replant.fitting.inspect import with_others"
-    yield "from replant.logs import open_recording"
-    yield "from replant.logs.recording import digest"
-    if wish.kind == RUN:
-        yield "from replant.online.runs.run_log import judged_by_log"
+    for name in STEPS:
+        given = getattr(setup, name, None)
+        if given is True:
+            lines.append(f"log = rp.{name}(log)")
+        elif given is not None and given is not False:
+            number = float(f"{given:.12g}") if isinstance(given, float) else given
+            lines.append(f"log = rp.{name}(log, {number!r})")
+    lines += _cut(setup) if is_cut else []
+    return "\n".join([*lines, f"model = {_model(wish)}", f"model.save({saved!r})", "print(model)"]) + "\n"
 
 
 def _columns(setup: Setup) -> str:
@@ -260,25 +257,15 @@ def _columns(setup: Setup) -> str:
     return ", ".join([*named, *([f"time={setup.time!r}"] if setup.time else [])])
 
 
-def _conditioning(setup: Setup) -> Iterator[str]:
-    for name in STEPS:
-        given = getattr(setup, name, None)
-        if given is True:
-            yield f"log = rp.{name}(log)"
-        elif given is not None and given is not False:
-            yield f"log = rp.{name}(log, {float(f'{given:.12g}') if isinstance(given, float) else given!r})"
-
-
-def _cut(setup: Setup) -> Iterator[str]:
-    """Yield the lines that leave outputs out; the input goes on to act."""
-    if not any(getattr(setup, name) for name in STRETCHES):
-        return
-    yield "t = log.dt * np.arange(len(log)) if log.time is None else log.time - log.time[0]"
+def _cut(setup: Setup) -> list[str]:
+    """Return the lines that leave outputs out; the input goes on to act."""
     used = " | ".join(map(_within, setup.use))
-    yield f"used = {used or 'np.ones(len(log), bool)'}"
-    for stretch in (*setup.leave_out, *setup.validate_on):
-        yield f"used &= ~{_within(stretch)}"
-    yield "log = dataclasses.replace(log, output=np.where(used, log.output, np.nan))"
+    return [
+        "t = log.dt * np.arange(len(log)) if log.time is None else log.time - log.time[0]",
+        f"used = {used or 'np.ones(len(log), bool)'}",
+        *(f"used &= ~{_within(stretch)}" for stretch in (*setup.leave_out, *setup.validate_on)),
+        "log = dataclasses.replace(log, output=np.where(used, log.output, np.nan))",
+    ]
 
 
 def _within(stretch: Stretch) -> str:
@@ -286,15 +273,11 @@ def _within(stretch: Stretch) -> str:
     return f"(t >= {begin})" if not end else f"((t >= {begin}) & (t < {end}))"
 
 
-def _model(wish: Wish) -> Iterator[str]:
+def _model(wish: Wish) -> str:
     if wish.kind == SEARCH:
         poles, zeros = (f"[{', '.join(numbers(given))}]" if given else "" for given in (wish.poles, wish.zeros))
         zeros = zeros or ("" if ":" in wish.poles else "[0]")
         more = f", zeros={zeros}" if zeros else ""
-        yield f"model = rp.search(log, poles={poles}{more}, delays={grid(wish.delay)!r}).best.model"
-        return
+        return f"rp.search(log, poles={poles}{more}, delays={grid(wish.delay)!r}).best.model"
     size = f"poles={wish.poles}, zeros={wish.zeros or 0}, delay={float(wish.delay)!r}"
-    if wish.kind == RUN:
-        yield f"model = judged_by_log(rp.run(log, {size}), log).model"
-    else:
-        yield f"model = rp.fit(log, {size}).model"
+    return f"judged_by_log(rp.run(log, {size}), log).model" if wish.kind == RUN else f"rp.fit(log, {size}).model"
