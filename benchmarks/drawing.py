@@ -8,7 +8,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from replant.plotting.style import BLUE, GREEN, ORANGE, VERMILION, blank_figure, font, tidy
+from replant.plotting.style import BLUE, FONT, GREEN, ORANGE, VERMILION, blank_figure, tidy
 
 COLOURS, MARKERS = (BLUE, VERMILION, GREEN, ORANGE), "osD^"
 
@@ -25,7 +25,7 @@ def panels(rows: list[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]
 
 def draw_scaling(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw cost over size: points are measured, dashed lines have the expected slope, through the points' middle."""
-    with font(), mpl.rc_context({"svg.fonttype": "none"}):
+    with mpl.rc_context({**FONT, "svg.fonttype": "none"}):
         axes = blank_figure(9.0, 3.2).subplots(1, 3)
         for axis, (label, kernels) in zip(axes, panels(rows), strict=True):
             for kernel, colour, marker in zip(kernels, COLOURS, MARKERS, strict=False):

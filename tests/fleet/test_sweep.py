@@ -10,7 +10,7 @@ import pytest
 
 import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.paper.reproduction import reproduce, runs
+from replant.paper.reproduction import reproduce
 from replant.paper.tables import TABLES
 from support.cases import every
 from support.dying import refuse
@@ -94,6 +94,6 @@ def test_the_article_s_seeds_give_the_same_digits_on_every_executor() -> None:
         def count(of: object = executor) -> None:
             counts[of] += 1
 
-        found.append(reproduce(table, seeds=3, on_run=count, executor=executor))
+        found.append(reproduce(table, seeds=3, on_row=count, executor=executor))
     assert found[0] == found[1]
-    assert set(counts.values()) == {runs(table, 3)}
+    assert set(counts.values()) == {len(table.rows)}

@@ -21,7 +21,7 @@ import replant as rp
 from replant.estimation.settings import Request
 from replant.live.streams import Batch
 from replant.live.streams.line_parser import MAGIC, LineSplitter, Parser, Payloads
-from replant.live.streams.reader_thread import Reader
+from replant.live.streams.reader_thread import Source
 from replant.live.streams.source import UY
 from support.builders import engine_state
 from support.cases import every
@@ -135,7 +135,7 @@ FORMATS = {
 }
 
 
-class Wire(Reader):
+class Wire(Source):
     """A source whose bytes are known, read as they are handed over; notes what the identifier has made of them."""
 
     def __init__(self, blocks: Sequence[bytes], form: Format, columns: tuple[str, ...]) -> None:
