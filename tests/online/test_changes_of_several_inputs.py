@@ -233,6 +233,17 @@ def test_the_end_finds_a_load_that_was_missed(monkeypatch: pytest.MonkeyPatch) -
     assert distance(ident, TRUE) < chi2_quantile(0.9999, TRUE.size)
 
 
+def test_the_end_finds_another_plant_that_was_missed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(miso_state, "find_change", lambda *_: None)
+    u, at = inputs(10), 2100
+    ident = identified(u, noisy(10, changed_at(u, at), 0.0))
+    assert ident.begins == (0,)
+    ident.finish()
+    assert abs(ident.begins[0] - at) <= TOGGLED
+    assert distance(ident, np.array([11.0, 10.0, 10.0, 0.2, 0.2])) < chi2_quantile(0.9999, TRUE.size)
+    assert any("the plant changed" in reason for reason in ident.assess().reasons)
+
+
 @pytest.mark.parametrize("seed", [0, 4])
 def test_fit_finds_a_change_of_a_fifth_without_noise(seed: int) -> None:
     """Loads explain it beside one another, until they are too many; of the whole record nothing seemed wrong then."""

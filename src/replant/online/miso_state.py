@@ -225,12 +225,16 @@ class RowState:
             loads = (*(each for each in self.loads if each > began), at)
             changed = replace(new, record_began=began, loads=loads).solved()
         else:
-            changed = replace(
-                new, record_began=at, loads=(), solved_at=0, started_at=0, is_sure=False, rivals=(), judges=()
-            ).solved()
+            changed = new._begun_at(at).solved()
         if changed.recursion is self.recursion:  # no model was found with it
             return new
         return replace(changed, look_at=changed._next_look)
+
+    def _begun_at(self, at: int) -> RowState:
+        """Return the state of a record that begins behind so many samples: the plant has changed."""
+        return replace(
+            self, record_began=at, loads=(), solved_at=0, started_at=0, is_sure=False, rivals=(), judges=()
+        )  # fmt: skip
 
     def _used_to(self, row: Row) -> RowState:
         """Return the state that has got used to larger innovations, which no change explains: the noise has grown."""
@@ -297,18 +301,18 @@ class RowState:
         """Return the state after all samples kept are solved as `fit` does.
 
         What was taken for a change is asked once more, as the samples since may tell that there was none; where
-        nothing was, and one model does not explain the record, a load is looked for within all of it.
+        nothing was, and one model does not explain the record, a change is looked for within all of it.
         """
         done = self.solved(afresh=True)
-        is_asked = self.record_began or self.loads or (done.recursion is not None and done._may_have_loads)
+        is_asked = self.record_began or self.loads or (done.recursion is not None and done._may_have_changed)
         return self._parted() or done if is_asked else done
 
     @property
-    def _may_have_loads(self) -> bool:
-        return may_have_loads(self.record()[1], self.parameters)
+    def _may_have_changed(self) -> bool:
+        return may_have_loads(self.record()[1], self.parameters, of_plant=True)
 
     def _parted(self) -> RowState | None:
-        """Return the state of all samples kept, parted at its loads; None where they tell of another plant since."""
+        """Return the state of all samples kept, parted at loads, or since another plant; None where that is known."""
         if self.references or not self.adapts or self.length > len(self.kept.values):
             return None
         whole = replace(self, record_began=self.samples - len(self.kept.values), loads=())
@@ -320,10 +324,13 @@ class RowState:
                 return None
         loads = tuple(int(np.count_nonzero(ready.used[: at - whole.record_began])) for at in self.loads)
         found = solve_parted_row(row.structures, ready, None, row.names, loads)
-        if found.plant is not None or found.solution is None:
+        places = whole.record_began + np.flatnonzero(ready.used)
+        if found.plant is not None:
+            return self._begun_at(int(places[found.plant.begin])).solved(afresh=True)
+        if found.solution is None:
             return None
-        begins = whole.record_began + np.flatnonzero(ready.used)[list(found.loads)]
-        return replace(whole, solved_at=whole.length, loads=tuple(begins.tolist()))._with(ready, found.solution, ())
+        loads = tuple(places[list(found.loads)].tolist())
+        return replace(whole, solved_at=whole.length, loads=loads)._with(ready, found.solution, ())
 
     def _behind(self, ready: RowRecord, row: Row, found: RowEstimate) -> RowRecursion:
         """Return the recursion that has taken what is behind the last stretch of a record, too."""

@@ -56,10 +56,10 @@ class Parted(NamedTuple, Generic[Solved]):
 
 
 @quiet
-def may_have_loads(row: Row, theta: FloatArray) -> bool:
-    """Return whether another load seems to act in a row, by what a model leaves: a quick question before `parted`."""
+def may_have_loads(row: Row, theta: FloatArray, *, of_plant: bool = False) -> bool:
+    """Return whether loads seem to act in a row, or ``of_plant`` another plant: a quick question before `parted`."""
     windows = (part for stretch in row.stretches for _, part in _windows(cut(row, stretch.rows)))
-    return any(is_suspect(part, theta) for part in windows if part.stretches)
+    return any(is_suspect(part, theta, of_plant=of_plant) for part in windows if part.stretches)
 
 
 @quiet

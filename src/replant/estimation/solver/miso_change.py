@@ -143,12 +143,15 @@ def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> list[int
     return begins[:SUSPECTED]
 
 
-def is_suspect(row: Row, theta: FloatArray) -> bool:
+def is_suspect(row: Row, theta: FloatArray, *, of_plant: bool = False) -> bool:
     """Return whether another load seems to act in a row of one stretch, by the noise of at least half of its parts.
 
     The noise of a part in which a load begins takes it for noise; that of a calm part takes a drift for a load.
+    Or whether ``of_plant`` another plant may have made a part of it.
     """
     model = _Fitted.of(row, theta)
+    if of_plant and model.worst(model.noise(), of_plant=True):
+        return True
     noises = [noise for parts in (2, 4) for noise in model.noise_of_parts(parts)]
     return 2 * sum(model.surest(noise, of_plant=False)[0] > 0 for noise in noises) >= len(noises)
 
