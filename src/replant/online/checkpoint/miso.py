@@ -149,9 +149,9 @@ def _recursion(
             arrays[name] = np.append(arrays[name], np.zeros(places - before, arrays[name].dtype))
     for name, shape in shapes.items():
         _check(name, arrays[name], shape)
-    if arrays["counts"].dtype.kind != "i" or not 0 <= arrays["counts"][0] <= LAGS:
+    if arrays["counts"].dtype.kind != "i" or not (arrays["counts"].min() >= 0 and arrays["counts"][0] <= LAGS):
         raise DamagedCheckpointError("its counts are not valid")
-    if not (arrays["diagonal"] >= 0.0).all():
+    if not all((arrays[name] >= 0.0).all() for name in ("diagonal", "squares")):
         raise DamagedCheckpointError("its numbers are not valid")
     numbers = dict(zip(NUMBERS, arrays["numbers"].tolist(), strict=True))
     models = _branches(structures, numbers["dt"], hold, arrays)
