@@ -232,6 +232,17 @@ def test_a_checkpoint_of_before_is_read_without_an_alarm() -> None:
     np.testing.assert_array_equal(older.parameters, whole.parameters)
 
 
+@pytest.mark.parametrize(("name", "wrong"), [("counts", -1), ("squares", np.nan), ("squares", -1.0)])
+def test_an_alarm_that_cannot_be_is_damage(name: str, wrong: float) -> None:
+    ident = begun()
+    ident.update_many(*record(5, 600))
+    plain, arrays = parts_of(ident._now)
+    changed = arrays[name].copy()
+    changed[-1] = wrong
+    with pytest.raises(rp.DamagedCheckpointError, match="not valid"):
+        rp.Identifier.from_bytes(encode_other(ROW, plain, arrays | {name: changed}, None))
+
+
 def test_the_model_is_that_of_the_samples_so_far() -> None:
     u, y = record(6)
     ident = begun()
