@@ -12,8 +12,8 @@ import pytest
 
 import replant as rp
 from replant.numerics.arguments import FloatArray
-from replant.online import ensemble_members, revision
-from support.cases import examples
+from replant.online import ensemble_members, lifecycle, revision
+from support.cases import every, examples
 from support.interrupts import interrupt
 
 DT = 0.1
@@ -213,3 +213,21 @@ def test_a_handler_may_read_and_save_and_may_not_change(monkeypatch: pytest.Monk
         again = rp.Identifier.from_bytes(data)
         again.update_many(u[taken:], y[taken:])
         assert equal(again, plain)
+
+
+@every("seed", range(3), quick=1)
+def test_a_review_writes_to_none_of_the_raw_samples_it_was_given(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An interrupted one is begun again with the same samples, of which it has no copy."""
+    u, y = stream(seed)
+    ident, looked, whole = identifier(seed), [], lifecycle.revise
+
+    def watched(state: Any, *given: Any) -> Any:
+        before, array = state.recent.copy(), state.recent
+        result = whole(state, *given)
+        looked.append(np.array_equal(before, array))
+        return result
+
+    monkeypatch.setattr(lifecycle, "revise", watched)
+    ident.update_many(u, y)
+    assert len(looked) > 3
+    assert all(looked)

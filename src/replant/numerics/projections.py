@@ -37,8 +37,10 @@ def orthogonal(matrix: FloatArray) -> FloatArray:
 
 def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
     """Return columns (K, C) minus their least-squares projection onto the nuisances (K, N)."""
-    nuisances = nuisances / lengths_of(nuisances)
-    basis = orthogonal(products(nuisances, nuisances))
+    square = products(nuisances, nuisances)
+    lengths = np.sqrt(np.diag(square))
+    units = np.where(lengths > 0.0, lengths, 1.0)
+    basis = orthogonal(square / np.outer(units, units)) / units[:, None]
     weights = basis @ (basis.T @ products(nuisances, columns))
     return np.asarray(columns - np.einsum("ij,jk->ik", nuisances, weights))
 

@@ -102,16 +102,16 @@ class Lifecycle(Estimate):
         moved._work_on(state, regular=True)
         return moved
 
-    def _draft(self) -> Self:
-        """Return a copy with its own arrays, and the same turn."""
-        return self._but(_state=self._state.copy(), _step=in_turn, _gate=NO_GATE)
+    def _draft(self, *, recent: bool = True) -> Self:
+        """Return a copy with its own arrays, the raw samples aside where asked for, and the same turn."""
+        return self._but(_state=self._state.copy(recent=recent), _step=in_turn, _gate=NO_GATE)
 
-    def _as_one(self, work: Callable[..., T], *given: Any) -> T:
+    def _as_one(self, work: Callable[..., T], *given: Any, recent: bool = True) -> T:
         """Do some work on a draft, and take it over in one bytecode: interrupted, it was not begun.
 
         Whoever still has the arrays before finds them waiting for attention, or their gate shut, and takes no sample.
         """
-        draft = self._draft()
+        draft = self._draft(recent=recent)
         result = work(draft, *given)
         vars(self).update(vars(draft))
         return result
@@ -121,8 +121,8 @@ class Lifecycle(Estimate):
         while self._state.attention:
             if self._background and self._settings is not None and self._state.held_at != BELIEVED:
                 self._attend_in_background()
-            else:
-                self._as_one(Lifecycle._attend)
+            else:  # of a review the raw samples stay as they are
+                self._as_one(Lifecycle._attend, recent=self._settings is None or self._state.held_at == BELIEVED)
 
     def _leave(self) -> None:
         self._gate[0] = OPEN

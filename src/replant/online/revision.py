@@ -29,6 +29,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
+from replant.numerics.workspace import borrowed
 from replant.online.begin_recursion import restart_at
 from replant.online.change_response import (
     AGAIN,
@@ -150,8 +151,9 @@ def renew(old: State, settings: Settings) -> State | None:
     is_searched = is_due and not is_at_rest(old)
     if not (is_searched or has_grown):
         return None
-    kept = RecentSamples.of(old, rows)
-    structure, record = settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True)
+    structure = settings.structure
+    with borrowed(rows, old.recent.shape[1]) as room:
+        record = RecentSamples.of(old, rows, room).record(settings.dt, settings.filter.input_hold, parted=True)
     begin = begin_of_change(structure, record, old.physical) if is_searched else 0
     if not (begin or has_grown):
         return None

@@ -7,7 +7,7 @@ import numpy as np
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.change_contest import Supposition
-from replant.estimation.solver.change_search import PlantChange, begin_of_change, change_at, change_within, worst_begin
+from replant.estimation.solver.change_search import PlantChange, begin_of_change, change_at, change_within, surest_begin
 from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import Problem
@@ -43,7 +43,7 @@ def test_a_change_is_dated_to_the_sample(begin: int) -> None:
     rng = np.random.default_rng(begin)
     slopes, is_since = rng.choice([-1.0, 1.0], (SAMPLES, 1)), np.arange(SAMPLES) >= begin
     error = slopes[:, 0] * (is_since - np.mean(is_since)) + 1e-3 * rng.standard_normal(SAMPLES)
-    assert worst_begin(slopes, error, 1, 20, SAMPLES) == begin
+    assert surest_begin(np.column_stack([slopes, error]), 1, 20, SAMPLES)[0] == begin
 
 
 @every("seed", range(5))
@@ -90,10 +90,12 @@ def test_slopes_and_residual_by_the_input_alone_are_those_of_a_whole_pass(delay:
     measured = rng.random(400) > 0.1 if missing else None
     record = Record(u, np.where(measured, y, 0.0) if missing else y, np.array([0.1]), measured=measured)
     problem = Problem(structure, record)
-    slopes, error, beside = problem.scores(without_nuisances(structure, np.array([2.1, 5.2, 1.9, 6.1])))
-    done = problem.run_whole(without_nuisances(structure, np.array([2.1, 5.2, 1.9, 6.1])), filled=False)
+    model = without_nuisances(structure, np.array([2.1, 5.2, 1.9, 6.1]))
+    signals = np.full((400, model.size + 1), np.nan)
+    beside = problem.scores(model, signals)
+    done = problem.run_whole(model, filled=False)
     output = rp.TransferFunction([1.9, 6.1], [1.0, 2.1, 5.2], delay=delay).simulate(u, 0.1)
     counts = record.is_measured & (np.arange(400) >= record.unknown(delay))
     assert beside == 1.0
-    np.testing.assert_allclose(slopes, done.zeta, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(error, np.where(counts, y - output, 0.0), rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(signals[:, :-1], done.zeta, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(signals[:, -1], np.where(counts, y - output, 0.0), rtol=1e-9, atol=1e-12)

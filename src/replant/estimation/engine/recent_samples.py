@@ -31,14 +31,14 @@ class RecentSamples:
     values: FloatArray
 
     @classmethod
-    def of(cls, state: State, most: int = RECENT) -> RecentSamples:
-        """Return the newest of those that a state keeps, at most so many."""
+    def of(cls, state: State, most: int = RECENT, room: FloatArray | None = None) -> RecentSamples:
+        """Return the newest of those that a state keeps, at most so many; a copy lies in ``room``, if given."""
         ring = state.recent
         rows = min(state.samples, most, len(ring))
         end = state.samples if state.samples < len(ring) else state.recent_head
         if rows <= end:
             return cls(ring[end - rows : end])
-        return cls(np.concatenate([ring[len(ring) - (rows - end) :], ring[:end]]))
+        return cls(np.concatenate([ring[len(ring) - (rows - end) :], ring[:end]], out=room))
 
     @classmethod
     def since(cls, state: State, sample: int) -> RecentSamples:
@@ -185,16 +185,16 @@ class RecentSamples:
 
     def record(self, dt: float, input_hold: str, *, parted: bool = False) -> Record:
         """Return them as a record; regular where every interval is ``dt``."""
-        u, y, intervals = self.values[:, : STEP + 1].T.copy()
-        regular = self.is_regular(dt)
+        u, y = self.input.copy(), self.output.copy()
         r = self.reference.copy() if self.have_reference else None
-        usual = dt if parted and not regular else math.inf
-        if math.isfinite(usual):
-            gaps = gaps_of(intervals, usual)
-            intervals[gaps] = np.minimum(intervals[gaps], LONGEST_GAP * float(np.median(intervals[1:])))
+        intervals, usual = np.array([dt]), math.inf
+        if not self.is_regular(dt):
+            intervals = self.interval.copy()
+            if parted:
+                usual, gaps = dt, gaps_of(intervals, dt)
+                intervals[gaps] = np.minimum(intervals[gaps], LONGEST_GAP * float(np.median(intervals[1:])))
         measured = self.is_measured & np.isfinite(y)
+        if measured.all():
+            return Record(u, y, intervals, input_hold, r, usual=usual)
         seen = np.nan_to_num(self.bridged) if self.are_examined else 0.0  # by the filters
-        return Record(
-            u, np.where(measured, y, seen), np.array([dt]) if regular else intervals, input_hold, r,
-            usual=usual, measured=None if measured.all() else measured,
-        )  # fmt: skip
+        return Record(u, np.where(measured, y, seen), intervals, input_hold, r, usual=usual, measured=measured)

@@ -42,6 +42,8 @@ Derivation: beyond half an interval the sample nearest in time is another one.
 def _since(broken: BoolArray) -> IntArray:
     """Return how many samples came since the last break before each (K,); 0 where it is one."""
     index = np.arange(broken.size)
+    if not broken[1:].any():
+        return index
     return index - np.maximum.accumulate(np.where(broken, index, 0))
 
 
@@ -109,7 +111,8 @@ class Record:
         """Return how many outputs before each (K,) came at intervals that are irregular by no more than a part."""
         broken = self._breaks(irregular)
         if self.measured is None:
-            return np.minimum(_since(broken), LAGS)
+            since = _since(broken)
+            return np.minimum(since, LAGS, out=since)
         broken[1:] |= ~self.measured[:-1]
         return np.where(self.measured, np.minimum(_since(broken), LAGS), 0)
 

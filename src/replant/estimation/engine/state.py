@@ -64,10 +64,11 @@ class State(StateArrays):
         """All of them, in the order in which the kernels take them."""
         return self.ints, self.reals, self.banks, self.buffer, self.recent
 
-    def copy(self, *, buffer: bool = True) -> State:
-        """Return a state with arrays of its own; without the ``buffer``, which may be large, it shares that."""
+    def copy(self, *, buffer: bool = True, recent: bool = True) -> State:
+        """Return a state with arrays of its own; without ``buffer`` or ``recent``, which may be large, it shares it."""
         kept = self.buffer.copy() if buffer else self.buffer
-        return State(self.ints.copy(), self.reals.copy(), self.banks.copy(), kept, self.recent.copy())
+        raw = self.recent.copy() if recent else self.recent
+        return State(self.ints.copy(), self.reals.copy(), self.banks.copy(), kept, raw)
 
     def make_room(self, most: int) -> None:
         """Lengthen the ring of raw samples where all rows are in use, and there may be ``most``."""

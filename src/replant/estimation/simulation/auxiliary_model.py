@@ -179,24 +179,30 @@ class AuxiliaryModel:
         error = target - phi @ theta if state.serves_reflected else ahead
         return Pass(phi, zeta, target, output, error, ahead)
 
-    def branch(self, theta: FloatArray, record: Record, *, constant: bool = False) -> tuple[FloatArray, FloatArray]:
+    def branch(
+        self, theta: FloatArray, record: Record, *, constant: bool = False, rows: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Return instruments (K, T) and output (K,) of a record without a gap, from rest: by its input alone.
 
         Rows that answer to inputs before the record are zero; so is the column of the constant, unless asked for.
+        They are written to ``rows`` (K, T or more), if given.
         """
         self.begin(theta)
-        rows, output = self.branch_on(record, constant=constant)
+        rows, output = self.branch_on(record, constant=constant, rows=rows)
         unknown = record.unknown(self._delay)
         if unknown:
             output[:unknown] = output[min(unknown, record.u.size - 1)]
             rows[:unknown] = 0.0
         return rows, output
 
-    def branch_on(self, record: Record, *, constant: bool = False) -> tuple[FloatArray, FloatArray]:
+    def branch_on(
+        self, record: Record, *, constant: bool = False, rows: FloatArray | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the same from where the last run ended."""
         from replant.kernels.step.branch import branch
 
-        rows, output = np.empty((record.u.size, self.entries)), np.empty(record.u.size)
+        output = np.empty(record.u.size)
+        rows = np.empty((record.u.size, self.entries)) if rows is None else rows
         branch(*self._state.arrays, record.u, record.intervals, constant, rows, output)
         return rows, output
 

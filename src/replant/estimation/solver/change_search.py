@@ -33,8 +33,9 @@ from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, quiet, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, products, quiet
 from replant.numerics.projections import without
+from replant.numerics.workspace import borrowed
 
 # a change in between loses a thirty-second of the samples that tell it
 BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
@@ -109,48 +110,45 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
     size, fewest = structure.coefficients, least_since(structure)
     if record.u.size < 3 * fewest:
         return 0
-    slopes, error, beside = Problem(structure, record).scores(without_nuisances(structure, model[:size]))
-    # of the model with its nuisances, in which the residual is linear
-    error = without(error[:, None], slopes[:, size:])[:, 0]
-    noise = Stretch.of(record, slice(None)).colour(error)
-    score = noise.whiten_known(slopes, record.rough_predecessors)
-    white = noise.whiten_known(error, record.rough_predecessors)
-    if not float(np.std(error)) * beside >= HARMLESS * float(np.std(record.y)):  # nor where it is NaN
-        return 0
-    return worst_begin(score, white, size, fewest, record.count)
+    bare = without_nuisances(structure, model[:size])
+    with borrowed(record.u.size, bare.size + 1) as signals:
+        beside = Problem(structure, record).scores(bare, signals)
+        # of the model with its nuisances, in which the residual is linear
+        error = signals[:, -1] = without(signals[:, -1:], signals[:, size:-1])[:, 0]
+        noise = Stretch.of(record, slice(None)).colour(error)
+        if not float(np.std(error)) * beside >= HARMLESS * float(np.std(record.y)):  # nor where it is NaN
+            return 0
+        return surest_begin(noise.whiten_known(signals, record.rough_predecessors), size, fewest, record.count)[0]
 
 
-def worst_begin(score: FloatArray, white: FloatArray, size: int, fewest: int, count: int) -> int:
-    """Return the sample since which ``size`` entries of a model fit worst; 0 where that may be chance."""
-    return surest_begin(score, white, size, fewest, count)[0]
-
-
-def surest_begin(score: FloatArray, white: FloatArray, size: int, fewest: int, count: int) -> tuple[int, float]:
+def surest_begin(signals: FloatArray, size: int, fewest: int, count: int) -> tuple[int, float]:
     """Return the sample since which ``size`` entries of a model fit worst, and how sure that is; 0 where it is chance.
 
-    ``score`` (K, T) has their whitened slopes, then those of the nuisances, ``white`` (K,) the whitened residual of so
-    many outputs.  At least ``fewest`` samples are before and since.
+    ``signals`` (K, T + 1) has their whitened slopes, those of the nuisances, and the whitened residual of so many
+    outputs.  At least ``fewest`` samples are before and since.
     """
-    if white.size < 3 * fewest:
+    samples = len(signals)
+    if samples < 3 * fewest:
         return 0, 0.0
-    lengths = np.sqrt(np.einsum("kt,kt->t", score, score))
-    variance = sum_of_squares(white) / max(count - score.shape[1], 1)
+    begins = np.unique(np.linspace(fewest, samples - fewest, BEGINS).astype(int))
+    since = _sums(signals, begins)
+    lengths = np.sqrt(np.diag(since[0]))
+    variance = since[0, -1, -1] / max(count - lengths.size + 1, 1)
     if not (np.isfinite(lengths).all() and (lengths[:size] > 0.0).all() and variance > 0.0):
         return 0, 0.0
-    units = np.where(lengths > 0.0, lengths, 1.0)
-    begins = np.unique(np.linspace(fewest, white.size - fewest, BEGINS).astype(int))
-    largest, begin = _worst(score, white, units, size, begins)
+    units = np.append(np.where(lengths[:-1] > 0.0, lengths[:-1], 1.0), 1.0)
+    largest, begin = _worst(since, units, size, begins)
     limit = chi2_quantile(1.0 - ALPHA / begins.size, size) * variance
     if not largest > limit:  # the scatter of blocks only raises the limit
         return 0, 0.0
-    limit *= _scatter(score[:, :size] / units[:size] * white[:, None] / math.sqrt(variance), begin)
+    limit *= _scatter(signals[:, :size] / units[:size] * signals[:, -1:] / math.sqrt(variance), begin)
     if not largest > limit:
         return 0, 0.0
     step = int(begins[1] - begins[0])
     while step > 1:
-        ends = max(begin - step, fewest), min(begin + step, white.size - fewest)
+        ends = max(begin - step, fewest), min(begin + step, samples - fewest)
         nearer = np.unique(np.linspace(*ends, BEGINS).astype(int))
-        begin, step = _worst(score, white, units, size, nearer)[1], int(nearer[1] - nearer[0])
+        begin, step = _worst(_sums(signals, nearer), units, size, nearer)[1], int(nearer[1] - nearer[0])
     return begin, largest / limit
 
 
@@ -164,15 +162,17 @@ def _scatter(products: FloatArray, begin: int) -> float:
     return max(float(np.mean(np.sum(np.concatenate(away) ** 2, axis=0))), 1.0)
 
 
-def _worst(score: FloatArray, white: FloatArray, units: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
-    """Return the largest statistic since some ascending samples, and its sample; each sample is summed once.
+def _sums(signals: FloatArray, begins: IntArray) -> FloatArray:
+    """Return the sums of products (1 + B, T + 1, T + 1) of all samples, and since some ascending ones."""
+    edges = [0, *begins.tolist(), len(signals)]
+    sums = [products(signals[a:b], signals[a:b]) for a, b in pairwise(edges)]
+    return np.asarray(np.cumsum(sums[::-1], axis=0)[::-1])
 
-    The sums of the scores are in ``units`` (T,).
-    """
-    edges = [0, *begins.tolist(), len(score)]
-    sums = [np.column_stack([score[a:b].T @ score[a:b], score[a:b].T @ white[a:b]]) for a, b in pairwise(edges)]
-    since = np.cumsum(sums[::-1], axis=0)[::-1] / units[:, None] / np.append(units, 1.0)
-    statistics = _statistics(since[0], since[1:], size)
+
+def _worst(since: FloatArray, units: FloatArray, size: int, begins: IntArray) -> tuple[float, int]:
+    """Return the largest statistic of `_sums` in ``units`` (T + 1,), and the sample since which it is."""
+    scaled = since[:, :-1] / units[:-1, None] / units
+    statistics = _statistics(scaled[0], scaled[1:], size)
     worst = len(statistics) - 1 - int(np.argmax(statistics[::-1]))  # of equal ones the last
     return float(statistics[worst]), int(begins[worst])
 
@@ -197,6 +197,6 @@ def _statistics(whole: FloatArray, since: FloatArray, size: int) -> FloatArray:
 def _pseudo_inverse(matrices: FloatArray) -> FloatArray:
     """Return the inverses (..., T, T) of least norm; zeros if none."""
     try:
-        return np.asarray(np.linalg.pinv(matrices, rcond=SAME))
+        return np.asarray(np.linalg.pinv(matrices, rcond=SAME, hermitian=True))
     except np.linalg.LinAlgError:
         return np.zeros_like(matrices)

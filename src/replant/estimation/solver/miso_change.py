@@ -375,11 +375,10 @@ class _Fitted:
         (stretch,) = self.row.stretches
         if float(np.std(self.error)) < HARMLESS * float(np.std(stretch.y[stretch.measured])):
             return 0, 0.0
-        score, white = self.whitened(noise)
-        if not of_plant:
-            score = np.ascontiguousarray(score[:, self.size : self.size + 1])
-        fewest = _fewest(self.row, self.size)
-        return surest_begin(score, white, self.size if of_plant else 1, fewest, self.row.count)
+        slopes, white = self.whitened(noise)
+        told = slopes if of_plant else slopes[:, self.size : self.size + 1]
+        fewest, size = _fewest(self.row, self.size), self.size if of_plant else 1
+        return surest_begin(np.column_stack([told, white]), size, fewest, self.row.count)
 
 
 def _parts(row: Row, begin: int) -> tuple[Row, Row]:

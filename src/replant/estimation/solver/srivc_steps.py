@@ -15,7 +15,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, Pass, stability_margin
 from replant.estimation.solver.refined_estimate import Prior, Projection, Refined, Root, conclude
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import products, real_coefficients, roots, solve, sum_of_squares
@@ -56,9 +56,13 @@ class Problem:
         referenced = self.projection is not None
         hold = record.input_hold
         self._model = AuxiliaryModel(structure, record.dt, hold, margin=self.slowest, reference=referenced)
-        self.known = self.record.predecessors  # residuals before each that are one sampling time apart
         self.noise = Autoregression.white(1.0, self.record.u.size)  # D(q) of the residual
         self._basis: tuple[Autoregression, FloatArray, FloatArray] | None = None
+
+    @property
+    def known(self) -> IntArray:
+        """Residuals before each (K,) that are one sampling time apart."""
+        return self.record.predecessors
 
     def run(self, model: FloatArray, *, filled: bool = True) -> Pass:
         """Return the pass of a model (T,) over the record; zero rows where no output was measured."""
@@ -72,21 +76,22 @@ class Problem:
             return self._model.run(model, self.whole, parts)
         return self._model.run(model, replace(self.whole, measured=None), parts).of(self.whole.measured)
 
-    def scores(self, model: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-        """Return slopes (K, T) and residual (K,) of a model without nuisances, and how much larger its error is.
+    def scores(self, model: FloatArray, signals: FloatArray) -> float:
+        """Write slopes and residual (K, T + 1) of a model without nuisances; return how much larger its error is.
 
         Of the whole record; both are zero where no output was measured.  The error is the measured less the predicted
         output; where the model is stable it is the residual itself.
         """
         record, alone = self.whole, self.projection is None and len(self.whole.parts) == 1 and self.is_stable(model)
         if alone:
-            rows, output = self._model.branch(model, record, constant=True)
-            error, missing = record.y - output, ~record.is_measured
-            rows[missing], error[missing], error[: self._unknown] = 0.0, 0.0, 0.0
-            return rows, error, 1.0
+            _, output = self._model.branch(model, record, constant=True, rows=signals)
+            np.subtract(record.y, output, out=signals[:, -1])
+            signals[: self._unknown] = signals[~record.is_measured] = 0.0
+            return 1.0
         done = self.run_whole(model)
         power = sum_of_squares(done.error)
-        return done.zeta, done.error, math.sqrt(done.power / power) if power > 0.0 else math.nan
+        signals[:, :-1], signals[:, -1] = done.zeta, done.error
+        return math.sqrt(done.power / power) if power > 0.0 else math.nan
 
     def is_stable(self, model: FloatArray) -> bool:
         """Return whether no pole of ``model`` (T,) is reflected."""

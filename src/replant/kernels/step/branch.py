@@ -52,13 +52,14 @@ def respond(s, u, interval, constant, row):
 @kernel(
     LAID_OUT, "s.refined and s.instruments and not s.has_reference and not s.bilinear",
     "intervals.size == 1 or intervals.size >= u.size",
-    "output.size >= u.size and rows.shape[0] >= u.size and rows.shape[1] == s.entries",
+    "output.size >= u.size and rows.shape[0] >= u.size and rows.shape[1] >= s.entries",
 )  # fmt: skip
 def branch(s: StateArrays, u: Reals, intervals: Reals, constant: bool, rows: Matrix, output: Reals):
     """Run a model over inputs (K,), from where its last run ended.
 
-    ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T), in the order of the entries of the model, that of the
-    constant zero unless it is asked for, and ``output`` (K,).  Both are NaN where an input is not finite or too large.
+    ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T or more), in the order of the entries of the model, that
+    of the constant zero unless it is asked for, and ``output`` (K,).  Both are NaN where an input is not finite or too
+    large.
     """
     T, bank = s.entries, s.banks[s.serving_bank]
     for k in range(u.size):
