@@ -333,10 +333,10 @@ class Ensemble(Shared):
         tasks += [(partial(self._take_alone, n), start) for n, start in reached.items() if n not in together]
         carry_out(tasks, rooms, samples, *results)
 
-    def _alike(self, number: int) -> str:
+    def _alike(self, number: int) -> tuple[int, ...]:
         """Return the key by which members are sorted that go together."""
         member = self._members[number]
-        return "" if member.settings is None else str(kind_of_lane(member._state))
+        return () if member._settings is None else kind_of_lane(member._state)
 
     def _lead_in(self, number: int, *chunk: FloatArray) -> int:
         """Take a member's first samples by itself, until it may join a block; return how many."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from itertools import groupby
 
 from replant.estimation.engine.state_lanes import fits, kind
@@ -32,8 +31,10 @@ Alone = Callable[..., None]  # takes a member's samples: (number, room, row, u, 
 
 def may_join(member: Identifier) -> bool:
     """Return whether a member can be stepped in a block, now or, by its settings, after its start-up."""
-    if member.settings is None:
+    if member._settings is None:
         return not member._request.wants_instruments
+    if member._state.refined:
+        return False
     from replant.kernels.step import fixed_filter
 
     return member._steps is fixed_filter.steps and not member._mapped
@@ -41,7 +42,7 @@ def may_join(member: Identifier) -> bool:
 
 def is_ready(member: Identifier) -> bool:
     """Return whether a member's start-up is over and its filters run."""
-    return member.settings is not None and is_under_way(member._state)
+    return member._settings is not None and is_under_way(member._state)
 
 
 def form_blocks(members: Sequence[Identifier], reached: dict[int, int]) -> list[tuple[Block, int]]:
@@ -71,7 +72,7 @@ def may_go_together(member: Identifier) -> bool:
     request = member._request
     if member._mapped or request.structure.delay > 0.0 or not member._regular:
         return False
-    return request.keeps_covariance if member.settings is None else fits(member._state)
+    return request.keeps_covariance if member._settings is None else fits(member._state)
 
 
 class Company:
@@ -129,7 +130,7 @@ class Company:
         member = self._members[number]
         if member._state.attention:
             member._enter()
-        return member.settings is not None and fits(member._state)
+        return member._settings is not None and fits(member._state)
 
 
 def _up_to(row: int, *chunk: FloatArray) -> tuple[FloatArray, ...]:
@@ -173,19 +174,33 @@ def carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], chunk: C
             if end < len(u):
                 waiting.append((take, end))
 
+    failed: list[BaseException] = []
+
     def help_with(room: Room, lock: threading.Lock) -> None:
         with lock:
-            work(room)
+            try:
+                work(room)
+            except BaseException as error:  # it is the caller's, as are those of the caller's own thread
+                failed.append(error)
+                chunk.stopped = True
 
     mine, *others = rooms[: max(len(waiting), 1)]
     if not others:
         work(mine)
         return
-    with ThreadPoolExecutor(len(others)) as pool:
-        try:
-            helpers = [pool.submit(help_with, *each) for each in zip(others, chunk.locks, strict=False)]
-            work(mine)
-            for helper in helpers:
-                helper.result()
-        finally:
-            chunk.stopped = True
+    # a pool of the library takes four times as long to begin and to end
+    helpers = [threading.Thread(target=help_with, args=each) for each in zip(others, chunk.locks, strict=False)]
+    try:
+        for helper in helpers:
+            helper.start()
+        work(mine)
+        for helper in helpers:
+            helper.join()
+    except BaseException:
+        chunk.stopped = True
+        for helper in helpers:
+            if helper.ident is not None:  # it has been started
+                helper.join()
+        raise
+    if failed:
+        raise failed[0]

@@ -44,7 +44,8 @@ def fits(state: State) -> bool:
 
 def kind(state: State) -> tuple[int, ...]:
     """Return what the states in the lanes of one vector must have in common."""
-    return (*state.ints[ALIKE].tolist(), state.rest_after > 0, bool(state.settings[0] < 1.0), *state.reals.shape)
+    forgets = bool(state.reals[state.begin_of(StateSlots.settings)] < 1.0)
+    return (*state.ints[ALIKE].tolist(), state.rest_after > 0, forgets, state.reals.size)
 
 
 def aligned(shape: tuple[int, ...]) -> FloatArray:
