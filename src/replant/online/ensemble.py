@@ -336,7 +336,7 @@ class Ensemble(Shared):
     def _alike(self, number: int) -> tuple[int, ...]:
         """Return the key by which members are sorted that go together."""
         member = self._members[number]
-        return () if member._settings is None else kind_of_lane(member._state)
+        return () if member._settings is None else kind_of_lane(member._state) or ()
 
     def _lead_in(self, number: int, *chunk: FloatArray) -> int:
         """Take a member's first samples by itself, until it may join a block; return how many."""

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 
-from replant.estimation.engine.state_lanes import fits, kind
+from replant.estimation.engine.state_lanes import kind
 from replant.estimation.engine.vector_blocks import Block, Room, are_apart, is_under_way, order
 from replant.estimation.engine.vector_blocks import kind as kind_of_block
 from replant.numerics.arguments import FloatArray
@@ -72,7 +72,7 @@ def may_go_together(member: Identifier) -> bool:
     request = member._request
     if member._mapped or request.structure.delay > 0.0 or not member._regular:
         return False
-    return request.keeps_covariance if member._settings is None else fits(member._state)
+    return request.keeps_covariance if member._settings is None else kind(member._state) is not None
 
 
 class Company:
@@ -93,8 +93,9 @@ class Company:
         alike: dict[tuple[int, ...], list[int]] = {}
         if len(chunk[0]) - start >= FEWEST:
             for number in self.numbers:
-                if self._is_ready(number):
-                    alike.setdefault(kind(self._members[number]._state), []).append(number)
+                one = self._kind(number)
+                if one is not None:
+                    alike.setdefault(one, []).append(number)
         together = {one: numbers for one, numbers in alike.items() if len(numbers) >= LEAST}
         for one, numbers in together.items():
             self._take_together(one, numbers, room, start, *chunk)
@@ -126,11 +127,12 @@ class Company:
         if reached < row:
             self._alone(number, room, reached, *_up_to(row, *chunk))
 
-    def _is_ready(self, number: int) -> bool:
+    def _kind(self, number: int) -> tuple[int, ...] | None:
+        """Return the kind of lane that a member fits into now; None while its start-up lasts, or for good."""
         member = self._members[number]
         if member._state.attention:
             member._enter()
-        return member._settings is not None and fits(member._state)
+        return None if member._settings is None else kind(member._state)
 
 
 def _up_to(row: int, *chunk: FloatArray) -> tuple[FloatArray, ...]:

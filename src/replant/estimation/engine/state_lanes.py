@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from replant.estimation.engine.state import State
+from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.schema import LINE, StateSlots
 from replant.numerics.arguments import FloatArray, IntArray
 
@@ -17,35 +18,36 @@ member that takes a whole stretch by itself, as where its model is renewed.
 Sensitivity: changes no bit of any result.
 """
 
-#: What members side by side have in common.
+#: What a state must have to be stepped in a lane.
+FIT = {
+    StateSlots.examines_output: 1, StateSlots.refined: 1, StateSlots.algorithm: RECURSIVE_LEAST_SQUARES,
+    StateSlots.collects: 0, StateSlots.has_reference: 0,
+}  # fmt: skip
+VALUES = list(FIT.values())
+
+#: The places of these, and of what members side by side have in common.
 ALIKE = [
     slot.index
     for slot in (
-        StateSlots.order, StateSlots.entries, StateSlots.input_entries, StateSlots.algorithm, StateSlots.square_input,
-        StateSlots.straight_input, StateSlots.has_constant, StateSlots.has_noise_model, StateSlots.coloured,
-        StateSlots.memory_size, StateSlots.settings_size, StateSlots.ring_size, StateSlots.rests_with_input,
+        *FIT, StateSlots.path_size, StateSlots.order, StateSlots.entries, StateSlots.input_entries,
+        StateSlots.square_input, StateSlots.straight_input, StateSlots.has_constant, StateSlots.has_noise_model,
+        StateSlots.coloured, StateSlots.memory_size, StateSlots.settings_size, StateSlots.ring_size,
+        StateSlots.rests_with_input,
     )
 ]  # fmt: skip
 
 
-def fits(state: State) -> bool:
-    """Return whether a state may be stepped in a lane: refined filter, samples kept, no dead time or reference."""
-    from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
+def kind(state: State) -> tuple[int, ...] | None:
+    """Return what the states in the lanes of one vector must have in common; None where a state fits into none.
 
-    known = state.examines_output and state.refined and state.algorithm == RECURSIVE_LEAST_SQUARES
-    return (
-        known
-        and not (state.collects or state.has_reference)
-        and state.delay == 0.0
-        and len(state.buffer) == 1
-        and state.path_size > 0
-    )
-
-
-def kind(state: State) -> tuple[int, ...]:
-    """Return what the states in the lanes of one vector must have in common."""
+    One that fits has a refined filter, keeps its samples, and has neither dead time nor reference.
+    """
+    numbers = state.ints[ALIKE].tolist()
+    values, path, common = numbers[: len(FIT)], numbers[len(FIT)], numbers[len(FIT) :]
+    if values != VALUES or not path or state.delay != 0.0 or len(state.buffer) != 1:
+        return None
     forgets = bool(state.reals[state.begin_of(StateSlots.settings)] < 1.0)
-    return (*state.ints[ALIKE].tolist(), state.rest_after > 0, forgets, state.reals.size)
+    return (*common, state.rest_after > 0, forgets, state.reals.size)
 
 
 def aligned(shape: tuple[int, ...]) -> FloatArray:
