@@ -188,7 +188,6 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *([] if loop.is_closed else actuator_findings(evidence, runs)),
         *_unexplained(evidence, runs, loop, figures),
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
-        *record_tests.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *record_tests.burst_finding(evidence, runs),
         *_disagreement(max(evidence.disagreement, certainty.disagreement)),
     ]
