@@ -25,9 +25,8 @@ where :math:`\delta_r^T e_f` is more than chance.  Its variance is the mean over
 :math:`|\Delta_r|^2 |V|^2`; as the data choose the direction of :math:`\delta`, its square over that is held against
 :math:`\chi^2_h` (Scheffe).
 
-With a reference :math:`u_r` is what that explains of the input.  A controller opposes a disturbance: where input and
-residual of the same sample move as the plant's output follows its input, the plant does something faster than the
-model, and :math:`\varphi = 1`.
+A controller opposes a disturbance: where input and residual of the same sample move as the plant's output follows its
+input, the plant does something faster than the model, and :math:`\varphi = 1`.
 
 Sources: Hausman (1978), "Specification tests in econometrics", Econometrica 46; Robinson (1998), "Inference without
 smoothing in the presence of nonparametric autocorrelation", Econometrica 66; MacKinnon and White (1985), "Some
@@ -44,7 +43,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, run_model, runs_away
-from replant.estimation.solver.feedback_test import LONGEST, PER_COLUMN, answering, part_answering
+from replant.estimation.solver.feedback_test import answering, part_answering
 from replant.estimation.solver.refined_estimate import Refined
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
@@ -145,16 +144,11 @@ def _share_of_feedback(
     """Return the share of the difference between two estimates that feedback does not explain, phi."""
     from scipy import special  # slow to import
 
-    u = record.u - record.u.mean()
-    if record.r is not None:
-        free = _explained(u, record.r)
-    else:
-        w = estimates[1].noise_model.ahead(runs[1].error) * whole
-        feedback = answering(u, w, record.inputs_before)
-        if not feedback.found or _is_direct(structure, estimates[1].theta, feedback.at_once):
-            return 1.0
-        free = u - part_answering(u, w, record.inputs_before)
-    rest = dataclasses.replace(record, u=free)
+    u, w = record.u - record.u.mean(), estimates[1].noise_model.ahead(runs[1].error) * whole
+    feedback = answering(u, w, record.inputs_before)
+    if not feedback.found or _is_direct(structure, estimates[1].theta, feedback.at_once):
+        return 1.0
+    rest = dataclasses.replace(record, u=u - part_answering(u, w, record.inputs_before))
     purged = [run_model(structure, one.theta[: structure.size], rest, record.dt) for one in estimates]
     if purged[0] is None or purged[1] is None:
         return 0.0
@@ -189,17 +183,8 @@ def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
 
 def is_answered(record: Record, noise: Autoregression, error: FloatArray) -> bool:
     """Return whether a record's input answers a residual (K,), as under a controller."""
-    if record.r is not None:
-        return True
     w = noise.ahead(error) * _whole(record, noise.order)
     return answering(record.u - record.u.mean(), w, record.inputs_before).found
-
-
-def _explained(u: FloatArray, r: FloatArray) -> FloatArray:
-    """Return what present and past values of a reference (K,) explain of an input (K,)."""
-    most = min(LONGEST, u.size // PER_COLUMN)
-    columns = [np.append(np.full(lag, r[0]), r[: r.size - lag]) for lag in range(most + 1)]
-    return u - without(u[:, None], np.column_stack([*columns, np.ones(u.size)]))[:, 0]
 
 
 def _chance(statistic: float, degrees: float, ordinates: float) -> float:
