@@ -69,10 +69,7 @@ class Autoregression:
     @classmethod
     def of(cls, error: FloatArray) -> Autoregression:
         """Return the model of ``error`` (K,), every sample finite."""
-        sums, count = sums_of(error, np.minimum(np.arange(error.size), LAGS))
-        if count < LEAST:
-            return cls.white(sum_of_squares(error), error.size)
-        return cls.of_sums(sums, count)
+        return cls.of_residual(error, np.minimum(np.arange(error.size), LAGS), error.size)
 
     @classmethod
     def of_sums(cls, sums: FloatArray, count: float) -> Autoregression:

@@ -37,7 +37,7 @@ from replant.numerics.projections import (
     without,
 )
 from replant.verdict.evidence import RESTING, ROUNDING, Evidence, Runs, rounding_of
-from replant.verdict.score_test import Explained, noise_of, residual_of
+from replant.verdict.score_test import Explained, residual_of
 from replant.verdict.verdict import Finding
 
 STILL = "the reference stands still"
@@ -61,7 +61,7 @@ def answer(evidence: Evidence, run: ModelRun, signal: FloatArray, first: int = 0
     error = run.error[rows] - run.error[rows][used].mean()
     w = np.zeros(signal.size)
     if error[used].std() > rounding_of(run.forced[rows], evidence.record.y[rows][used]):
-        noise = noise_of(error, evidence.past)
+        noise = Autoregression.of_residual(error, evidence.past, error.size)
         w[rows] = noise.ahead(error) * (used & (evidence.past >= noise.order))
     moved = signal - signal.mean()
     return answering(np.ascontiguousarray(moved), w, evidence.record.inputs_before, first)

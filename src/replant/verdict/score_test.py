@@ -36,7 +36,7 @@ import numpy as np
 
 from replant.estimation.simulation.model_run import ModelRun
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
-from replant.numerics.autoregression import LEAST, Autoregression, sums_of
+from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile, products, roots, sum_of_squares
 from replant.numerics.projections import TAKEN_AWAY, lengths_of, orthogonal
@@ -107,7 +107,7 @@ class Residual:
         lengths = lengths_of(known)
         known = known / lengths
         error = error - error[used].mean()
-        noise = noise_of(error, past) if noise is None else noise
+        noise = Autoregression.of_residual(error, past, error.size) if noise is None else noise
         white_known, white = noise.whiten_known(known, past)[used], noise.whiten_known(error, past)[used]
         basis = orthogonal(products(white_known, white_known))
         explained = basis @ (basis.T @ products(white_known, white[:, None])[:, 0])
@@ -117,7 +117,7 @@ class Residual:
     def beside(self, error: FloatArray, effect: FloatArray) -> Residual:
         """Return that of the same error (K,), whitened by the noise that an effect (K,) leaves of it."""
         left = error - effect
-        noise = noise_of(left - left[self.used].mean(), self.past)
+        noise = Autoregression.of_residual(left - left[self.used].mean(), self.past, left.size)
         return Residual.of(error, self.known[:, :-1], self.past, self.used, noise)
 
     def weights_of(self, columns: FloatArray) -> FloatArray:
@@ -161,12 +161,6 @@ class Residual:
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
         return np.asarray(self.noise.whiten_known(columns, self.past)[self.used])
-
-
-def noise_of(error: FloatArray, past: IntArray) -> Autoregression:
-    """Return the model of a residual (K,), so many samples in a row before each; white where these are too few."""
-    sums, count = sums_of(error, past)
-    return Autoregression.of_sums(sums, count) if count >= LEAST else Autoregression.white(1.0, count)
 
 
 def _widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:
