@@ -8,13 +8,10 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-
 from replant.estimation.simulation.miso import Row, RowRecord
-from replant.estimation.solver.change_contest import NOTICED
+from replant.estimation.solver.change_contest import outputs_differ
 from replant.estimation.solver.miso_breaks import Modelled, Parted, find_plant_change, may_have_loads, parted
 from replant.estimation.solver.miso_change import Change, Judge
-from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.miso_solve import RowSolution, begun_at, solve_with, started
@@ -113,10 +110,7 @@ def plant_changes(structure: Structure, parted: Solution) -> bool:
 
 def differ(structure: Structure, whole: Solution, parted: Solution) -> bool:
     """Return whether the outputs that two G(s) make of a record's input differ by what is noticed."""
-    problem = Problem(structure, whole.record)
-    models = (without_nuisances(structure, each.found.theta[: structure.size]) for each in (whole, parted))
-    own, others = (problem.run_whole(model).output for model in models)
-    return not float(np.std(own - others)) < NOTICED * float(np.std(own))
+    return outputs_differ(Problem(structure, whole.record), parted.found.theta, whole.found.theta)
 
 
 def _model_of(structure: Structure, solution: Solution | None) -> Modelled | None:

@@ -36,7 +36,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import Pass
 from replant.estimation.solver import change_prior
 from replant.estimation.solver.change_prior import Known, with_nuisances
-from replant.estimation.solver.refined_estimate import Prior, Refined, Root, conclude
+from replant.estimation.solver.refined_estimate import Prior, Refined, Root, conclude, without_nuisances
 from replant.estimation.solver.residual_likelihood import WEAKEST, Stretch
 from replant.estimation.solver.solve import Solution
 from replant.estimation.solver.srivc import refine
@@ -165,6 +165,13 @@ def weighed(claims: Sequence[Claim]) -> list[Claim]:
     base = max((claim.fair for claim in same), default=0.0)
     most = max((claim.fair + claim.unserved for claim in same), default=0.0)
     return [claim.weighed_beside(base, most) for claim in claims]
+
+
+def outputs_differ(problem: Problem, model: FloatArray, other: FloatArray, part: float = NOTICED) -> bool:
+    """Return whether the outputs that the G(s) of two models make of a problem's input differ by a part of these."""
+    bare = (without_nuisances(problem.structure, each[: problem.structure.coefficients]) for each in (model, other))
+    own, others = (problem.run_whole(each).output for each in bare)
+    return not float(np.std(own - others)) < part * float(np.std(others))
 
 
 class Contest:
@@ -373,13 +380,7 @@ class Contest:
 
     def differ(self, model: FloatArray, other: FloatArray, part: float = NOTICED) -> bool:
         """Return whether the outputs that the G(s) of two models make of the whole input differ by a part of these."""
-        outputs = []
-        for each in (model, other):
-            bare = each.copy()
-            bare[self.structure.coefficients :] = 0.0
-            outputs.append(self._whole.run_whole(bare).output)
-        away = float(np.std(outputs[0] - outputs[1]))
-        return not away < part * float(np.std(outputs[1]))
+        return outputs_differ(self._whole, model, other, part)
 
     def estimate(self, claim: Claim) -> Refined | None:
         """Return the estimate of a claim about the samples since, what was known before included."""
