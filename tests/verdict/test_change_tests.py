@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from replant.verdict.record_tests import _powers
+from replant.verdict.sensor_and_excitation import _powers
 from support.cases import every
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from replant.numerics.robust import usual_step
-from replant.verdict.record_tests import (
+from replant.verdict.sensor_and_excitation import (
     clock_finding,
     is_resolved,
     level_finding,

@@ -14,7 +14,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.filters import Filter, StateVariableFilter
 from replant.estimation.simulation.miso import Row
 from replant.estimation.solver.change_search import PlantChange, change_within
-from replant.estimation.solver.miso_breaks import find_plant_change
+from replant.estimation.solver.record_changes import find_plant_change
 from replant.estimation.solver.refined_estimate import Refined
 from replant.fitting import model_notation
 from replant.fitting.model import Model
@@ -31,7 +31,7 @@ from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.loop_tests import COPIED, IDLE, Reference, fault_of
 from replant.verdict.other_columns import OtherColumn, other_columns, with_other_columns
-from replant.verdict.record_tests import loads_act, loads_may_act
+from replant.verdict.sensor_and_excitation import loads_act, loads_may_act
 
 WITHOUT = "the fit does without it"
 

@@ -27,7 +27,7 @@ from replant.numerics.limits import duration, increasing
 from replant.numerics.linear_algebra import quiet
 from replant.verdict import fit_percent
 from replant.verdict.miso_tests import left_out
-from replant.verdict.record_tests import left_out_finding
+from replant.verdict.sensor_and_excitation import left_out_finding
 from replant.verdict.verdict import Verdict
 
 

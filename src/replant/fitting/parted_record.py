@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.estimation.solver.change_contest import outputs_differ
-from replant.estimation.solver.miso_breaks import Modelled, Parted, find_plant_change, may_have_loads, parted
 from replant.estimation.solver.miso_change import Change, Judge
+from replant.estimation.solver.record_changes import Modelled, Parted, find_plant_change, may_have_loads, parted
 from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.miso_solve import RowSolution, begun_at, solve_with, started
@@ -19,7 +19,7 @@ from replant.fitting.model_fields import has_rest
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import duration_of
-from replant.verdict.record_tests import changed_finding, loads_act
+from replant.verdict.sensor_and_excitation import changed_finding, loads_act
 from replant.verdict.verdict import Finding
 
 # what a model leaves of a step of the sensor amid a record lasts for a fifth to two fifths of it

@@ -19,7 +19,7 @@ from replant.numerics.linear_algebra import quiet
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_state import RowState
 from replant.verdict.miso_tests import controlled, left_out
-from replant.verdict.record_tests import followed_finding, guard_findings, left_out_finding
+from replant.verdict.sensor_and_excitation import followed_finding, guard_findings, left_out_finding
 from replant.verdict.verdict import Finding, Verdict
 
 NO_COLUMNS: Mapping[str, FloatArray] = {}

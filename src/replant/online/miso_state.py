@@ -23,8 +23,8 @@ import numpy as np
 
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import Row, RowRecord, evaluate
-from replant.estimation.solver.miso_breaks import may_have_loads
 from replant.estimation.solver.miso_change import Judge, find_change, plant_change
+from replant.estimation.solver.record_changes import may_have_loads
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.estimation.solver.srivc_steps import SOONEST
 from replant.fitting.miso_solve import RowEstimate, RowSolution, solve_with

@@ -2,7 +2,7 @@
 
 from replant.estimation.simulation.fitted_run import Simulation, fit_percent, simulate
 from replant.verdict.assess import assess_record, assess_running, assess_starting
-from replant.verdict.record_tests import WORST_CONDITION
+from replant.verdict.sensor_and_excitation import WORST_CONDITION
 from replant.verdict.verdict import Assessment, Verdict
 
 __all__ = [

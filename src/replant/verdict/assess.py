@@ -40,7 +40,14 @@ from replant.verdict.estimate_tests import (
 )
 from replant.verdict.evidence import FEWEST, LEAST_POWER, PER_COEFFICIENT, RESTING, Evidence, moving
 from replant.verdict.judge import POOREST_FIT, judge
-from replant.verdict.record_tests import REFUSED, Excitation, clock_finding, guard_findings, level_finding, rested
+from replant.verdict.sensor_and_excitation import (
+    REFUSED,
+    Excitation,
+    clock_finding,
+    guard_findings,
+    level_finding,
+    rested,
+)
 from replant.verdict.verdict import Assessment, Finding, conclude, duration, percent
 
 MOST_SAMPLES = 50_000  # samples of a record that the verdict looks at, the newest of them [samples]

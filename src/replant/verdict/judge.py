@@ -31,7 +31,7 @@ from replant.numerics.autoregression import one_step, whiteness
 from replant.numerics.levels import MATTERS
 from replant.numerics.linear_algebra import quiet, roots
 from replant.numerics.robust import robust_std
-from replant.verdict import record_tests
+from replant.verdict import sensor_and_excitation
 from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
 from replant.verdict.evidence import LEAST_POWER, RESTING, Evidence, Runs
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
@@ -90,7 +90,7 @@ def _judged(evidence: Evidence) -> Assessment:
         reason = f"the model's signals leave float64 (a pole at {pole:+.3g} rad/s)"
         findings.append(Finding("inconsistent", reason))
     if runs is not None:
-        found = record_tests.excitation(runs.now, evidence.newest)
+        found = sensor_and_excitation.excitation(runs.now, evidence.newest)
         figures |= {"condition": found.condition, "excitation": found.share}
         findings += _of_sensor(evidence, runs)
         # what the comparison with the model names is not named again
@@ -114,14 +114,14 @@ def _lacks_excitation(findings: list[Finding]) -> bool:
 
 def _of_samples(evidence: Evidence) -> list[Finding]:
     """Return the findings that need no model."""
-    findings = [Finding("diverged", record_tests.REFUSED)] if evidence.refused else []
+    findings = [Finding("diverged", sensor_and_excitation.REFUSED)] if evidence.refused else []
     if evidence.usual_interval:
-        findings += record_tests.clock_finding(evidence.usual_interval, evidence.dt)
+        findings += sensor_and_excitation.clock_finding(evidence.usual_interval, evidence.dt)
     u, whole = evidence.record.u, evidence.record.joined.u
     if np.ptp(whole) <= RESTING * np.abs(whole).max():
         reason = "the input is constant: move it"
         if evidence.largest_power > (RESTING * float(np.abs(u).max())) ** 2:
-            reason = record_tests.rested(evidence.seconds(evidence.samples))
+            reason = sensor_and_excitation.rested(evidence.seconds(evidence.samples))
         return [*findings, Finding("not excited", reason)]
     known = evidence.raw[evidence.used]
     if known.size and known.min() == known.max():
@@ -138,23 +138,27 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         few = f"{evidence.unseen} samples that the estimate has not used are too few"
         reason = f"{few if evidence.unseen else 'the estimate has used every sample: none is left'} to test it on"
         findings.append(Finding("converging", reason))
-    return findings + record_tests.level_finding(u, evidence.raw)
+    return findings + sensor_and_excitation.level_finding(u, evidence.raw)
 
 
 def _of_guard(evidence: Evidence) -> list[Finding]:
     """Return the findings of the online monitoring."""
-    findings = record_tests.guard_findings(
+    findings = sensor_and_excitation.guard_findings(
         evidence.seconds(evidence.missing) if evidence.missing > GAP else 0.0,
         evidence.stuck,
         evidence.seconds(evidence.grown) if evidence.grown else 0.0,
         evidence.undecided,
     )
     if evidence.begun_anew:
-        findings.append(record_tests.followed_finding(evidence.seconds(evidence.begun_anew)))
+        findings.append(sensor_and_excitation.followed_finding(evidence.seconds(evidence.begun_anew)))
     change = evidence.plant_change
     if change is not None:
         seconds = evidence.seconds(change.samples)
-        findings.append(record_tests.changing_finding() if change.goes_on else record_tests.changed_finding(seconds))
+        findings.append(
+            sensor_and_excitation.changing_finding()
+            if change.goes_on
+            else sensor_and_excitation.changed_finding(seconds)
+        )
     return findings
 
 
@@ -169,13 +173,13 @@ def _of_sensor(evidence: Evidence, runs: Runs) -> list[Finding]:
     count = newest.size
     intervals = evidence.record.intervals
     steps = np.full(count, intervals[0]) if intervals.size == 1 else intervals[newest]
-    resolved = record_tests.is_resolved(y, noise)
+    resolved = sensor_and_excitation.is_resolved(y, noise)
     elapsed, unit = np.cumsum(steps), evidence.output_unit
     u, y, modelled = evidence.record.u[newest], y[newest], modelled[newest]
-    found = record_tests.end_finding(u, y, modelled, noise, elapsed)
-    found = found or record_tests.saturation_finding(y, modelled, unit)
-    found = found or record_tests.stuck_finding(y, modelled, noise, resolved, elapsed, unit)
-    return found + record_tests.left_out_finding(evidence.left_out)
+    found = sensor_and_excitation.end_finding(u, y, modelled, noise, elapsed)
+    found = found or sensor_and_excitation.saturation_finding(y, modelled, unit)
+    found = found or sensor_and_excitation.stuck_finding(y, modelled, noise, resolved, elapsed, unit)
+    return found + sensor_and_excitation.left_out_finding(evidence.left_out)
 
 
 def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
@@ -188,7 +192,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *([] if loop.is_closed else actuator_findings(evidence, runs)),
         *_unexplained(evidence, runs, loop, figures),
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
-        *record_tests.burst_finding(evidence, runs),
+        *sensor_and_excitation.burst_finding(evidence, runs),
         *_disagreement(max(evidence.disagreement, certainty.disagreement)),
     ]
     if certainty.improves:  # the present estimate may explain what the earlier one does not

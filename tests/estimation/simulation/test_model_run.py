@@ -13,7 +13,7 @@ from replant.estimation.simulation.model_run import ModelRun, run_model
 from replant.numerics.autoregression import whiteness
 from replant.numerics.linear_algebra import products
 from replant.numerics.projections import without
-from replant.verdict.record_tests import WORST_CONDITION, excitation
+from replant.verdict.sensor_and_excitation import WORST_CONDITION, excitation
 from support.builders import AWKWARD, DT, binary, irregular_record, true_parameters
 from support.cases import every
 from support.loops import DT as STEP
