@@ -71,32 +71,16 @@ def test_a_drift_is_told_by_longer_blocks() -> None:
     assert told[0, 0] > 3.5 * short
 
 
-def test_to_stretch_keeps_known_what_errors_that_go_together_leave_known() -> None:
-    """The coordinate that scatters most moves the others as before: what they are beside it is known as well."""
+def test_to_stretch_keeps_the_correlations() -> None:
     root = np.random.default_rng(5).standard_normal((4, 4))
     covariance = root @ root.T
-    variances = np.diag(covariance) * np.array([0.5, 1.0, 1.0, 9.0])
+    variances = np.diag(covariance) * np.array([0.5, 1.0, 4.0, 9.0])
     stretched = stretch(covariance, variances)
-    assert (np.diag(stretched) > variances * (1.0 - 1e-12)).all()
-    assert stretched[3, 3] == pytest.approx(variances[3])
-    beside = [one[:3, :3] - np.outer(one[3, :3], one[3, :3]) / one[3, 3] for one in (covariance, stretched)]
-    np.testing.assert_allclose(*beside)
-    np.testing.assert_allclose(stretched[3] / stretched[3, 3], covariance[3] / covariance[3, 3])
-
-
-def test_two_coordinates_that_go_together_stay_apart_by_as_little_where_one_scatters_more() -> None:
-    together = np.array([[1.0, 0.9999], [0.9999, 1.0]])
-    apart = np.array([1.0, -1.0])
-    stretched = stretch(together, np.array([4.0, 1.0]))
-    assert apart @ stretched @ apart == pytest.approx(apart @ together @ apart, rel=1e-3)
-    np.testing.assert_allclose(stretch(np.eye(2), np.array([4.0, 1.0])), np.diag([4.0, 1.0]))  # these do not
-
-
-def test_to_stretch_all_variances_alike_is_a_factor() -> None:
-    root = np.random.default_rng(5).standard_normal((4, 4))
-    covariance = root @ root.T
+    std = np.sqrt(np.diag(stretched))
+    np.testing.assert_allclose(std**2, np.diag(covariance) * [1.0, 1.0, 4.0, 9.0])
+    old = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(stretched / np.outer(std, std), covariance / np.outer(old, old))
     np.testing.assert_allclose(stretch(covariance, 4.0 * np.diag(covariance)), 4.0 * covariance)
-    np.testing.assert_allclose(stretch(covariance, 0.5 * np.diag(covariance)), covariance)
     np.testing.assert_allclose(larger(covariance, 4.0 * covariance), 4.0 * covariance)
 
 

@@ -113,12 +113,11 @@ def test_the_colour_of_the_noise_is_its_own_business(colour: float) -> None:
 def test_with_instruments_every_optimizer_is_trusted_without_them_none(name: str) -> None:
     """At 10 dB least squares is an eighth off: the identifier must say so of itself.
 
-    The plain gradient and AdaDelta take longer than the record, and the memory of the tracking filter leaves 8 % of the
-    output unknown: they may say that instead.
+    The plain gradient and AdaDelta take longer than the record: they may say that instead.
     """
     u, y = noisy(PLANT, 12_000, DT, 10.0, seed=3)
     verdict = identified(u, y, optimizer=name, instruments=True).assess()
-    slow = name in ("gradient", "adadelta", "kalman-tracking")
+    slow = name in ("gradient", "adadelta")
     assert verdict.status == "trusted" or (slow and verdict.status == "converging"), verdict
     biased = identified(u, y, optimizer=name, instruments=False).assess()
     assert biased.status == "inconsistent"

@@ -66,32 +66,6 @@ def test_a_coefficient_that_is_known_badly_is_said_where_the_model_is_known_well
     assert "rely on G(s) where the input excites it" in verdict.reasons[1]
 
 
-@every(("part", "status"), [(0.055, "trusted"), (0.08, "converging")])
-def test_the_error_of_the_output_decides_where_every_coefficient_of_the_denominator_is_known(
-    part: float, status: str
-) -> None:
-    verdict = judge(evidence(covariance=np.diag(np.array([1e-4, 1e-4, part]) * TRUE) ** 2))
-    assert (verdict.status, verdict.uncertainty < 1e-3) == (status, True)
-    assert any("the uncertainty of the estimate amounts to 8" in reason for reason in verdict.reasons) == (part > 0.07)
-
-
-@every(("hold", "status"), [(8, "trusted"), (2000, "converging")])
-def test_an_error_that_offset_and_initial_state_explain_is_none_of_the_model(hold: int, status: str) -> None:
-    """A slow mode that may not be there shows in the begin of the record alone, unless the input moves as slowly."""
-    slow, part, std = 0.01, 0.001, 0.0008
-    u = binary(1, SAMPLES, hold)
-    u = u - u.mean() + 5.0
-    estimate = np.array([2.0 + slow, 2.0 * slow, 1.0 + part, slow + 2.0 * part])  # 1/(s + 2) + part/(s + slow)
-    y = rp.TransferFunction(estimate[2:], [1.0, *estimate[:2]]).simulate(u, DT)
-    of_part = np.array([0.0, 0.0, 1.0, 2.0])
-    verdict = judge(evidence(
-        structure=rp.Structure(2, 1), u=u, y=y + 0.02 * np.random.default_rng(0).standard_normal(SAMPLES),
-        estimate=estimate, earlier=estimate, unseen=0, in_sample=True,
-        covariance=std**2 * np.outer(of_part, of_part) + np.diag((1e-5 * estimate) ** 2),
-    ))  # fmt: skip
-    assert verdict.status == status, verdict.reasons
-
-
 @pytest.mark.parametrize("faster", [1.0, 1e8])  # whatever the unit of time is
 def test_the_distance_to_a_record_is_measured_by_the_scatter_of_the_estimate_made_from_it(faster: float) -> None:
     """It may be the noise model's: an estimate of the output error scatters more under coloured noise."""

@@ -115,7 +115,7 @@ def test_an_integrator_is_one_on_either_side_of_the_axis(pole: float) -> None:
 
 def test_in_a_loop_a_coefficient_must_be_known_better() -> None:
     loop = loop_of(1, 0.1 * coloured(1, SAMPLES, 0.0))
-    u = binary(1, SAMPLES, 40)
+    u = binary(1, SAMPLES, 5)
     opened = Loop(u, PLANT.simulate(u, DT) + 0.1 * coloured(1, SAMPLES, 0.0), u)
     for record, status in ((loop, "converging"), (opened, "trusted")):
         covariance = np.diag([0.13, 0.005, 0.005]) ** 2  # 6.5 %

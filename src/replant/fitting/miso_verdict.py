@@ -17,16 +17,13 @@ from replant.estimation.solver.refined_estimate import relative_uncertainty
 from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.levels import MATTERS, ROUNDING
+from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import least_norm
 from replant.numerics.projections import WEAKEST
-from replant.verdict.estimate_tests import MOST_UNCERTAIN
+from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import FEWEST, RESTED, moving
 from replant.verdict.miso_tests import lacking, moved
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, percent
-
-MOST_SCATTER = math.sqrt(MATTERS)  # rms that the estimate's own error makes, at most [part of the output's]
-MINOR_SCATTER = 0.5 * MOST_SCATTER  # up to which the model is known whatever a coefficient is [part of the output's]
 
 
 def judged(

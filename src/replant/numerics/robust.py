@@ -112,26 +112,10 @@ def no_less_than_scattered(covariance: FloatArray, estimates: FloatArray, known:
 
 
 def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
-    """Return the nearest covariance (T, T), by relative entropy, that has at least the given variances (T,).
-
-    It grows by the factor by which all variances do.  Then the error of the coordinate that scatters most moves the
-    others as the covariance says, until none scatters more: what errors that go together leave known stays known.
-    """
-    ratios = _ratios(variances, covariance)
-    covariance = covariance * max(1.0, float(ratios.min()))  # 1 where a variance is not known
-    for _ in range(len(variances)):
-        ratios = _ratios(variances, covariance)
-        i = int(np.argmax(ratios))
-        if not ratios[i] > 1.0:
-            break
-        along = covariance[i] / np.sqrt(covariance[i, i])
-        covariance = covariance + (ratios[i] - 1.0) * np.outer(along, along)
-    return covariance
-
-
-def _ratios(variances: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return a covariance (T, T) with at least the given variances (T,) and the same correlations."""
     known = np.diag(covariance)
-    return np.asarray(variances / np.where(known > 0.0, known, np.inf))
+    factors = np.sqrt(np.maximum(variances / np.where(known > 0.0, known, np.inf), 1.0))
+    return np.asarray(covariance * np.outer(factors, factors))
 
 
 def path_of_record(

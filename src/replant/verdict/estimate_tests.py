@@ -12,8 +12,7 @@ from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, products, roots, sum_of_squares
-from replant.numerics.projections import without
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, roots
 from replant.verdict.estimate_distance import Distance, gain_findings, output_frequency
 from replant.verdict.estimate_distance import distance as distance_of
 from replant.verdict.evidence import Evidence, Runs
@@ -21,7 +20,7 @@ from replant.verdict.verdict import Assessment, Finding, figure, percent
 
 MOST_UNCERTAIN = 0.15
 """Standard deviation of a coefficient of the denominator beyond which it is not known yet: the 95 % interval is then
-wider than a third either way.  In open loop that is said, and `MOST_SCATTER` decides [part of its size].
+wider than a third either way [part of its size].
 Origin: a choice of what a user may rely on.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
@@ -34,12 +33,8 @@ those whose error is below 4 % at the best have 0.046 and less.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-MOST_SCATTER = math.sqrt(MATTERS) / 1.645
-"""Standard deviation of the modelled output by the estimate's error, at most [part of the output's].
-Level: an error that matters is then made one time in ten: that of a normal deviate; of several that are independent,
-less often.
-"""
-
+MOST_SCATTER = math.sqrt(MATTERS)  # rms that the estimate's own error makes, at most [part of the output's]
+MINOR_SCATTER = 0.5 * MOST_SCATTER  # up to which the model is known whatever a coefficient is [part of the output's]
 MOST_MOVED = math.sqrt(MATTERS)  # movement of a coefficient below which the estimate stands still [part of its size]
 MOVED_SIGMAS = 4.0  # movement of a coefficient that is no chance: 6e-5 of a normal deviate [standard deviations]
 SLOW = 3.0  # scatter of the path from which on slow noise is named as the reason [standard deviations by its colour]
@@ -103,7 +98,7 @@ class Certainty:
             reason += f": {more or longer(scatter, MOST_SCATTER, times)}, or move the input more"
             findings.append(Finding("converging", reason))
         moves = float(np.std(runs.now.forced - runs.old.forced))  # what the movement makes of the modelled output
-        if cancelled is None or moves > FARTHEST * float(np.std(runs.now.forced)):
+        if cancelled is None or moves > MINOR_SCATTER * float(np.std(runs.now.forced)):
             findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
         if cancelled is None and surprise > 1.0 and distance > FARTHEST and not is_apart:
             findings.append(_of_distance(evidence, distance))
@@ -169,19 +164,14 @@ def _scatter(
 ) -> float:
     """Return the standard deviation of the modelled output by the estimate's error, over that of the output.
 
-    What counts is the output that is simulated from the input, or with a reference what that makes of it; of both what
-    offset and initial state do not explain, which are estimated with each model.
+    What counts is the output that is simulated from the input, or with a reference what that makes of it.
     """
     slopes, output = runs.now.zeta, runs.now.forced
     if by_reference is not None and runs.now.instruments is not None:
         slopes, output = runs.now.instruments, by_reference
-    signals = np.column_stack([slopes, output, runs.now.nuisances])
-    moved = speeds.moved(signals, evidence.dt)[evidence.known][evidence.used[evidence.known]]
-    count = slopes.shape[1] + 1
-    left = without(moved[:, :count], np.column_stack([moved[:, count:], np.ones(len(moved))]))
-    made = float(np.trace(covariance @ products(left[:, :-1], left[:, :-1])))
-    size = sum_of_squares(left[:, -1])
-    return math.sqrt(max(made, 0.0) / size) if size > 0.0 else math.inf
+    moved, size = speeds.moved(slopes, evidence.dt)[evidence.known], speeds.moved(output, evidence.dt)[evidence.known]
+    made = float(np.trace(covariance @ np.atleast_2d(np.cov(moved.T))))
+    return math.sqrt(max(made, 0.0)) / float(size.std()) if size.std() > 0.0 else math.inf
 
 
 def longer(uncertainty: float, most: float, times: str) -> str:
@@ -200,22 +190,18 @@ def without_longer(verdict: Assessment) -> Assessment:
 def uncertainty_findings(
     uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str, more: str, times: str = ""
 ) -> list[Finding]:
-    """Say where a coefficient is not known well; no obstacle to trust where what the model does is known.
-
-    What it does is not looked at where the scatter is infinite; else that decides how many more samples it takes.
-    """
+    """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
     if uncertainty <= most and cancelled is None:
         return []
-    lacks = (uncertainty, most) if math.isinf(scatter) else (scatter, MOST_SCATTER)
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
-    advice = f"{more or longer(*lacks, times)}, move the input more, or ask for fewer poles and zeros"
+    advice = f"{more or longer(uncertainty, most, times)}, move the input more, or ask for fewer poles and zeros"
     if cancelled is not None:
         real = cancelled.real + 0.0  # not -0
         pole = f"a zero may cancel the pole near {real:.3g}"
         if cancelled.imag:
             pole = f"zeros may cancel the poles near {real:.3g} +- {cancelled.imag:.3g}j"
         reason, advice = f"{pole} rad/s, so that the coefficients are not known", "ask for fewer poles and zeros"
-    if scatter <= MOST_SCATTER:
+    if scatter <= MINOR_SCATTER:
         known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"
         trust = "rely on G(s) where the input excites it, not on coefficients"
         return [Finding("trusted", f"{reason}, {known}: {trust}{'' if cancelled is None else ', or ' + advice}")]
