@@ -12,7 +12,9 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.numerics.autoregression import whiteness
 from replant.verdict.estimate_distance import Distance, distance, newest_distances
+from replant.verdict.sensor_and_excitation import growth
 from support.builders import binary
+from support.cases import every
 
 DT, SAMPLES = 0.05, 2000
 PLANT, STRUCTURE, TRUE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2), np.array([4.0, 3.0, 2.0])
@@ -100,7 +102,7 @@ def test_over_the_newest_samples_alone_drift_is_no_change() -> None:
     assert alarms < 6
 
 
-# --- whiteness
+# --- whiteness, and the residual's growth
 
 
 def test_white_noise_is_called_white() -> None:
@@ -111,6 +113,20 @@ def test_white_noise_is_called_white() -> None:
     assert whiteness(np.zeros(100)) == 0.0
 
 
+@every("colour", [0.0, 0.9])
+@every("tails", [False, True], ids=["normal", "outliers"])
+def test_noise_that_does_not_grow_is_not_accused(colour: float, tails: bool) -> None:
+    """400 pairs: four of its standard deviations are beyond chance, also for colour and outliers."""
+    worst = 0.0
+    for seed in range(400):
+        noise = coloured(seed, colour)
+        if tails:
+            hit = np.random.default_rng([seed, 1]).random(SAMPLES) < 0.01
+            noise = noise + 5.0 * hit * np.random.default_rng([seed, 2]).standard_normal(SAMPLES)
+        worst = max(worst, abs(growth(noise[:1200], noise[1200:])[1]))
+    assert worst < (5.0 if tails else 4.0)
+
+
 def test_of_noise_that_drifts_the_newest_block_is_not_accused() -> None:
     """A random walk is largest at its end as often as elsewhere: of 40 such records five had been accused."""
     for seed in (3, 4, 5, 12, 37):
@@ -118,3 +134,10 @@ def test_of_noise_that_drifts_the_newest_block_is_not_accused() -> None:
         y, drift = PLANT.simulate(u, DT), np.cumsum(np.random.default_rng(seed + 99).standard_normal(700))
         found = rp.fit(u, y + 0.2 * y.std() * (drift - drift.mean()) / drift.std(), DT, STRUCTURE)
         assert not any("earlier stretch" in reason for reason in found.verdict.reasons)
+
+
+def test_growth_has_no_unit_and_no_fear_of_zero() -> None:
+    noise = coloured(1, 0.5)
+    assert growth(noise[:1000], 3.0 * noise[1000:]) == pytest.approx(growth(1e9 * noise[:1000], 3e9 * noise[1000:]))
+    assert growth(np.zeros(200), np.zeros(200)) == (1.0, 0.0)
+    assert growth(np.zeros(200), noise[:200])[1] == np.inf

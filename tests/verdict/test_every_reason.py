@@ -379,6 +379,10 @@ PAIRS: dict[str, Pair] = {
         lambda: solved(0.3),
     ),
     "unexplained by the estimate of": (lambda: held(earlier=TRUE * [1.5, 1.5]), lambda: held()),
+    "the power of the residual has grown": (
+        lambda: held(y=STEADY + after(3001, 0.3) * np.sin(2.1 * np.arange(4000))),
+        lambda: held(y=STEADY + 0.3 * np.sin(2.1 * np.arange(4000))),
+    ),
     "times its largest power over any earlier stretch": (
         lambda: held(y=STEADY + after(3960, 1.0)),
         lambda: held(y=STEADY + after(3960, 1.0) + after(3240, 1.0, 3280)),

@@ -95,6 +95,8 @@ def test_the_distance_to_a_record_is_measured_by_the_scatter_of_the_estimate_mad
         ({"y": np.ones(SAMPLES)}, "inconsistent", "is constant"),
         ({"y": Y - np.mean(Y) + 5.0 * binary(7, SAMPLES, 3)}, "inconsistent", "almost nothing"),
         ({"y": np.roll(Y, 20)}, "inconsistent", "could explain another"),
+        ({"y": Y + np.where(np.arange(SAMPLES) > 3000, 0.3, 0.0) * np.sin(2.1 * np.arange(SAMPLES))}, "inconsistent",
+         "has grown"),
         ({"y": np.where(np.arange(SAMPLES) > 3950, 0.5, Y)}, "inconsistent", "constant to the bit"),
         ({"y": Y + np.where(np.arange(SAMPLES) > 3960, 1.0, 0.0)}, "inconsistent", "any earlier stretch"),
         ({"estimate": np.array([-9.0, 3.0, 2.0]), "earlier": np.array([-9.0, 3.0, 2.0])}, "inconsistent", "diverges"),

@@ -225,7 +225,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
         r"|spoke against the model",
         _search,
     ),
-    (r"residual (began to|had) grow|largest power|alone would put|residual is as usual", _part),
+    (r"residual (began to|had) grow|power of the residual|largest power|alone would put|residual is as usual", _part),
     (UNSURE, _fewer),
     (r"abs G is known to|is known to \S+ % only|varies slowly|rely on G", _fewer),
     (r"has moved by|coefficient that differs|too few|none is left|first model|provisional|estimate of", _wait),

@@ -192,6 +192,7 @@ def _of_model(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> l
         *([] if loop.is_closed else actuator_findings(evidence, runs)),
         *_unexplained(evidence, runs, loop, figures),
         *([] if loop.is_closed else _unexplained_before(evidence, runs)),
+        *sensor_and_excitation.growth_finding(evidence, runs, figures, referenced=loop.reference is not None),
         *sensor_and_excitation.burst_finding(evidence, runs),
         *_disagreement(max(evidence.disagreement, certainty.disagreement)),
     ]

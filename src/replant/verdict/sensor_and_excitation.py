@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -23,11 +24,12 @@ from replant.numerics.linear_algebra import eigenvalues, products
 from replant.numerics.projections import TAKEN_AWAY, without
 from replant.numerics.robust import never_ties, robust_std, still_runs, usual_step
 from replant.verdict.estimate_tests import MOST_UNCERTAIN, MOVED_SIGMAS
-from replant.verdict.evidence import ROUNDING, Evidence, Runs
+from replant.verdict.evidence import FEWEST, ROUNDING, Evidence, Runs
 from replant.verdict.verdict import Finding, duration, figure, percent
 
 WORST_CONDITION = 1e7  # of the scaled regressors: its square leaves two digits of float64's sixteen [ratio]
 LEAST_SHARE = MATTERS  # of the newest samples' information, else deviations are ten times as large [part of the usual]
+SURE = 4.0  # growth of the residual's power that is no chance: 3e-5 [standard deviations of its logarithm]
 BLOCKS = (32, 64, 128, 256, 512)  # newest stretches in which a failure is looked for, violent or mild [samples]
 FEWEST_BLOCKS, BURST = 8, 2.0  # earlier stretches as long, and ratio to the largest: by chance 3e-5 [count; ratio]
 BURST_MATTERS = 0.05
@@ -35,6 +37,7 @@ BURST_MATTERS = 0.05
 Origin: a choice of what matters to a user, above MATTERS as one stretch is short.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
+PARTS = 25  # of a residual, whose scatter tells how sure its power is, to a seventh [count]
 BINARY = 3  # values of a binary input that rests between its moves [count]
 REFUSED = "updates left the range of float64 and were undone: lower the gain or step size, then reset"
 
@@ -231,6 +234,63 @@ def left_out_finding(samples: int) -> list[Finding]:
         return []
     reason = f"{samples} outputs were left out: the sensor was stuck or at its limit, or they are filled up"
     return [Finding("trusted", f"{reason}: look at the sensor, or cut them")]
+
+
+def growth_finding(
+    evidence: Evidence, runs: Runs, figures: dict[str, Any], *, referenced: bool = False
+) -> list[Finding]:
+    """Return a finding if the residual grew: over the samples held out, or the last quarter of a whole record.
+
+    In a loop a load that drifts makes the residual large at times.  With a reference it must have grown once it is
+    whitened, too: a change of the plant shows in what the reference explains of it.
+    """
+    if evidence.follows:
+        return []
+    count = evidence.held_out or evidence.samples // 4
+    begin, used = evidence.samples - count, evidence.used
+    before, after = runs.old.error[:begin][used[:begin]], runs.old.error[begin:][used[begin:]]
+    if min(before.size, after.size) < FEWEST:
+        return []
+    figures["growth"], sigmas = growth(before, after)
+    if referenced:
+        white = one_step(runs.old.error)
+        sigmas = min(sigmas, growth(white[:begin][used[:begin]], white[begin:][used[begin:]])[1])
+    more = float(np.var(after) - np.var(before))
+    if sigmas < SURE or not more > MATTERS * runs.power:
+        return []
+    span = f"the last {duration(evidence.seconds(count))}"
+    reason = f"the power of the residual has grown {figure(figures['growth'])}-fold over {span}"
+    return [Finding("inconsistent", f"{reason}: the plant, the sensor or the disturbances have changed")]
+
+
+def growth(before: FloatArray, after: FloatArray) -> tuple[float, float]:
+    """Return the ratio of a residual's power after to that before, and its logarithm in standard deviations.
+
+    >>> noise = np.random.default_rng(0).standard_normal((2, 2000))
+    >>> ratio, sigmas = growth(noise[0], 1.5 * noise[1])
+    >>> round(ratio, 1), sigmas > 4.0, abs(growth(*noise)[1]) < 3.0
+    (2.2, True, True)
+    """
+    first, second = before - before.mean(), after - after.mean()
+    p, q = float(np.mean(first**2)), float(np.mean(second**2))
+    if not (p > 0.0 and q > 0.0):
+        return (1.0, 0.0) if p == q else (math.inf if q > p else 0.0, math.inf if q > p else -math.inf)
+    return q / p, math.log(q / p) / math.hypot(_relative_std(first), _relative_std(second))
+
+
+def _relative_std(error: FloatArray) -> float:
+    r"""Return the relative standard deviation of the mean of e^2.
+
+    It is the larger of two estimates: Bartlett's formula, :math:`\sqrt{2 \sum_\tau r^2(\tau) / N}`, which allows for
+    coloured normal noise, and the scatter of the means over `PARTS` parts, which allows for outliers.
+    """
+    lags = min(error.size // 4, BLOCKS[-1])
+    padded = 1 << (2 * error.size - 1).bit_length()  # so that no lag wraps around
+    whole = np.fft.irfft(np.abs(np.fft.rfft(error, padded)) ** 2, padded)[: lags + 1]
+    memory = float(2.0 * np.sum((whole / whole[0]) ** 2) - 1.0)
+    means = (error[: error.size // PARTS * PARTS] ** 2).reshape(PARTS, -1).mean(axis=1)
+    scatter = float(means.std(ddof=1)) / math.sqrt(PARTS) / float(means.mean())
+    return max(math.sqrt(2.0 * memory / error.size), scatter)
 
 
 def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:

@@ -57,6 +57,8 @@ class Assessment(Verdict):
         power that the reference makes, where it could explain more.
     explained_limit : float
         The test statistic of that part over its limit: above 1 the part is statistically significant.
+    growth : float
+        Power of the residual over the samples held out, over what it was before.
     movement : float
         Largest movement of a coefficient since the tested estimate, in its standard deviations.
     distance : float
@@ -73,6 +75,7 @@ class Assessment(Verdict):
     whiteness: float = math.nan
     explained: float = math.nan
     explained_limit: float = math.nan
+    growth: float = math.nan
     movement: float = math.nan
     distance: float = math.nan
     uncertainty: float = math.nan
