@@ -9,6 +9,7 @@ import pytest
 from scipy.signal import lfilter
 
 import replant as rp
+from replant.kernels.monitoring import outliers
 from replant.kernels.schema import Alarm
 from replant.online import lifecycle, revision
 from replant.online.revision import GROWTH
@@ -72,6 +73,21 @@ def test_an_alarm_that_goes_as_it_came_costs_little() -> None:
     state = ident._state
     assert 30 < int(state.rested) < 125
     assert state.alarm == state.record_began == state.gap_at == 0
+
+
+@every("seed", range(3), quick=1)
+def test_noise_that_triples_is_usual_from_then_on(seed: int) -> None:
+    """One alarm tells it, from 50 samples or more: of these the power is known to a fifth, here within a half."""
+    u = binary(seed, 5000, 8)
+    y = PLANT.simulate(u, DT)
+    scale = 0.05 * y.std()
+    y += scale * np.where(np.arange(5000) < 4000, 1.0, 3.0) * np.random.default_rng(seed).standard_normal(5000)
+    ident = rp.Identifier(rp.Structure(2), DT)
+    ident.update_many(u, y)
+    assert ident._state.alarm == Alarm.NONE
+    assert ident._state.cusum_limit == 2.0 * outliers.LIMIT
+    assert ident._state.usual_variance == pytest.approx((3.0 * scale) ** 2, rel=0.5)
+    assert ident.assess().status == rp.fit(u, y, DT, poles=2).verdict.status == "trusted"
 
 
 @every("factor", [0.5, 1.5])

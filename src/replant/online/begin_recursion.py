@@ -234,3 +234,6 @@ def carry_over(old: State, new: State) -> None:
     new.take_over(old, State.last_time, State.last_raw, State.sensor_step, State.cusum_limit)
     new.prior[:] = old.prior
     new.largest_power = max(old.largest_power, new.largest_power)
+    if old.noise_has_grown:  # the mean over the whole record is that of other noise
+        new.usual_variance = max(new.usual_variance, new.late_variance)
+        new.usual_innovation = max(new.usual_innovation, new.late_innovation)

@@ -94,9 +94,12 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
         return old, later
     if found.supposition in (Supposition.NOTHING, Supposition.NOISE):
         _end(old)
-        if found.supposition is Supposition.NOISE:  # its present variance is the usual one
-            old.usual_variance = max(old.usual_variance, old.late_variance)
-            old.usual_innovation = max(old.usual_innovation, old.late_innovation)
+        if found.supposition is Supposition.NOISE:
+            # what the residual has been lately lags behind what it has been since
+            power = found.contest.power / settings.scaling.output**2
+            lag = max(power / max(old.late_variance, np.finfo(float).tiny), 1.0)
+            old.usual_variance = max(old.usual_variance, lag * old.late_variance)
+            old.usual_innovation = max(old.usual_innovation, lag * old.late_innovation)
             old.cusum_limit = min(2.0 * old.cusum_limit, outliers.LARGEST_LIMIT)
         return old, 0
     if found.supposition is Supposition.CUT:

@@ -187,6 +187,7 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
         instruments=settings.instruments,
         follows=follows,
         largest_power=state.largest_power,
+        usual_power=state.usual_variance * settings.scaling.output**2 if state.noise_has_grown else 0.0,
         grown=samples - state.change_began if state.alarm else 0,
         after_change=changed > 0 and not (follows and samples - changed > RECENT),
         undecided=state.undecided > 0,

@@ -47,6 +47,7 @@ class Evidence:
     largest_power: float = 0.0  # largest moving variance that the input has had; 0 where it is not known
     usual_interval: float = 0.0  # median time between samples in s, gaps included; 0 where there are no time stamps
     disagreement: float = 0.0  # difference of two estimates of the record that a right structure makes equal
+    usual_power: float = 0.0  # variance of the residual that the monitoring takes for usual; 0 where there is none
     grown: int = 0  # samples since the residual began to exceed its usual size beyond chance; else 0
     after_change: bool = False  # whether the estimate was begun anew, or revised, after a change that it remembers
     begun_anew: int = 0  # samples since a change of the plant that the estimate has followed
@@ -86,6 +87,7 @@ class Evidence:
             covariance=None if self.covariance is None else self.covariance * factors * factors[:, None],
             largest_power=self.largest_power / of_input / of_input,
             input_zero=self.input_zero / of_input,
+            usual_power=self.usual_power / of_output / of_output,
             output_unit=self.output_unit * of_output,
             measured=None if self.measured is None else self.measured / of_output,
         )

@@ -239,10 +239,11 @@ def left_out_finding(samples: int) -> list[Finding]:
 def growth_finding(
     evidence: Evidence, runs: Runs, figures: dict[str, Any], *, referenced: bool = False
 ) -> list[Finding]:
-    """Return a finding if the residual grew: over the samples held out, or the last quarter of a whole record.
+    """Return a finding if the residual grew over the samples held out, or the last quarter, beyond what is usual.
 
-    In a loop a load that drifts makes the residual large at times.  With a reference it must have grown once it is
-    whitened, too: a change of the plant shows in what the reference explains of it.
+    Of a record that has ended the contest of its parts tells better whether the plant has changed.  In a loop a load
+    that drifts makes the residual large at times.  With a reference it must have grown once it is whitened, too: a
+    change of the plant shows in what the reference explains of it.
     """
     if evidence.follows:
         return []
@@ -251,20 +252,20 @@ def growth_finding(
     before, after = runs.old.error[:begin][used[:begin]], runs.old.error[begin:][used[begin:]]
     if min(before.size, after.size) < FEWEST:
         return []
-    figures["growth"], sigmas = growth(before, after)
+    figures["growth"], sigmas = growth(before, after, evidence.usual_power)
     if referenced:
         white = one_step(runs.old.error)
         sigmas = min(sigmas, growth(white[:begin][used[:begin]], white[begin:][used[begin:]])[1])
-    more = float(np.var(after) - np.var(before))
-    if sigmas < SURE or not more > MATTERS * runs.power:
+    more = float(np.var(after)) - max(float(np.var(before)), evidence.usual_power)
+    if evidence.finished or sigmas < SURE or not more > MATTERS * runs.power:
         return []
     span = f"the last {duration(evidence.seconds(count))}"
     reason = f"the power of the residual has grown {figure(figures['growth'])}-fold over {span}"
     return [Finding("inconsistent", f"{reason}: the plant, the sensor or the disturbances have changed")]
 
 
-def growth(before: FloatArray, after: FloatArray) -> tuple[float, float]:
-    """Return the ratio of a residual's power after to that before, and its logarithm in standard deviations.
+def growth(before: FloatArray, after: FloatArray, usual: float = 0.0) -> tuple[float, float]:
+    """Return the ratio of a residual's power after to that before, or ``usual``, and its logarithm in deviations.
 
     >>> noise = np.random.default_rng(0).standard_normal((2, 2000))
     >>> ratio, sigmas = growth(noise[0], 1.5 * noise[1])
@@ -272,7 +273,7 @@ def growth(before: FloatArray, after: FloatArray) -> tuple[float, float]:
     (2.2, True, True)
     """
     first, second = before - before.mean(), after - after.mean()
-    p, q = float(np.mean(first**2)), float(np.mean(second**2))
+    p, q = max(float(np.mean(first**2)), usual), float(np.mean(second**2))
     if not (p > 0.0 and q > 0.0):
         return (1.0, 0.0) if p == q else (math.inf if q > p else 0.0, math.inf if q > p else -math.inf)
     return q / p, math.log(q / p) / math.hypot(_relative_std(first), _relative_std(second))

@@ -58,7 +58,7 @@ class Assessment(Verdict):
     explained_limit : float
         The test statistic of that part over its limit: above 1 the part is statistically significant.
     growth : float
-        Power of the residual over the samples held out, over what it was before.
+        Power of the residual over the samples held out, over what it was before, or is since the noise has grown.
     movement : float
         Largest movement of a coefficient since the tested estimate, in its standard deviations.
     distance : float

@@ -226,6 +226,13 @@ class State(StateArrays):
         return np.asarray(self.theta * self.unit)
 
     @property
+    def noise_has_grown(self) -> bool:
+        """Whether an alarm has ended without another plant: what the residual was then is usual since."""
+        from replant.kernels.monitoring.outliers import LIMIT
+
+        return bool(self.cusum_limit > LIMIT)
+
+    @property
     def serves_reflected(self) -> bool:
         """Whether the serving model is not stable: its bank's denominator has the poles reflected."""
         from replant.kernels.filters.bank import REFLECTED

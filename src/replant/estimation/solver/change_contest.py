@@ -216,6 +216,11 @@ class Contest:
                 found.append(claim)
         return found if again else [*found, *self._cuts(models)]
 
+    @property
+    def power(self) -> float:
+        """Mean square of what the model from before leaves of the samples since."""
+        return sum_of_squares(self.known.error[self.known.error.size - self.rows :]) / max(self.count, 1)
+
     def weighed(self, more: float) -> float:
         """Return the evidence of what another G(s) explains more, see `change_prior.weighed`."""
         return change_prior.weighed(more, *self.dispersion)
