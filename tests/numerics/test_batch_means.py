@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 import replant as rp
 from replant.kernels.schema import ROOM
 from replant.numerics.linear_algebra import larger
-from replant.numerics.robust import no_less_than_scattered, path_of_record, path_variances, rows_of, stretch
+from replant.numerics.robust import Scatter, no_less_than_scattered, path_of_record, scatter_of, stretch
 from replant.paper.actuator import CREEP, NOISE
 from replant.paper.actuator import STRUCTURE as ACTUATOR
 from replant.rigs import deap_rig, deap_voltage
@@ -21,10 +21,10 @@ from support.cases import every
 from support.inside import path_of, slowness_of, state_of
 
 
-def bridge(scores: np.ndarray, information: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A path of one coordinate, from what each block (B,) says and the information it brings."""
-    known = 1.0 / np.cumsum(information)
-    return (np.cumsum(scores) * known)[:, None], known[:, None]
+def bridge(scores: np.ndarray, information: np.ndarray) -> Scatter:
+    """A path of one coordinate, from what each block (B,) says and the information it brings, and the last P."""
+    known, away = 1.0 / np.cumsum(information), scores.sum() / information.sum()
+    return Scatter(np.cumsum(scores - away * information)[:, None], known[:, None], known[-1:, None])
 
 
 @every("blocks", [16, 32])
@@ -37,16 +37,31 @@ def test_it_is_unbiased_where_blocks_are_independent(blocks: int, uneven: bool) 
     for block in range(blocks):
         scores = np.zeros(blocks)
         scores[block] = math.sqrt(information[block])
-        mean += float(path_variances(*bridge(scores, information))[0][0])
+        mean += float(bridge(scores, information).variances()[0])
     assert mean == pytest.approx(1.0 / information.sum(), rel=1e-12)
 
 
 def test_the_true_value_does_not_matter() -> None:
     generator = np.random.default_rng(3)
-    estimates, known = bridge(generator.standard_normal(20), generator.uniform(0.5, 1.5, 20))
-    np.testing.assert_allclose(
-        path_variances(estimates + 7.0, known)[0], path_variances(estimates, known)[0], rtol=1e-9
-    )
+    scores, information = generator.standard_normal(20), generator.uniform(0.5, 1.5, 20)
+    moved = bridge(scores + 7.0 * information, information).variances()
+    np.testing.assert_allclose(moved, bridge(scores, information).variances(), rtol=1e-9)
+
+
+@every("half", [0, 1])
+def test_it_is_unbiased_where_parts_of_a_record_tell_different_directions(half: int) -> None:
+    """Two regressors that are nearly one in a half of the record: the diagonal of P alone does not tell its inverse."""
+    generator = np.random.default_rng(7)
+    zeta = generator.standard_normal((1600, 2))
+    zeta[800 * half : 800 * half + 800, 1] = zeta[800 * half : 800 * half + 800, 0] * 1.02
+    inverse, ratios = np.linalg.inv(zeta.T @ zeta), []
+    for _ in range(100):
+        noise = generator.standard_normal(1600)
+        theta = inverse @ (zeta.T @ noise)
+        path = path_of_record(zeta, noise - zeta @ theta, theta, np.zeros((2, 2)), np.zeros(2), 2)
+        ratios.append(scatter_of(path, theta, inverse, 2).variances() / np.diag(inverse))
+    # each of some 20 blocks and more: a mean of 100 is known to sqrt(2 / 2000), of which these are five
+    np.testing.assert_allclose(np.mean(ratios, axis=0), 1.0, atol=0.16)
 
 
 def test_where_the_path_cannot_tell_the_covariance_stays() -> None:
@@ -56,17 +71,17 @@ def test_where_the_path_cannot_tell_the_covariance_stays() -> None:
     short = bridge(generator.standard_normal(15), np.ones(15))
     lopsided = bridge(generator.standard_normal(32), np.append(np.full(31, 1e-3), 1.0))
     for path in (short, lopsided):
-        np.testing.assert_array_equal(no_less_than_scattered(covariance, *path), covariance)
+        np.testing.assert_array_equal(no_less_than_scattered(covariance, path), covariance)
     even = bridge(generator.standard_normal(16), np.ones(16))
-    assert no_less_than_scattered(covariance, *even) > covariance
+    assert no_less_than_scattered(covariance, even) > covariance
 
 
 def test_a_drift_is_told_by_longer_blocks() -> None:
     """Scores that keep their sign for a quarter of the record: blocks four times as long add them up."""
     scores = np.repeat([1.0, -1.0, 1.0, -1.0], 8)
     path = bridge(scores, np.ones(32))
-    told = no_less_than_scattered(np.array([[1e-3]]), *path)
-    short = path_variances(*path)[0][0]
+    told = no_less_than_scattered(np.array([[1e-3]]), path)
+    short = path.variances()[0]
     assert short == pytest.approx(1.0 / 31.0, rel=1e-12)  # as if independent
     assert told[0, 0] > 3.5 * short
 
@@ -84,25 +99,50 @@ def test_to_stretch_keeps_the_correlations() -> None:
     np.testing.assert_allclose(larger(covariance, 4.0 * covariance), 4.0 * covariance)
 
 
+def test_errors_that_cancel_in_the_output_still_do() -> None:
+    """Two regressors that are nearly one, and noise that is slow along their difference: what both make is known."""
+    generator = np.random.default_rng(8)
+    common, difference = generator.standard_normal((2, 3200))
+    zeta = np.column_stack([common, common + 0.05 * difference])
+    inverse, told, true = np.linalg.inv(zeta.T @ zeta), [], []
+    for _ in range(50):
+        slow = lfilter([0.3], [1.0, -0.98], generator.standard_normal(3200))
+        noise = generator.standard_normal(3200) + slow * np.sign(difference)
+        theta = inverse @ (zeta.T @ noise)
+        path = path_of_record(zeta, noise - zeta @ theta, theta, np.zeros((2, 2)), np.zeros(2), 2)
+        white = float(noise.var()) * inverse
+        covariance = no_less_than_scattered(white, scatter_of(path, theta, inverse, 2))
+        told.append(np.trace(covariance @ zeta.T @ zeta))
+        true.append(np.sum((zeta @ theta) ** 2))
+    # 50 squares of one direction are known to a fifth; a variance by some 20 slow blocks is a little larger
+    assert 0.6 < np.mean(told) / np.mean(true) < 1.6
+
+
+@every("entries", [2, 3])
 @pytest.mark.parametrize("samples", [40, 1000, 1007])
-def test_the_path_of_a_record_is_least_squares_of_its_beginnings(samples: int) -> None:
+def test_the_path_of_a_record_is_least_squares_of_its_beginnings(samples: int, entries: int) -> None:
     generator = np.random.default_rng(samples)
     zeta = generator.standard_normal((samples, 3)) * [1.0, 100.0, 0.01]
     target = zeta @ [1.0, 2.0, 3.0] + generator.standard_normal(samples)
     theta = np.linalg.lstsq(zeta, target, rcond=None)[0]
-    path = path_of_record(zeta, target - zeta @ theta, theta, np.zeros((3, 3)), np.zeros(3))
+    path = path_of_record(zeta, target - zeta @ theta, theta, np.zeros((3, 3)), np.zeros(3), entries)
     step, rows = int(path.step), int(path.kept)
-    assert ROOM // 2 <= rows <= ROOM
+    assert (ROOM - 1) // 2 <= rows < ROOM
     assert rows == samples // step
     assert path.due == (rows + 1) * step
-    estimates, known = rows_of(path, theta, np.diag(np.linalg.inv(zeta.T @ zeta)))
+    found = scatter_of(path, theta, np.linalg.inv(zeta.T @ zeta), entries)
+    said, known = found.said, found.known
+    beginning = theta
     for row in range(rows):
         if (row + 1) * step < 6:  # hardly more equations than unknowns
             continue
         first = zeta[: (row + 1) * step]
         beginning = np.linalg.lstsq(first, target[: (row + 1) * step], rcond=None)[0]
-        np.testing.assert_allclose(estimates[row], beginning, rtol=1e-6)
-        np.testing.assert_allclose(known[row], np.diag(np.linalg.inv(first.T @ first)), rtol=1e-6)
+        covariance = np.linalg.inv(first.T @ first)
+        alone = np.linalg.inv(covariance[:entries, :entries]) @ (beginning - theta)[:entries]
+        np.testing.assert_allclose(said[row], alone, rtol=1e-6, atol=1e-6 * np.abs(said).max())
+        np.testing.assert_allclose(known[row], np.diag(covariance)[:entries], rtol=1e-6)
+    np.testing.assert_allclose(path.rows[rows, 0], beginning, rtol=1e-6)
 
 
 # --- of a running estimate
@@ -120,21 +160,19 @@ def slow_noise(seed: int, samples: int) -> np.ndarray:
     return (white + lfilter([0.1], [1.0, -0.99], drive))[2000:]
 
 
-def test_the_rows_of_an_identifier_are_where_it_was() -> None:
-    """Those since the record was last solved as a whole, evenly spaced."""
+def test_the_block_in_the_making_begins_where_the_estimate_was() -> None:
+    """The rows are evenly spaced, those since the record was last solved as a whole as those before."""
     u = prbs(1600, bits=9, hold=20)
     y = PLANT.simulate(u, DT) + 0.1 * slow_noise(0, u.size)
     ident, was = rp.Identifier(rp.Structure(1), DT), {}
     for k in range(u.size):
         ident.update(u[k], y[k])
         was[k + 1] = ident.parameters
-    rows = path_of(ident)
-    solved, step = state_of(ident).solved_at, int(state_of(ident).path.step)
-    counts = step * np.arange(1, len(rows) + 1)
-    assert counts[-1] + step > u.size
-    for row, count in zip(rows, counts, strict=True):
-        if count > solved:
-            np.testing.assert_array_equal((row[0] * state_of(ident).unit)[:2], was[count])
+    path, solved = state_of(ident).path, state_of(ident).solved_at
+    counts = int(path.step) * np.arange(1, len(path_of(ident)) + 1)
+    assert counts[-1] + path.step > u.size
+    began = path.rows[len(counts), 0] * state_of(ident).unit
+    np.testing.assert_array_equal(began[:2], was[counts[-1]])
     assert 1000 <= solved < 1500
     assert (counts > solved).sum() > 5
 

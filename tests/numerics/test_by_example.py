@@ -40,9 +40,9 @@ from replant.numerics.linear_algebra import chi2_quantile, products, roots, solv
 from replant.numerics.projections import explained_power, laguerre, weights_of, widening
 from replant.numerics.residuals import correlation_lags, correlations
 from replant.numerics.robust import (
+    Scatter,
     never_ties,
     normal_scores,
-    path_variances,
     robust_std,
     still_runs,
     stretch,
@@ -242,7 +242,9 @@ def test_never_ties() -> None:
 def test_path_variances() -> None:
     x = np.random.default_rng(0).standard_normal(400)
     count = np.arange(20, 401, 20)
-    variances, blocks = path_variances((np.cumsum(x)[count - 1] / count)[:, None], 1.0 / count[:, None])
+    said = np.cumsum(x - x.mean())[count - 1]
+    found = Scatter(said[:, None], 1.0 / count[:, None], np.array([[1.0 / 400.0]]))
+    variances, blocks = found.variances(), found.blocks()
     assert (bool(abs(variances[0] * 400 - 1) < 0.5), round(blocks[0])) == (True, 20)
 
 

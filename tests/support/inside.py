@@ -27,7 +27,7 @@ def set_covariance(ident: rp.Identifier, variances: float | np.ndarray) -> None:
 
 
 def path_of(ident: rp.Identifier) -> np.ndarray:
-    """Copy of the path of the estimate (B, 2, T): scaled estimates and diagonals of P after each block."""
+    """Copy of the path of the estimate (B, 2, T): W and diagonals of P after each block."""
     path = state_of(ident).path
     return path.rows[: int(path.kept)].copy()
 

@@ -421,14 +421,13 @@ def identify(
 
 
 def kept_samples(samples: int, room: int) -> list[int]:
-    """Of the samples 1, 2 .. those that are kept: every one, and each time one more is due than fit, every second."""
+    """Of the samples 1, 2 .. those that are kept: every one, and each time that the room is full every second."""
     kept, step = [], 1
     for k in range(1, samples + 1):
         if k % step == 0:
-            if len(kept) == room:
-                kept, step = kept[1::2], 2 * step
-            if k % step == 0:
-                kept.append(k)
+            kept.append(k)
+        if len(kept) == room:
+            kept, step = kept[1::2], 2 * step
     return kept
 
 

@@ -219,10 +219,8 @@ class PathSlots(Part):
 
     step = Real("learned samples between two rows", OPTIMIZER, finite=False)
     due = Real("learned samples at which the next row is due", OPTIMIZER, finite=False)
-    kept = Real("rows in use", OPTIMIZER, least=0.0, most=float(ROOM))
-    rows = Block(
-        "PATH, 2, T", "the estimate and the diagonal of P, at some of the learned samples", OPTIMIZER, finite=False
-    )
+    kept = Real("rows in use but for the one in the making", OPTIMIZER, least=0.0, most=float(ROOM - 1))
+    rows = Block("PATH, 2, T", "W and diagonal of P at some of them, and the last estimate", OPTIMIZER, finite=False)
 
 
 class SumsSlots(Part):

@@ -1,25 +1,30 @@
 """Statistics that outliers do not move, outputs that stand still, and the variance of an estimate by batch means.
 
-The instrumental-variable estimate after k samples is theta_k = P_k sum zeta z.  For one of its coordinates let p_k be
-the diagonal entry of P_k, and tau_k = 1 / p_k the information so far, which serves as time.  Then
+The instrumental-variable estimate after k samples is theta_k = P_k sum zeta z.  Then
 
-    W_k = (theta_k - theta) / p_k
+    W_k = (P_k)^-1 (theta_k - theta) = sum zeta (z - zeta' theta)
 
-is a sum with one term from each sample.  Under white noise W is a Brownian motion in tau.  Under coloured noise its
-increments over blocks of samples are nearly independent once the blocks are longer than the noise's correlation.  The
-mean square of these increments is the method of batch means: it gives the variance of the estimate for any stationary
-noise, slow drifts included, which an autoregression of low order underestimates.
+is a sum with one term from each sample.  Under white noise it is a Brownian motion in the information.  Under coloured
+noise its increments over blocks of samples are nearly independent once the blocks are longer than the noise's
+correlation.  The sum of their squares is the method of batch means: it gives the covariance of the estimate for any
+stationary noise, slow drifts included, which an autoregression of low order underestimates.
 
 The last estimate takes the place of the unknown theta.  W is then a Brownian bridge, whose sum of squares is smaller by
-the factor 1 - sum w^2, where w = dtau / tau are the weights of the blocks.  Hence
+the factor 1 - sum w^2, where w = dtau / tau are the weights of the blocks, tau = 1 / p that of a coordinate with the
+diagonal entry p of P.  Hence
 
-    var(theta) = p^2 sum dW^2 / (1 - sum w^2).
+    var(theta_i) = (P sum dW dW' P)_ii / (1 - sum w^2).
+
+P is that of the first entries, without the last, the initial state: that is another one after each gap.
 
 Source: Chen, Lee, Tong and Zhang (2020), "Statistical inference for model parameters in stochastic gradient descent",
 Annals of Statistics 48 (batch means of an estimate's path).
 """
 
 from __future__ import annotations
+
+import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -86,44 +91,101 @@ def never_ties(y: FloatArray) -> bool:
     return y.size >= 2 * SECTIONS and tie_share(y[1:] == y[:-1]) * y.size < SECTIONS
 
 
-def path_variances(
-    estimates: FloatArray, known: FloatArray, least: float = LEAST_BLOCKS
-) -> tuple[FloatArray, FloatArray]:
-    """Return the variances (T,) of the last estimate, 0 where blocks are too few, and how many blocks each has."""
-    steps = np.diff((estimates - estimates[-1]) / known, axis=0, prepend=0.0)
-    weights = np.diff(known[-1] / known, axis=0, prepend=0.0)
-    blocks = 1.0 / (weights**2).sum(axis=0)
-    enough = blocks >= least
-    variances = known[-1] ** 2 * (steps**2).sum(axis=0) / np.where(enough, 1.0 - 1.0 / blocks, np.inf)
-    return np.asarray(variances), np.asarray(blocks)
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """How an estimate scatters by its path: by blocks of rows, whose lengths may be multiplied.
+
+    ``said`` is W and ``known`` the diagonal of P along the path, (B, C) each, ``inverse`` (C, C) the last P.
+    """
+
+    said: FloatArray
+    known: FloatArray
+    inverse: FloatArray
+
+    def steps(self, length: int = 1) -> FloatArray:
+        """Return P dW (B, C) of blocks of so many rows."""
+        return np.asarray(np.diff(self.said[self._rows(length)], axis=0, prepend=0.0) @ self.inverse)
+
+    def blocks(self, length: int = 1) -> FloatArray:
+        """Return how many blocks of equal weight tell each coordinate (C,)."""
+        known = self.known[self._rows(length)]
+        weights = np.diff(known[-1] / known, axis=0, prepend=0.0)
+        return np.asarray(1.0 / (weights**2).sum(axis=0))
+
+    def variances(self, length: int = 1, least: float = LEAST_BLOCKS) -> FloatArray:
+        """Return the variances (C,) of the last estimate, 0 where blocks are too few."""
+        blocks = self.blocks(length)
+        left = np.where(blocks >= least, 1.0 - 1.0 / blocks, np.inf)
+        return np.asarray((self.steps(length) ** 2).sum(axis=0) / left)
+
+    def along(self, direction: FloatArray) -> float:
+        """Return the largest variance of a direction (C,), by blocks of any length that are enough."""
+        squares = [float(np.sum((self.steps(length) @ direction) ** 2)) for length in (1, *LONGER)]
+        counts = [float(self.blocks(length).min()) for length in (1, *LONGER)]
+        told = zip(squares, counts, strict=True)
+        return max((square / (1.0 - 1.0 / count) for square, count in told if count >= LEAST_BLOCKS / 2), default=0.0)
+
+    def _rows(self, length: int) -> slice:
+        return slice((len(self.said) - 1) % length, None, length)  # includes the last one
 
 
-def no_less_than_scattered(covariance: FloatArray, estimates: FloatArray, known: FloatArray) -> FloatArray:
-    """Return a covariance (T, T), stretched where the variances along the path exceed its own."""
-    if len(estimates) < LEAST_ROWS:
+def no_less_than_scattered(covariance: FloatArray, scatter: Scatter) -> FloatArray:
+    """Return a covariance (T, T), widened where the variances along the path exceed its own.
+
+    First in directions, those in which the path scatters beyond chance, then in each coordinate.  Noise that is slow
+    may be so in one direction only: what errors that go together leave known stays known.
+    """
+    size = len(scatter.inverse)
+    if len(scatter.said) < LEAST_ROWS:
         return covariance
-    variances, blocks = path_variances(estimates, known)
-    slow = variances > np.diag(covariance) * (1.0 + BEYOND_CHANCE * np.sqrt(2.0 / blocks))
+    for direction in _slow_directions(covariance[:size, :size], scatter):
+        covariance = _widened(covariance, direction, scatter.along(direction))
+    variances, own = scatter.variances(), np.diag(covariance)[:size]
+    slow = variances > own * (1.0 + BEYOND_CHANCE * np.sqrt(2.0 / scatter.blocks()))
     for length in LONGER:
-        rows = slice((len(estimates) - 1) % length, None, length)  # includes the last one
-        longer, _ = path_variances(estimates[rows], known[rows], LEAST_BLOCKS / 2)
-        variances = np.where(slow, np.maximum(variances, longer), variances)
+        variances = np.where(slow, np.maximum(variances, scatter.variances(length, LEAST_BLOCKS / 2)), variances)
     return stretch(covariance, variances)
 
 
+def _slow_directions(covariance: FloatArray, scatter: Scatter) -> FloatArray:
+    """Return directions (D, C), independent by the covariance, in which the path scatters more beyond chance.
+
+    Of C directions and B blocks chance alone makes the largest ratio (1 + sqrt(C / B))^2 (Marchenko and Pastur).
+    """
+    size, blocks = len(covariance), float(scatter.blocks().min())
+    scale, steps = np.sqrt(np.diag(covariance)), scatter.steps()
+    if blocks < LEAST_BLOCKS:
+        return np.zeros((0, size))
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(scale, scale))) / scale
+    except np.linalg.LinAlgError:
+        return np.zeros((0, size))
+    white = steps @ root.T
+    ratios, axes = np.linalg.eigh(white.T @ white / (1.0 - 1.0 / blocks))
+    chance = (1.0 + math.sqrt(size / blocks)) ** 2 + BEYOND_CHANCE * math.sqrt(2.0 / blocks)
+    return np.asarray(axes[:, ratios > chance].T @ root)
+
+
 def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
-    """Return a covariance (T, T) with at least the given variances (T,) and the same correlations."""
-    known = np.diag(covariance)
-    factors = np.sqrt(np.maximum(variances / np.where(known > 0.0, known, np.inf), 1.0))
+    """Return a covariance (T, T) whose first entries have at least some variances (C,), and the same correlations."""
+    known, factors = np.diag(covariance)[: len(variances)], np.ones(len(covariance))
+    factors[: len(variances)] = np.sqrt(np.maximum(variances / np.where(known > 0.0, known, np.inf), 1.0))
     return np.asarray(covariance * np.outer(factors, factors))
 
 
+def _widened(covariance: FloatArray, direction: FloatArray, variance: float) -> FloatArray:
+    """Return the nearest covariance (T, T), by relative entropy, with at least this variance along a direction (C,)."""
+    together = covariance[:, : len(direction)] @ direction
+    own = float(direction @ together[: len(direction)])
+    return covariance + max(variance / own - 1.0, 0.0) / own * np.outer(together, together)
+
+
 def path_of_record(
-    zeta: FloatArray, error: FloatArray, theta: FloatArray, known: FloatArray, pull: FloatArray
+    zeta: FloatArray, error: FloatArray, theta: FloatArray, known: FloatArray, pull: FloatArray, entries: int
 ) -> PathSlots:
     """Return the path on which a recursion would have come to ``theta``, as `kernels.monitoring.scatter`."""
     samples, size = zeta.shape
-    step = -(-samples // ROOM)
+    step = -(-samples // (ROOM - 1))
     path = PathSlots.zeros(FIXED | {"T": size, "PATH": ROOM})
     blocks = samples // step
     each, residuals = zeta[: blocks * step].reshape(blocks, step, size), error[: blocks * step].reshape(blocks, step, 1)
@@ -131,13 +193,30 @@ def path_of_record(
     information = np.cumsum(np.concatenate([known[None], transposed @ each]), axis=0)[1:]
     score = np.cumsum(np.concatenate([pull[None, :, None], transposed @ residuals]), axis=0)[1:]
     inverse = compose(*factor_information(information))
-    path.rows[:blocks, 0] = theta + (inverse @ score)[:, :, 0]
+    away = (inverse @ score)[:, :, 0]
+    path.rows[:blocks, 0, :entries] = solved(inverse[:, :entries, :entries], away[:, :entries])
     path.rows[:blocks, 1] = np.diagonal(inverse, axis1=1, axis2=2)
+    path.rows[blocks, 0] = theta + (away[-1] if blocks else 0.0)
     path.step, path.due, path.kept = step, step * (blocks + 1), blocks
     return path
 
 
-def rows_of(path: PathSlots, theta: FloatArray, known: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return estimates and diagonals of P, (B, T) each, along a path that is kept."""
-    rows = path.rows[: int(path.kept)]
-    return np.vstack([rows[:, 0], theta]), np.vstack([rows[:, 1], known])
+def scatter_of(path: PathSlots, theta: FloatArray, inverse: FloatArray, entries: int) -> Scatter:
+    """Return the scatter of the first entries along a path up to ``theta`` (T,), where P is ``inverse`` (T, T)."""
+    kept, inverse = int(path.kept), inverse[:entries, :entries]
+    rows, known = path.rows[:kept, :, :entries], np.diag(inverse)
+    if not kept:
+        return Scatter(rows[:, 0], rows[:, 1], inverse)
+    said = solved(inverse, (theta - path.rows[kept, 0])[:entries])
+    last = rows[-1, 0] + math.sqrt(float((known / rows[-1, 1]).mean())) * said
+    return Scatter(np.vstack([rows[:, 0], last]), np.vstack([rows[:, 1], known]), inverse)
+
+
+def solved(covariances: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return C^-1 v (..., C) of each covariance C (..., C, C) and vector; zero where one is singular."""
+    scale = np.sqrt(np.diagonal(covariances, axis1=-2, axis2=-1))
+    try:
+        found = np.linalg.solve(covariances / (scale[..., None] * scale[..., None, :]), (vectors / scale)[..., None])
+    except np.linalg.LinAlgError:
+        return np.zeros_like(vectors)
+    return np.asarray(found[..., 0] / scale)

@@ -149,10 +149,11 @@ def _write_noise(state: State, refined: Refined, scale: float) -> None:
 
 def _write_path(state: State, settings: Settings, refined: Refined, rate: FloatArray) -> None:
     """Write the path that led to the start-up's estimate, in scaled parameters."""
-    sigma, source, path = state.sigma / rate, refined.path, state.path
-    path.step, path.due, path.kept = source.step, source.due, source.kept
-    rows = source.rows[:, :, : state.entries]
-    path.rows[:, 0], path.rows[:, 1] = rows[:, 0] * sigma / settings.scaling.output, rows[:, 1] * sigma**2
+    sigma, source, path, kept = state.sigma / rate, refined.path, state.path, int(refined.path.kept)
+    path.step, path.due, path.kept = source.step, source.due, kept
+    rows, scale = source.rows[:, :, : state.entries], settings.scaling.output
+    path.rows[:kept, 0], path.rows[:kept, 1] = rows[:kept, 0] / sigma / scale, rows[:kept, 1] * sigma**2
+    path.rows[kept, 0] = rows[kept, 0] * sigma / scale
 
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:

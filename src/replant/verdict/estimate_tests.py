@@ -12,7 +12,8 @@ from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, roots
+from replant.numerics.linear_algebra import chi2_quantile, inverse_of, products, roots, sum_of_squares
+from replant.numerics.projections import without
 from replant.verdict.estimate_distance import Distance, gain_findings, output_frequency
 from replant.verdict.estimate_distance import distance as distance_of
 from replant.verdict.evidence import Evidence, Runs
@@ -164,14 +165,19 @@ def _scatter(
 ) -> float:
     """Return the standard deviation of the modelled output by the estimate's error, over that of the output.
 
-    What counts is the output that is simulated from the input, or with a reference what that makes of it.
+    What counts is the output that is simulated from the input, or with a reference what that makes of it; of both what
+    offset and initial state do not explain, which are estimated with each model.
     """
     slopes, output = runs.now.zeta, runs.now.forced
     if by_reference is not None and runs.now.instruments is not None:
         slopes, output = runs.now.instruments, by_reference
-    moved, size = speeds.moved(slopes, evidence.dt)[evidence.known], speeds.moved(output, evidence.dt)[evidence.known]
-    made = float(np.trace(covariance @ np.atleast_2d(np.cov(moved.T))))
-    return math.sqrt(max(made, 0.0)) / float(size.std()) if size.std() > 0.0 else math.inf
+    signals = np.column_stack([slopes, output, runs.now.nuisances])
+    moved = speeds.moved(signals, evidence.dt)[evidence.known][evidence.used[evidence.known]]
+    count = slopes.shape[1] + 1
+    left = without(moved[:, :count], np.column_stack([moved[:, count:], np.ones(len(moved))]))
+    made = float(np.trace(covariance @ products(left[:, :-1], left[:, :-1])))
+    size = sum_of_squares(left[:, -1])
+    return math.sqrt(max(made, 0.0) / size) if size > 0.0 else math.inf
 
 
 def longer(uncertainty: float, most: float, times: str) -> str:

@@ -12,7 +12,8 @@ import pytest
 import replant as rp
 from replant.errors import DamagedCheckpointError
 from replant.kernels.schema import LARGEST, REFERENCE
-from replant.online.checkpoint.encoding import DIGEST, MAGIC, START, VERSION, decode, encode
+from replant.online.checkpoint.earlier_versions import BEFORE
+from replant.online.checkpoint.encoding import DIGEST, MAGIC, START, decode, encode
 from support.cases import every
 
 DT = 0.1
@@ -81,6 +82,6 @@ def test_a_settings_that_cannot_use_one_is_refused() -> None:
 
 def test_a_file_of_an_older_format_is_refused_by_its_number() -> None:
     data = taken(20).to_bytes()
-    before = START.pack(MAGIC, VERSION - 2, 8) + data[START.size : -DIGEST]
-    with pytest.raises(DamagedCheckpointError, match=f"its format is version {VERSION - 2}"):
+    before = START.pack(MAGIC, BEFORE - 1, 8) + data[START.size : -DIGEST]
+    with pytest.raises(DamagedCheckpointError, match=f"its format is version {BEFORE - 1}"):
         decode(before + data[-DIGEST:])

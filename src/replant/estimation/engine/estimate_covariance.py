@@ -9,7 +9,7 @@ from replant.estimation.settings import Settings
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import compose, larger, quiet
-from replant.numerics.robust import no_less_than_scattered, rows_of
+from replant.numerics.robust import no_less_than_scattered, scatter_of
 
 
 @quiet
@@ -50,7 +50,8 @@ def _of_least_squares(state: State) -> FloatArray:
     coloured = covariance_by_colour(state)
     if state.settings[0] < 1.0:
         return coloured
-    return no_less_than_scattered(coloured, *rows_of(state.path, state.theta, np.diag(_kept(state))))
+    entries = state.entries - state.order if state.refined else state.entries
+    return no_less_than_scattered(coloured, scatter_of(state.path, state.theta, _kept(state), entries))
 
 
 def covariance_by_colour(state: State) -> FloatArray:
@@ -65,7 +66,7 @@ def covariance_by_colour(state: State) -> FloatArray:
     seen, forgetting = colour.count, float(state.settings[0])
     count = max(seen - state.entries, 1.0)
     share = (2.0 - seen * (1.0 - forgetting)) / (1.0 + forgetting)  # of the sums of mu^2j and mu^j
-    white = share * colour.power / max(seen, 1.0) * inverse
+    white = share * colour.power / count * inverse
     power = Autoregression.of_covariances(colour.covariances).power
     return larger(power / count * inverse @ colour.squares @ inverse, white)
 

@@ -37,7 +37,7 @@ from replant.numerics.linear_algebra import (
     sum_of_squares,
 )
 from replant.numerics.projections import best_pole, laguerre, weights_of
-from replant.numerics.robust import no_less_than_scattered, path_of_record, rows_of
+from replant.numerics.robust import no_less_than_scattered, path_of_record, scatter_of
 
 ACCEPTABLE = 0.25
 """Relative uncertainty up to which a start-up is long enough [part of a coefficient's size].
@@ -212,8 +212,9 @@ def conclude(
     covariance = larger(power / max(samples - size, 1) * inverse @ colour.squares @ inverse.T, plain)
     # before the scatter along the path is added: a start-up has few blocks, and their chance must not decide its length
     uncertainty = relative_uncertainty(structure, model, covariance, done.phi, record)
-    path = path_of_record(zeta, white, model, before, prior.pull(model))
-    covariance = no_less_than_scattered(covariance, *rows_of(path, model, np.diag(compose(upper, diagonal))))
+    entries = size - structure.poles
+    path = path_of_record(zeta, white, model, before, prior.pull(model), entries)
+    covariance = no_less_than_scattered(covariance, scatter_of(path, model, compose(upper, diagonal), entries))
     slots = _noise(noise, size, filters=root.filters)
     misfit, share, reference = (root.misfit / innovation if innovation > 0.0 else 0.0, math.nan, None)
     if projection is not None:

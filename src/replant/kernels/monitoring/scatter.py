@@ -5,12 +5,14 @@ autoregression, e = w / D(q), the covariance of the instrumental-variable estima
 
     sigma_w^2 P Q P,   Q = sum zeta_f zeta_f',  zeta_f = zeta / D(q).
 
-The path of a recursive estimate is kept at a few samples: its scatter gives a variance without a noise model, see
-`replant.numerics.robust`.  Room is limited and the record is not: when the room is full every second row goes,
-and the next ones come half as often.
+The path of a recursive estimate is kept at a few samples: what the samples between say gives a variance without a
+noise model, see `replant.numerics.robust`.  Room is limited and the record is not: when the room is full every second
+row goes, and the next ones come half as often.
 
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
+
+import math
 
 from replant.kernels.monitoring.outliers import LONG
 from replant.kernels.native import Reals, kernel
@@ -91,28 +93,74 @@ def begin_last(colour, first, entries):
                 colour.squares[i, j] = 0.0
 
 
-def keep(path, theta, U, D, samples):
-    """Keep the estimate after so many learned ``samples`` and the diagonal of P = U D U', or make room for it."""
+def keep(path, theta, U, D, entries, samples, work):
+    """Keep W of the first ``entries`` and the diagonal of P = U D U' after so many learned ``samples``.
+
+    The row in the making holds the estimate theta' at which its block has begun: (P_k)^-1 (theta_k - theta'), P_k that
+    of these entries alone, is what the block says of them, whatever the others are.  Under white noise it scatters by
+    the uncertainty of theta' more than at the true parameters, which the growth of 1/P takes off.  ``work`` holds
+    entries (entries + 1) numbers.
+    """
     T, kept = theta.size, int(path.kept)
     path.step = max(path.step, 1.0)
+    said, last, growth = work[entries * entries :], max(kept - 1, 0), 0.0
+    for i in range(entries):
+        said[i] = theta[i] - path.rows[kept, 0, i]
+        for j in range(i + 1):
+            work[i * entries + j] = covariance_of(U, D, i, j)
+    solve(work, said, entries)
+    for i in range(T):
+        variance = covariance_of(U, D, i, i)
+        if i < entries:
+            growth += variance / (entries * path.rows[last, 1, i]) if kept > 0 else 0.0
+        path.rows[kept, 1, i] = variance
+    for i in range(T):
+        path.rows[kept, 0, i] = 0.0
+        if i < entries and kept > 0:  # what the first block begins at is no estimate yet
+            path.rows[kept, 0, i] = path.rows[last, 0, i] + math.sqrt(growth) * said[i]
+    kept += 1
     if kept == path.rows.shape[0]:
         kept //= 2
         for b in range(kept):
             for i in range(T):
                 path.rows[b, 0, i] = path.rows[2 * b + 1, 0, i]
                 path.rows[b, 1, i] = path.rows[2 * b + 1, 1, i]
-        path.kept = kept
-        path.due = samples + path.step  # this row would be the first of a pair: the second one counts
         path.step *= 2.0
-        return
     for i in range(T):
-        variance = 0.0
-        for k in range(i, T):
-            variance += U[i, k] * U[i, k] * D[k]
         path.rows[kept, 0, i] = theta[i]
-        path.rows[kept, 1, i] = variance
-    path.kept = kept + 1
+    path.kept = kept
     path.due = samples + path.step
+
+
+def covariance_of(U, D, i, j):
+    """Return an entry of U D U', i >= j."""
+    total = 0.0
+    for k in range(i, D.size):
+        total += U[i, k] * U[j, k] * D[k]
+    return total
+
+
+def solve(matrix, vector, size):
+    """Solve a system by Cholesky's factor of its ``matrix`` (size^2,), of which the lower triangle is used up.
+
+    In a direction that the matrix does not have, the solution is zero.
+    """
+    for i in range(size):
+        for j in range(i + 1):
+            left = matrix[i * size + j]
+            for k in range(j):
+                left -= matrix[i * size + k] * matrix[j * size + k]
+            if j < i:
+                matrix[i * size + j] = left / matrix[j * size + j]
+            else:
+                matrix[i * size + i] = math.sqrt(left) if left > 0.0 else math.inf
+        for k in range(i):
+            vector[i] -= matrix[i * size + k] * vector[k]
+        vector[i] /= matrix[i * size + i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
+            vector[i] -= matrix[k * size + i] * vector[k]
+        vector[i] /= matrix[i * size + i]
 
 
 def follow(sums, y, error, doubt, at_rest):

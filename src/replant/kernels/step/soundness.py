@@ -38,7 +38,7 @@ def are_within(s):
     noise = s.noise
     if not (0 <= noise.order <= LAGS and 0 <= noise.known <= LAGS + 1 and 0 <= noise.position <= LAGS):
         return False  # nor is one that is no number
-    if not (0 <= s.colour.position < LAGS and 0 <= s.path.kept <= s.path_size):
+    if not (0 <= s.colour.position < LAGS and 0 <= s.path.kept < max(s.path_size, 1)):
         return False
     for row in range(3):
         if not 0 <= s.banks[row, bk.NEXT] < bk.KEPT:

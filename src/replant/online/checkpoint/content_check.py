@@ -173,7 +173,7 @@ def _check_positions(state: State) -> None:
     from replant.kernels.filters import bank
 
     rows, size = state.ints[ROWS:], len(state.recent)
-    places = [(state.path.kept, state.path_size), (state.colour.position, LAGS - 1)]
+    places = [(state.path.kept, max(state.path_size - 1, 0)), (state.colour.position, LAGS - 1)]
     places += [(float(place), bank.KEPT - 1) for place in state.banks[:, bank.NEXT]]
     if not (
         all(slot.is_sound(state) for slot in StateSlots.integers)

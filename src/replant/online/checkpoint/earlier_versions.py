@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from replant.estimation.settings import STORED
-from replant.kernels.schema import ROOM, StateSlots, SumsSlots
+from replant.kernels.schema import ROOM, PathSlots, StateSlots, SumsSlots
 from replant.kernels.slot_tables import Numbers
 from replant.online.checkpoint.content_check import layout_of_state
 
@@ -19,7 +19,8 @@ LAYOUT_BEFORE = "8d799f7d9cd3f93f"  # fingerprint of its layout of a state
 def from_before(header: dict[str, Any], body: memoryview) -> tuple[dict[str, Any], memoryview]:
     """Return header and arrays of a checkpoint of the version before as those of this one.
 
-    It knew no ``history``: every state kept 30,000 raw samples and a path, and no sums; work arrays were stored.
+    It knew no ``history``: every state kept 30,000 raw samples and a path of estimates, and no sums; work arrays were
+    stored.
     Another layout than that version's is left as it is, and refused later.
     """
     if header["layout"] != LAYOUT_BEFORE:
@@ -30,6 +31,7 @@ def from_before(header: dict[str, Any], body: memoryview) -> tuple[dict[str, Any
     begin = len(reals)
     ints = np.insert(ints, StateSlots.path_size.index, ROOM)
     ints = np.insert(ints, StateSlots.sums.index, begin)
+    reals[ints[StateSlots.path.index] + PathSlots.kept.index] = 0.0  # its rows were estimates: they tell no scatter
     reals = without_work(np.append(reals, np.zeros(SumsSlots.size(Numbers()))), *work_of(ints))
     head = [["ints", "<i8", [len(ints)], len(ints)], ["reals", "<f8", [len(reals)], len(reals)]]
     header["attributes"]["_request"]["Request"]["history"] = STORED

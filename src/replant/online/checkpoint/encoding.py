@@ -44,7 +44,7 @@ Progress = Mapping[str, int | float | str]
 
 MAGIC = b"\x89replant"
 
-VERSION = 6  # raised where the meaning of an entry changes; the layout is checked by itself [number]
+VERSION = 7  # raised where the meaning of an entry changes; the layout is checked by itself [number]
 
 START = struct.Struct("<8sII")
 DIGEST = 32  # length of the checksum, of SHA-256 [bytes]
