@@ -141,7 +141,7 @@ def solve_with(
     if ready.outside is None or solution is None:
         return ready, solution, findings
     row, found, _ = solution
-    answers = answering(row, found.point, found.noise)
+    answers = answering(row, found.point)
     if not answers[ready.outside.is_moved].all():
         ready, findings = with_outside(ready, references, names, answers)
         solution = solve_record(structures, ready, names, begins_of)

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.estimation.simulation.miso import Point, Row, Stretch
+from replant.estimation.simulation.miso import Point, Row
+from replant.estimation.solver import feedback_test
 from replant.estimation.solver.change_contest import HARMLESS
-from replant.kernels.schema import LAGS
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.numerics.autoregression import WHITENESS_LAGS, Autoregression
+from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile, inverse_of, products
 from replant.numerics.projections import orthogonal, widening, without
@@ -23,7 +22,6 @@ from replant.verdict.evidence import rounding_of
 from replant.verdict.verdict import Finding, figure, percent
 
 FILTERS = 8  # first-order filters of each input that its transfer function is tested against [count]
-LATER = 10  # later inputs that a residual is tested against [samples]
 
 
 def lacking(row: Row, point: Point, noise: Autoregression, covariance: FloatArray | None = None) -> Iterator[Finding]:
@@ -90,32 +88,9 @@ def _parts(row: Row, theta: FloatArray) -> FloatArray:
     return np.concatenate([row.signals(theta, each, states)[0][each.measured] for each in row.stretches])
 
 
-def _of_filters(
-    row: Row, point: Point, noise: Autoregression, *signals: FloatArray, covariance: FloatArray | None = None
-) -> tuple[float, float]:
-    """Return what filters of signals (K,) explain of the error: in limits of chance, and as part of the output."""
-    significance, power = _explained(row, point, noise, _filtered(row, *signals), covariance=covariance)
-    return significance, power / max(_power(row, noise), np.finfo(float).tiny)
-
-
 def _power(row: Row, noise: Autoregression) -> float:
     """Return the sum of squares of the whitened output."""
     return sum(float(np.sum(row.whitened(noise, each.y, each) ** 2)) for each in row.stretches)
-
-
-def _filtered(row: Row, *signals: FloatArray) -> Callable[[Stretch], FloatArray]:
-    """Return what gives filters of signals (K,), and these, in a stretch."""
-    span = sum(each.inputs[0].span for each in row.stretches)
-    model = AuxiliaryModel(Structure(1), row.dt)
-    cutoffs = np.geomspace(5.0 / span, 1.0 / row.dt, FILTERS)
-
-    def columns(stretch: Stretch) -> FloatArray:
-        given = [np.ascontiguousarray(each[stretch.rows] - each[stretch.rows][0]) for each in signals]
-        records = [replace(stretch.inputs[0], u=each) for each in given]
-        runs = [model.run(np.array([p, p, 0.0, 0.0]), record).output for record in records for p in cutoffs]
-        return np.column_stack([*runs, *given])
-
-    return columns
 
 
 def left_out(row: Row, point: Point, noise: Autoregression, others: Mapping[str, FloatArray]) -> Iterator[Finding]:
@@ -136,27 +111,12 @@ def _moves(signal: FloatArray) -> bool:
 def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
     """Inputs that answer to the residual, beside those that references move.
 
-    What filters of all inputs up to now explain of an input's later values is taken off them: where the structure is
-    not right the inputs explain some of the residual, which is no answer to it.  Where a dead time is forgotten, or a
-    pole, single past inputs do: an answer that is found must be one without these, too.  What is too small to matter,
-    as what a filter that looks ahead puts into both, is not named.
+    What is too small to matter, as what a filter that looks ahead puts into both, is not named.
     """
-    filters = cache(_filtered(row, *row.inputs.T))
-
-    @cache
-    def past(stretch: Stretch) -> FloatArray:
-        return np.column_stack([filters(stretch), *_before(stretch, WHITENESS_LAGS)])
-
     free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
     least = HARMLESS**2 * _power(row, noise)
     for i in free:
-
-        def later(stretch: Stretch, i: int = i) -> FloatArray:
-            u = np.append(stretch.inputs[i].u, np.full(LATER, stretch.inputs[i].u[-1]))
-            return np.column_stack([u[lag : lag + stretch.y.size] for lag in range(1, LATER + 1)])
-
-        answers = (_explained(row, point, noise, later, beside) for beside in (filters, past))
-        if all(significance > 1.0 and power > least for significance, power in answers):
+        if _answers(row, point, i, row.inputs[:, i], least):
             yield Finding(
                 "inconsistent",
                 f"input {row.names[i]} answers to disturbances of the output: a controller makes it, and the transfer "
@@ -164,61 +124,56 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
             )
 
 
-def _before(stretch: Stretch, lags: int) -> list[FloatArray]:
-    """Return each input of a stretch so many samples before, and fewer, zeros before the first."""
-    shortest = min(lags, stretch.y.size - 1)
-    return [np.append(np.zeros(lag), each.u[:-lag]) for each in stretch.inputs for lag in range(1, shortest + 1)]
-
-
-def answering(row: Row, point: Point, noise: Autoregression) -> BoolArray:
+def answering(row: Row, point: Point) -> BoolArray:
     """Return which inputs (q,) answer to the residual by what does not come from outside of them.
 
-    What a reference explains of an input is taken off it: of one in a loop only the noise is left.  What the inputs'
-    past explains of that is taken off, too.
+    What a reference explains of an input is taken off it: of one in a loop only the noise is left.
     """
     found = np.zeros(len(row.structures), bool)
-    if row.outside is None:
-        return found
-    filters, inside = _filtered(row, *row.inputs.T), row.inputs - row.outside.inputs
-
-    @cache
-    def past(stretch: Stretch) -> FloatArray:
-        return np.column_stack([filters(stretch)[:, : -len(stretch.inputs)], *_before(stretch, LAGS)])
-
-    for i in np.flatnonzero(row.outside.is_moved).tolist():
-
-        def later(stretch: Stretch, i: int = i) -> FloatArray:
-            v = np.append(inside[stretch.rows, i], np.zeros(LATER))
-            return np.column_stack([v[lag : lag + stretch.y.size] for lag in range(LATER + 1)])
-
-        found[i] = _explained(row, point, noise, later, past)[0] > 1.0
+    if row.outside is not None:
+        inside = row.inputs - row.outside.inputs
+        for i in np.flatnonzero(row.outside.is_moved).tolist():
+            found[i] = _answers(row, point, i, inside[:, i])
     return found
 
 
-def _explained(
-    row: Row,
-    point: Point,
-    noise: Autoregression,
-    columns: Callable[[Stretch], FloatArray],
-    beside: Callable[[Stretch], FloatArray] | None = None,
-    *,
-    covariance: FloatArray | None = None,
-) -> tuple[float, float]:
-    """Return a score statistic over its limit, and the power of the whitened error that columns explain beyond chance.
+def _answers(row: Row, point: Point, number: int, signal: FloatArray, least: float = 0.0) -> bool:
+    """Return whether a signal (K,) of an input answers the whitened residual.
 
-    The columns are whitened, and freed of what offset, initial states and others ``beside`` explain.  A model of this
-    record explains what its instruments do; the error of one of another record is larger, by the model's covariance.
+    Where the structure is not right the other inputs explain some of the residual, and the input may follow them: the
+    answer must be one beside them, too.  It counts from the power ``least`` of the residual on.
+    """
+    if _is_rounding(row, point):
+        return False
+    left, signal = np.zeros(signal.size), signal - signal.mean()
+    for stretch, error in zip(row.stretches, point.error, strict=True):
+        left[stretch.rows] = error
+    others = [u - u.mean() for u in np.delete(row.inputs, number, axis=1).T]
+    first = int(row.record.input_hold == "foh" and row.structures[number].delay < row.dt)  # a model with a direct path
+    told = (feedback_test.answering(signal, left, row.record.inputs_before, first, each) for each in (others, ()))
+    return all(answer.found and answer.part * point.cost > least for answer in told)
+
+
+def _of_filters(
+    row: Row, point: Point, noise: Autoregression, *signals: FloatArray, covariance: FloatArray | None = None
+) -> tuple[float, float]:
+    """Return what signals (K,), and filters of them, explain of the error: in limits of chance, and of the output.
+
+    The columns are whitened, and freed of what offset and initial states explain.  A model of this record explains what
+    its instruments do; the error of one of another record is larger, by the model's covariance.
     """
     if _is_rounding(row, point):
         return 0.0, 0.0
-    parts = []
-    for stretch, phi in zip(row.stretches, point.zeta, strict=True):
-        white = row.whitened(noise, columns(stretch), stretch)
+    model, span = AuxiliaryModel(Structure(1), row.dt), sum(each.inputs[0].span for each in row.stretches)
+    cutoffs, parts = np.geomspace(5.0 / span, 1.0 / row.dt, FILTERS), []
+    for stretch in row.stretches:
+        given = [np.ascontiguousarray(each[stretch.rows] - each[stretch.rows][0]) for each in signals]
+        records = [replace(stretch.inputs[0], u=each) for each in given]
+        runs = [model.run(np.array([p, p, 0.0, 0.0]), record).output for record in records for p in cutoffs]
         _, _, free = row.signals(point.theta, stretch, np.zeros(row.nuisances - 1))
-        nuisances = row.whitened(noise, free if beside is None else np.hstack([free, beside(stretch)]), stretch)
-        parts.append((without(white, nuisances), phi))
-    white, phi = (np.concatenate(each) for each in zip(*parts, strict=True))
-    error = np.concatenate(point.error)
+        columns = np.column_stack([*runs, *given])
+        parts.append(without(*(row.whitened(noise, each, stretch) for each in (columns, free))))
+    white, phi, error = (np.concatenate(each) for each in (parts, point.zeta, point.error))
     lengths = np.sqrt(np.einsum("ij,ij->j", white, white))
     if not lengths.any():
         return 0.0, 0.0
@@ -235,7 +190,8 @@ def _explained(
         spread = spread + along @ covariance @ along.T
     statistic = float(amounts @ np.linalg.lstsq(spread, amounts, rcond=None)[0])
     limit = chi2_quantile(1.0 - ALPHA, basis.shape[1]) * widening(basis, error)
-    return statistic / max(limit, 1e-300), float(amounts @ amounts) - float(np.trace(spread))
+    power = float(amounts @ amounts) - float(np.trace(spread))
+    return statistic / max(limit, 1e-300), power / max(_power(row, noise), np.finfo(float).tiny)
 
 
 def _is_rounding(row: Row, point: Point) -> bool:

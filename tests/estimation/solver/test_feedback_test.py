@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from replant.estimation.solver.feedback_test import answering, part_answering
 from replant.numerics.levels import ALPHA
+from support.cases import every
 
 SAMPLES = 1500
 INDEX = np.arange(SAMPLES)
@@ -52,3 +54,16 @@ def test_behind_a_lost_row_an_input_that_is_told_elsewhere_answers_nothing() -> 
     before = np.arange(SAMPLES) - np.maximum.accumulate(np.where(np.diff(place, prepend=-1) > 1, np.arange(SAMPLES), 0))
     assert answering(u, w, before).chance > ALPHA
     assert answering(u, w, INDEX).chance < 1e-6, "it is not known which rows are lost"
+
+
+@every("seed", range(5))
+def test_an_input_that_follows_another_one_answers_nothing_that_this_explains(seed: int) -> None:
+    """A wrong structure leaves a part of the other input, which tells what the input will be."""
+    rng = np.random.default_rng([seed, 7])
+    other, w, own = rng.standard_normal((3, SAMPLES))
+    follows, left = np.roll(other, 5) + 0.5 * own, w + 0.3 * np.roll(other, 2)
+    assert answering(follows, left, INDEX).found
+    assert answering(follows, left, INDEX, others=[other]).chance > 1e-3
+    found = answering(follows - 0.3 * np.roll(w, 1), left, INDEX, others=[other])
+    assert found.found
+    assert found.part == pytest.approx(0.3**2 / (0.3**2 + 0.5**2), rel=0.3)

@@ -10,6 +10,9 @@ whatever the distribution of the residual (White).  Samples whose past is broken
 is told badly there and nowhere else.  At j = 0 feedback cannot be told from a direct path of the plant.  A model with a
 direct path has taken it up, and the test begins at j = 1.
 
+Of several inputs what the others are and were tells as the past does: an input that follows them explains what a wrong
+structure leaves of them, and answers nothing.
+
 Akaike's criterion also tells how many residuals the answering part of the input is made of: a loop rings for longer
 than the test looks.
 
@@ -21,6 +24,7 @@ estimator and a direct test for heteroskedasticity", Econometrica 48.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -29,7 +33,8 @@ import numpy as np
 from replant.estimation.simulation.fitted_run import triangle_of
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import pseudo_inverse, quiet
+from replant.numerics.linear_algebra import products, pseudo_inverse, quiet, sum_of_squares
+from replant.numerics.projections import orthogonal
 from replant.numerics.robust import normal_scores
 
 # a digital controller answers at the next sample; what answers later alone hardly feeds back
@@ -60,6 +65,7 @@ class Feedback:
     chance: float = 1.0  # of so much of it in open loop
     later: float = 1.0  # the same of residuals before alone
     at_once: float = 0.0  # correlation of input and residual of the same sample, in standard deviations
+    part: float = 0.0  # what residuals tell of the input, of the power of what its past does not
 
     @property
     def found(self) -> bool:
@@ -73,22 +79,27 @@ class Feedback:
 
 
 @quiet
-def answering(u: FloatArray, w: FloatArray, before: IntArray, first: int = 0) -> Feedback:
+def answering(
+    u: FloatArray, w: FloatArray, before: IntArray, first: int = 0, others: Sequence[FloatArray] = ()
+) -> Feedback:
     """Return how an input (K,) answers a whitened residual (K,), zero where it is not known, from ``first`` on.
 
-    So many inputs came ``before`` each (K,), one sampling time apart.
+    So many inputs came ``before`` each (K,), one sampling time apart.  Where there are ``others`` (K,), what they are
+    now and were before tells the input and the residual as its own past does: it may follow them.
     """
     most = _most(before)
     rows = np.flatnonzero(before >= max(most, ANSWERS))[-NEWEST:]
     if rows.size < PER_COLUMN * (ANSWERS + 2):
         return Feedback()
-    now, told, _ = _answers(u, w, rows, most, range(first, ANSWERS + 1))
+    now, told, _ = _answers(u, w, rows, most, range(first, ANSWERS + 1), others)
     if not np.linalg.norm(now) > ROUNDING * np.linalg.norm(u):
         return Feedback()  # the input is known from its past
     moments = normal_scores(now)[:, None] * told
     sizes = float(np.linalg.norm(now) * np.linalg.norm(told[:, 0]))
     at_once = math.sqrt(rows.size) * float(now @ told[:, 0]) / sizes if sizes > 0.0 and not first else 0.0
-    return Feedback(_chance(moments), _chance(moments[:, 1 - first :]), at_once)
+    amounts = orthogonal(products(told, told)).T @ products(told, now[:, None])
+    part = sum_of_squares(amounts[:, 0]) / sum_of_squares(now)
+    return Feedback(_chance(moments), _chance(moments[:, 1 - first :]), at_once, part)
 
 
 @quiet
@@ -108,10 +119,10 @@ def part_answering(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray
 
 
 def _answers(
-    u: FloatArray, w: FloatArray, rows: IntArray, most: int, lags: range
+    u: FloatArray, w: FloatArray, rows: IntArray, most: int, lags: range, others: Sequence[FloatArray] = ()
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return what an input's past does not tell of it (K,), of residuals (K, L), and the past's weights of either."""
-    past, inverse = _own_past(u.tobytes(), most, rows.tobytes())
+    past, inverse = _known_past(u.tobytes(), most, rows.tobytes(), *(each.tobytes() for each in others))
     left, own = _untold(np.column_stack([u[rows], *(w[rows - lag] for lag in lags)]), past, inverse)
     return left[:, 0], left[:, 1:], own
 
@@ -134,16 +145,17 @@ def _most(before: IntArray) -> int:
 
 
 @lru_cache(maxsize=1)  # a search asks of one input, structure by structure
-def _own_past(signal: bytes, most: int, samples: bytes) -> tuple[FloatArray, FloatArray]:
+def _known_past(signal: bytes, most: int, samples: bytes, *others: bytes) -> tuple[FloatArray, FloatArray]:
     """Return the past (K, C) that tells an input at some samples, and the inverse of its R; Akaike tells how far back.
 
     Twice as far back is looked only where the farther half of it tells something.
     """
-    u, rows = np.frombuffer(signal), np.frombuffer(samples, np.int64)
+    u, rows, beside = np.frombuffer(signal), np.frombuffer(samples, np.int64), [np.frombuffer(x) for x in others]
+    told = [each for lag in range(1, most + 1) for each in ((u, lag), *((x, lag - 1) for x in beside))][:most]
     lags, best = -1, 0
     while lags < most and 2 * best > lags:
         lags = min(max(2 * lags, SHORTEST), most)
-        past = np.column_stack([np.ones(rows.size), *(u[rows - lag] for lag in range(1, lags + 1)), u[rows]])
+        past = np.column_stack([np.ones(rows.size), *(x[rows - lag] for x, lag in told[:lags]), u[rows]])
         upper = _triangle(past)
         best = _fewest(upper[1:, 1:], rows.size)
     return past[:, : best + 1], np.asarray(np.linalg.pinv(upper[: best + 1, : best + 1], RANK))
