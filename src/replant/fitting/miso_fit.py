@@ -11,7 +11,7 @@ from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.fitting.miso_model import RowModel, one_step_percent
 from replant.fitting.miso_references import held, references_of
-from replant.fitting.miso_solve import RowEstimate
+from replant.fitting.miso_solve import RowSolution
 from replant.fitting.miso_verdict import judged
 from replant.fitting.model_fields import Provenance, unnamed
 from replant.fitting.parted_record import solve_parted_row
@@ -180,43 +180,41 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     ready, solution, findings, loads, _ = solve_parted_row(structures, ready, references, names)
     if solution is None:
         raise InvalidArgumentError("no model is found for this record: the inputs hardly move, or the output does not")
-    row, found, _ = solution
+    row, found, doubt = solution
     rest = {name: signal[ready.used] for name, signal in given.unused.items()}
-    doubt = np.full(output.size, Doubt.MISSING)
-    doubt[ready.used] = solution.doubt
-    outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
     others = [
         *found.findings,
         *findings,
         *left_out(row, found.point, found.noise, rest),
-        *left_out_finding(stuck.size),
+        *left_out_finding(int((doubt == Doubt.STUCK).sum())),
     ]
     verdict = judged(row, row.record, found.point, found.noise, found.covariance, others)
-    simulated = ready.simulated(row, found.point, found.noise)
-    fits = fit_percent(ready.explained(row, output), simulated), one_step_percent(row, found.point)
     made = Provenance("srivc", given.source, given.sha256, row.count)
-    model = row_model(row, ready, found, dt, given.output_name, fits, verdict, made)
-    rejected = screen(np.abs(columns).max(axis=1), output)[1] | {"outlier": outliers.size, "stuck": stuck.size}
-    missing = np.flatnonzero((doubt == Doubt.MISSING) & ready.used)
-    begins = np.flatnonzero(ready.used)[list(loads)]
-    return RowFit(replace(model, rejected=tuple(rejected.items())), simulated, outliers, stuck, missing, begins)
+    rejected = screen(np.abs(columns).max(axis=1), output)[1]
+    fitted = row_fit(solution, ready, output, dt, verdict, made, rejected, given.output_name)
+    return replace(fitted, loads=np.flatnonzero(ready.used)[list(loads)])
 
 
-def row_model(
-    row: Row,
+def row_fit(
+    solution: RowSolution,
     ready: RowRecord,
-    found: RowEstimate,
+    output: FloatArray,
     dt: float,
-    output_name: str,
-    fits: tuple[float, float],
     verdict: Verdict,
     made: Provenance,
-) -> RowModel:
-    """Return what is kept of an estimate; ``fits`` are those of the simulation and one step ahead, in percent."""
+    rejected: dict[str, int],
+    output_name: str = "y",
+) -> RowFit:
+    """Return what is kept of a solution of a record, whose measured output is (K,), and what was left out of it."""
+    row, found, doubted = solution
     point, noise = found.point, found.noise
-    left = max(row.count - point.theta.size - row.nuisances, 1)
+    doubt = np.full(output.size, Doubt.MISSING)
+    doubt[ready.used] = doubted
+    outliers, stuck = (np.flatnonzero(doubt == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
+    missing = np.flatnonzero((doubt == Doubt.MISSING) & ready.used)
+    simulated, left = ready.simulated(row, point, noise), max(row.count - point.theta.size - row.nuisances, 1)
     levels, level = ready.levels(row, point)
-    return RowModel(
+    model = RowModel(
         row.structures,
         point.theta,
         dt,
@@ -227,11 +225,13 @@ def row_model(
         output_name=output_name,
         input_levels=levels,
         output_level=level,
-        simulated_fit=fits[0],
-        one_step_fit=fits[1],
+        simulated_fit=fit_percent(ready.explained(row, output), simulated),
+        one_step_fit=one_step_percent(row, point),
+        rejected=tuple((rejected | {"outlier": outliers.size, "stuck": stuck.size}).items()),
         verdict=verdict,
         provenance=made,
     )
+    return RowFit(model, simulated, outliers, stuck, missing)
 
 
 def structures_of(inputs: int, poles: Any, zeros: Any, delay: Any) -> tuple[Structure, ...]:

@@ -11,11 +11,10 @@ import numpy as np
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.settings import STORED, check_kept
-from replant.fitting.miso_fit import RowFit, row_model, structures_of
-from replant.fitting.miso_model import RowModel, one_step_percent
+from replant.fitting.miso_fit import RowFit, row_fit, structures_of
+from replant.fitting.miso_model import RowModel
 from replant.fitting.miso_references import references_of
 from replant.fitting.model_fields import Provenance, unnamed
-from replant.kernels.schema import Doubt
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -28,7 +27,6 @@ from replant.online.miso_newest import NO_COLUMNS, newest_of
 from replant.online.miso_state import RowState
 from replant.online.miso_step import Kept
 from replant.online.trace import Trace
-from replant.verdict import fit_percent
 from replant.verdict.verdict import Verdict
 
 if TYPE_CHECKING:
@@ -457,21 +455,9 @@ class RowIdentifier(Shared):
         found = newest_of(state, others)
         if found is None:
             return None
-        ready, row, estimate, verdict, doubt = found
-        simulated = ready.simulated(row, estimate.point, estimate.noise)
-        fits = (
-            fit_percent(ready.explained(row, state.newest_rows[:, -2]), simulated),
-            one_step_percent(row, estimate.point),
-        )
         made = Provenance("recursive srivc", samples=state.samples)
-        doubts = np.full(ready.used.size, Doubt.MISSING)
-        doubts[ready.used] = doubt
-        outliers, stuck = (np.flatnonzero(doubts == each) for each in (Doubt.OUTLIER, Doubt.STUCK))
-        missing = np.flatnonzero((doubts == Doubt.MISSING) & ready.used)
-        rejected = state.rejected | {"outlier": outliers.size, "stuck": stuck.size}
-        model = row_model(row, ready, estimate, self.dt, "y", fits, verdict, made)
-        model = replace(model, rejected=tuple(rejected.items()))
-        return RowFit(model, simulated, outliers, stuck, missing)
+        output = state.newest_rows[:, -2]
+        return row_fit(found.solution, found.ready, output, self.dt, found.verdict, made, state.rejected)
 
     def assess(self) -> Verdict:
         """Return the verdict: whether to trust the estimate, and why in plain words.

@@ -11,10 +11,10 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
 from replant.estimation.solver.solve import leaving_out
 from replant.fitting.miso_references import with_outside
-from replant.fitting.miso_solve import RowEstimate, doubts_of
+from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of
 from replant.fitting.miso_verdict import judged
 from replant.kernels.schema import Doubt
-from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_state import RowState
@@ -26,13 +26,11 @@ NO_COLUMNS: Mapping[str, FloatArray] = {}
 
 
 class Newest(NamedTuple):
-    """The newest samples, what the estimate is over them, the verdict, and the `Doubt` in each output (J,)."""
+    """The newest samples, what the estimate is over them, and the verdict."""
 
     ready: RowRecord
-    row: Row
-    found: RowEstimate
+    solution: RowSolution
     verdict: Verdict
-    doubt: IntArray
 
 
 @quiet
@@ -71,7 +69,7 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
         findings.append(followed_finding(state.length * state.settings.dt))
     found = RowEstimate(point, known.noise, known.covariance, tuple(findings))
     verdict = judged(row, row.record, point, known.noise, known.covariance, findings, is_of_record=False)
-    return Newest(ready, row, found, verdict, doubt)
+    return Newest(ready, RowSolution(row, found, doubt), verdict)
 
 
 def _over(row: Row, known: RowRecursion) -> Point:
