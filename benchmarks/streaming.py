@@ -25,8 +25,8 @@ import replant as rp
 from replant.estimation.settings import Request
 from replant.estimation.simulation.fitted_run import FITTED
 from replant.logs import open_recording
-from replant.model.forced_response import Response
 from replant.model.preprocess import Preprocess
+from replant.model.state_space import Response
 from replant.online.runs.run import CHUNK, run_source
 from replant.online.runs.thinning import Arrays
 

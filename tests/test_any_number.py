@@ -35,7 +35,7 @@ from replant.estimation.engine.dimensions import Dimensions
 from replant.estimation.settings import Request, Settings
 from replant.fitting.model_fields import ModelFields, Provenance, RowFields
 from replant.fleet.job import Job
-from replant.model.forced_response import Response
+from replant.model.state_space import Response
 from replant.online.checkpoint.settings_json import KINDS
 from replant.rigs import Rig
 from replant.sklearn import TransferFunctionRegressor

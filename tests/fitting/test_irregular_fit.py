@@ -8,7 +8,7 @@ import pytest
 import replant as rp
 from replant.estimation.engine.record import MOST_GAPS, Record, gaps_of
 from replant.fitting.structure_search import search
-from replant.model.forced_response import Response
+from replant.model.state_space import Response
 from support.builders import DT, binary, irregular_record, record, true_parameters, two_modes
 from support.cases import every
 

@@ -318,7 +318,7 @@ def check_bank() -> None:
 @once
 def check_simulation(delay: float, straight: bool, regular: bool) -> None:
     """Check the simulation of a model."""
-    from replant.model.forced_response import Response
+    from replant.model.state_space import Response
 
     u = np.random.default_rng(3).standard_normal(40)
     intervals = None if regular else DT * np.random.default_rng(4).uniform(0.5, 3.0, 40)

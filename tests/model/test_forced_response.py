@@ -9,7 +9,7 @@ import pytest
 from scipy import signal
 
 import replant as rp
-from replant.model.forced_response import Response
+from replant.model.state_space import Response
 from replant.model.transfer_function import TransferFunction
 from support.builders import irregular_record
 from support.cases import every

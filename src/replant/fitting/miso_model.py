@@ -19,8 +19,8 @@ from replant.fitting.model_fields import RowFields, has_rest, unnamed
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model import interop
-from replant.model.forced_response import Response
 from replant.model.interop import without_unit
+from replant.model.state_space import Response
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray, array_of_reals, vector, whole
 from replant.numerics.autoregression import Autoregression

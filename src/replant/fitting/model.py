@@ -15,8 +15,8 @@ from replant.fitting.model_fields import ModelFields
 from replant.fitting.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.fitting.validation import Validation, validate
 from replant.logs.log import Log, check_one_reference
-from replant.model.forced_response import Response
 from replant.model.noise import NoiseModel
+from replant.model.state_space import Response
 from replant.numerics.arguments import FloatArray, record, vector, whole
 from replant.numerics.autoregression import ahead
 from replant.numerics.limits import increasing

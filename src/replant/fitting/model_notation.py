@@ -9,6 +9,7 @@ from typing import Any
 
 from replant.errors import MissingDependencyError
 from replant.fitting.model_fields import ModelFields
+from replant.model.polynomial import terms_of
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import with_std
@@ -80,17 +81,7 @@ def with_picture(model: Any) -> str:
 
 
 def _polynomial(coefficients: FloatArray) -> str:
-    """Return a polynomial in s, descending powers."""
-    terms: list[str] = []
-    for power, value in zip(range(coefficients.size - 1, -1, -1), coefficients.tolist(), strict=True):
-        if value == 0.0 and coefficients.size > 1:
-            continue
-        letter = "" if power == 0 else "s" if power == 1 else f"s^{{{power}}}"
-        size = _number(abs(value))
-        body = letter if letter and size == "1" else rf"{size}\, {letter}" if letter else size
-        sign = "-" if value < 0 else "+" if terms else ""
-        terms.append(f" {sign} {body}" if terms else f"{sign}{body}")
-    return "".join(terms) or "0"
+    return "".join(terms_of(coefficients, _number, r"\, ", "s^{{{}}}"))
 
 
 def _number(value: float) -> str:

@@ -31,7 +31,7 @@ from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, stabil
 from replant.estimation.solver.refined_estimate import Refined, without_nuisances
 from replant.estimation.solver.srivc import refine
 from replant.kernels.schema import LAGS
-from replant.model.dead_time import unknown_outputs
+from replant.model.state_space import unknown_outputs
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression

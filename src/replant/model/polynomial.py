@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from replant.numerics.arguments import FloatArray
 
 
@@ -14,19 +16,19 @@ def polynomial_text(polynomial: FloatArray) -> str:
     >>> polynomial_text(np.array([1.0, -4.0, 0.5])), polynomial_text(np.array([2.0]))
     ('(s^2 - 4 s + 0.5)', '2')
     """
-    order = polynomial.size - 1
-    terms = []
-    for i, value in enumerate(polynomial.tolist()):
-        power = order - i
-        if value == 0.0 and order > 0:
+    terms = terms_of(polynomial, lambda value: f"{value:.4g}", " ", "s^{}")
+    return f"({''.join(terms)})" if len(terms) > 1 else terms[0]
+
+
+def terms_of(polynomial: FloatArray, number: Callable[[float], str], times: str, power_of_s: str) -> list[str]:
+    """Return the terms of a polynomial, each with its sign: ``number`` writes a coefficient, ``times`` follows."""
+    terms: list[str] = []
+    for power, value in zip(range(polynomial.size - 1, -1, -1), polynomial.tolist(), strict=True):
+        if value == 0.0 and polynomial.size > 1:
             continue
-        symbol = "" if power == 0 else "s" if power == 1 else f"s^{power}"
-        size = f"{abs(value):.4g}"
-        body = symbol if symbol and size == "1" else f"{size} {symbol}".strip()
-        sign = "-" if value < 0 else "+"
-        terms.append((sign, body))
-    if not terms:
-        return "0"
-    text = ("-" if terms[0][0] == "-" else "") + terms[0][1]
-    text += "".join(f" {sign} {body}" for sign, body in terms[1:])
-    return f"({text})" if len(terms) > 1 else text
+        symbol = "" if power == 0 else "s" if power == 1 else power_of_s.format(power)
+        size = number(abs(value))
+        body = symbol if symbol and size == "1" else f"{size}{times}{symbol}" if symbol else size
+        sign = "-" if value < 0 else "+" if terms else ""
+        terms.append(f" {sign} {body}" if terms else f"{sign}{body}")
+    return terms or ["0"]

@@ -1,4 +1,4 @@
-"""From polynomials to difference equations: a companion form in scaled states, and its discretisations.
+"""From polynomials to difference equations: a companion form in scaled states, its discretisations, and its responses.
 
 For a monic denominator D(s) of order n and a time scale c [rad/s] the states are
 
@@ -7,16 +7,30 @@ For a monic denominator D(s) of order n and a time scale c [rad/s] the states ar
 each of which has a gain near one.  The article's unscaled states s^i / D(s) x differ in size by c^n.  They obey
 
     dw/dt = c [ -D_scaled ; shift ] w + c e_1 x,   D_scaled_i = d_i / c^(n-i).
+
+A dead time is a whole number of samples and a fraction of one.  A response is exact for the hold over every interval,
+and for a dead time of any length: the output at the samples is that of the differential equation.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from replant.numerics.arguments import FloatArray
 from replant.numerics.limits import LONGEST, SHORTEST
+
+WHOLE = 1e-9
+"""Distance of a dead time from a whole number of samples up to which it counts as whole [part of it].
+Derivation: some million times the precision of float64: a decimal fraction of a decimal sampling time is hit.
+"""
+
+NEVER = 2.0**53
+"""Dead time that is longer than any record [samples].
+Derivation: beyond, float64 does not hold every whole number.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,3 +151,130 @@ def input_taps(matrix: FloatArray, column: FloatArray, interval: float, hold: st
             taps[0] += carry @ (fraction * before)
             taps[1] += carry @ ((1 - fraction) * before + after)
     return taps
+
+
+def unknown_outputs(delay: float, dt: float) -> int:
+    """Return how many outputs of a record answer to inputs from before it, with a dead time in s.
+
+    Examples
+    --------
+    >>> unknown_outputs(0.3, 0.1), unknown_outputs(0.32, 0.1)
+    (3, 4)
+    """
+    samples, fraction = split_delay(delay, dt)
+    return samples + (fraction > 0.0)
+
+
+def split_delay(delay: float, dt: float) -> tuple[int, float]:
+    """Return a dead time in s as whole samples and a fraction of one; a fraction below 1e-9 is rounded away.
+
+    Examples
+    --------
+    >>> split_delay(0.3, 0.1), split_delay(0.025, 0.02)
+    ((3, 0.0), (1, 0.25))
+    """
+    samples = min(delay / dt, NEVER)
+    nearest = round(samples)
+    if abs(samples - nearest) < WHOLE * max(1.0, samples):
+        return nearest, 0.0
+    return int(samples), samples - int(samples)
+
+
+class Rational(Protocol):
+    """What is simulated: a `TransferFunction`, by what a simulation needs of it."""
+
+    @property
+    def den(self) -> FloatArray:
+        """Denominator (n + 1,), monic, descending powers of s."""
+
+    @property
+    def delay(self) -> float:
+        """Dead time in s."""
+
+    @property
+    def feedthrough(self) -> float:
+        """Gain from the input to the output at the same instant."""
+
+    def output_row(self, model: Companion) -> FloatArray:
+        """Return the row (n,) from the companion states to the output."""
+
+
+class Stretch(NamedTuple):
+    """The response over K samples that follow each other.
+
+    Attributes
+    ----------
+    output : (K,) array
+        By the inputs alone.
+    free : (L, n) array
+        Responses to a unit of each state at the beginning; from row L on they have died out.
+    unknown : int
+        How many outputs, the first ones, answer to inputs from before the record, because of a dead time; in them
+        ``output`` and ``free`` stand still.
+    """
+
+    output: FloatArray
+    free: FloatArray
+    unknown: int
+
+
+class Response:
+    """The response of a model to a record, continued from batch to batch.
+
+    A batch ends where the next one begins: joined, the responses of the batches are that of the whole to the bit.
+
+    >>> from replant.model.transfer_function import TransferFunction
+    >>> response = Response(TransferFunction([1.0], [1.0, 1.0]), dt=1.0)
+    >>> response.take(np.ones(2)).output.round(4), response.take(np.ones(1)).output.round(4)
+    (array([0.    , 0.6321]), array([0.8647]))
+    >>> found = Response(TransferFunction([1.0], [1.0, 1.0], delay=2.0), dt=1.0, at_rest=False).take(np.ones(4))
+    >>> found.output.round(4), found.free.round(4).ravel(), found.unknown
+    (array([0.    , 0.    , 0.    , 0.6321]), array([1.    , 1.    , 1.    , 0.3679]), 2)
+    """
+
+    def __init__(self, model: Rational, dt: float, input_hold: str = "zoh", *, at_rest: bool = True) -> None:
+        from replant.kernels.filters import bank, simulate
+
+        self._order = n = model.den.size - 1
+        self._bank, self._work = np.zeros(bank.size(n, 0)), np.zeros(3 * (n + 2) ** 2)
+        self._row, self._states = np.zeros(n), np.zeros(2 * n)
+        if n:
+            form = companion(model.den)
+            self._bank[bank.SCALE] = form.column[0]
+            self._bank[bank.DENOMINATOR + n : bank.DENOMINATOR + 2 * n] = form.characteristic
+            self._row = self._states[n:] = model.output_row(form)
+        self._feedthrough, self._dt, self._straight, self._at_rest = model.feedthrough, dt, input_hold == "foh", at_rest
+        self._delay, self._progress = model.delay, np.zeros(simulate.PROGRESS)
+        self._samples = self._lengths = np.zeros(0)  # two before the piece of the input that acts next, and all since
+
+    def take(self, u: FloatArray, intervals: FloatArray | None = None) -> Stretch:
+        """Return the response to the next inputs (K,)."""
+        from replant.kernels.filters import simulate
+
+        output, free = np.zeros(u.size), np.zeros((0 if self._at_rest else u.size, self._order))
+        if u.size == 0:
+            return Stretch(output, free, 0)
+        if self._samples.size == 0:
+            self._begin(u[0], regular=intervals is None)
+        samples, lengths = np.concatenate([self._samples, u]), np.array([self._dt])
+        if intervals is not None:
+            lengths = np.concatenate([self._lengths, intervals])
+            if not self._progress[simulate.BEGUN]:
+                lengths[self._samples.size] = self._dt
+        front, unknown, alive = simulate.simulate(
+            self._bank, self._states, self._work, self._row, self._feedthrough, self._progress, samples, lengths,
+            self._dt, self._straight, output, free,
+        )  # fmt: skip
+        self._samples, self._lengths = samples[front - 2 :].copy(), lengths[front - 2 :].copy()
+        return Stretch(output, free[:alive], unknown)
+
+    def _begin(self, first: float, *, regular: bool) -> None:
+        """Get ready for the first sample: its input, and two that stand for those before it."""
+        from replant.kernels.filters import simulate
+
+        self._samples, self._lengths = np.full(2, first), np.full(2, self._dt)
+        samples, fraction = split_delay(self._delay, self._dt)
+        if regular:
+            self._progress[simulate.LAG], self._progress[simulate.WAIT] = samples, fraction * self._dt
+        elif self._delay > WHOLE * self._dt:
+            self._progress[simulate.WAIT] = self._delay

@@ -13,9 +13,9 @@ import numpy.typing as npt
 
 from replant.errors import InvalidArgumentError, MissingDependencyError, shown
 from replant.model import interop, state_space
-from replant.model.forced_response import Response
 from replant.model.mode import Mode
 from replant.model.polynomial import polynomial_text
+from replant.model.state_space import Response
 from replant.numerics.arguments import (
     FloatArray,
     array_of_reals,

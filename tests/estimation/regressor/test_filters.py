@@ -12,8 +12,8 @@ from scipy import signal
 
 import replant as rp
 from replant.estimation.solver.least_squares import regressors
-from replant.model.dead_time import split_delay
 from replant.model.preprocess import Preprocess
+from replant.model.state_space import split_delay
 from support.builders import binary, random_plant
 from support.cases import every
 

@@ -12,7 +12,7 @@ import replant as rp
 from replant.estimation.settings import Request
 from replant.fitting.fit import fit
 from replant.logs import open_recording, read_columns, read_log
-from replant.model.forced_response import Response
+from replant.model.state_space import Response
 from replant.online.runs import run
 from replant.online.runs.full_trace import FullTrace
 from replant.online.runs.result import Result, result_of_fit

@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 
 from replant.kernels.schema import LAGS
-from replant.model.dead_time import unknown_outputs
 from replant.model.preprocess import Preprocess, centre, screen
+from replant.model.state_space import unknown_outputs
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.linear_algebra import quiet

@@ -14,7 +14,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
 from replant.model import state_space
-from replant.model.dead_time import split_delay
+from replant.model.state_space import split_delay
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, between, keep, numbers, one_of, positive, whole
 from replant.numerics.limits import dead_time, duration

@@ -20,7 +20,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import gaps_of
-from replant.model.forced_response import Response, Stretch
+from replant.model.state_space import Response, Stretch
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import BoolArray, FloatArray, vector
 from replant.numerics.autoregression import places_on_grid

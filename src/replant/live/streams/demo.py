@@ -19,7 +19,7 @@ from replant.logs import read_columns
 from replant.logs.merged_channels import on_one_clock
 from replant.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.model import state_space
-from replant.model.forced_response import Response
+from replant.model.state_space import Response
 from replant.numerics.arguments import FloatArray
 from replant.rigs import Rig, deap_rig, motor_rig
 from replant.signals import random_steps, white_noise
