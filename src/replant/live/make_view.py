@@ -287,9 +287,7 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
         nothing = np.zeros(0, np.complex128)
         covariance = np.zeros((0, 2, 2))
         gain = math.nan
-        return {
-            "poles": nothing, "pole_covariance": covariance, "zeros": nothing, "dc_gain": gain, "dc_gain_std": gain
-        }  # fmt: skip
+        return {"poles": nothing, "pole_covariance": covariance, "zeros": nothing, "dc_gain": gain, "dc_gain_std": gain}
     poles, covariances = [], []
     with np.errstate(all="ignore"):
         for uncertain in uncertainty.modes:

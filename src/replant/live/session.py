@@ -131,7 +131,10 @@ class Session:
         t = self._stamps(batch)
         before = self._accepted_outputs
         self._inconsistent = True
-        self.identifier.update_many(batch.u, batch.y, self._confirmed(t), batch.r)
+        confirmed = t  # NaN where a stamp leaps and the identifier would follow it
+        if t is not None and not isinstance(self.identifier, Identifier):
+            confirmed = np.where(self._clock.leaps, np.nan, t)
+        self.identifier.update_many(batch.u, batch.y, confirmed, batch.r)
         if self._accepted_outputs > before:
             self._publisher.accepted()
         rig_time = self.progress.advance(batch, t, self.identifier.dt)
@@ -156,17 +159,9 @@ class Session:
             stamps = np.asarray(batch.sequence * self.identifier.dt)
         t = self._clock.follow(stamps)
         if self._clock.offset != self.progress.offset:
-            self._observer.show(
-                "replant: the device's clock was set back: the filters restart, the estimate is kept"
-            )  # fmt: skip
+            self._observer.show("replant: the device's clock was set back: the filters restart, the estimate is kept")
         self.progress.follow(self._clock)
         return t
-
-    def _confirmed(self, t: FloatArray | None) -> FloatArray | None:
-        """Return the stamps, NaN where one leaps and the identifier would follow it."""
-        if t is None or isinstance(self.identifier, Identifier):
-            return t
-        return np.where(self._clock.leaps, np.nan, t)
 
     # --- everything besides learning
 

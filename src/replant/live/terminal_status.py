@@ -107,7 +107,10 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
 
     shape, colour = words_of(view.verdict).shape, colour_of(view.verdict)
     frozen = "" if view.adapting else "  (frozen: samples arrive, but the estimate is not updated)"
-    rows: list[Any] = [_head(view), Text(_traffic(view, running=running), no_wrap=True, overflow="ellipsis")]
+    cut: Any = {"no_wrap": True, "overflow": "ellipsis"}
+    of_source = {"connected": "green", "ended": "default"}.get(view.source_state, "yellow")
+    head = Text.assemble((view.source, "bold"), "  ", (view.source_state, of_source), **cut)
+    rows: list[Any] = [head, Text(_traffic(view, running=running), **cut)]
     if view.window.r.size:
         newest = {"reference": view.window.r, "output": view.window.y}
         inputs = (view.window.u, *(each.u for each in view.more_inputs))
@@ -120,7 +123,7 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
         for each in view.inputs:
             rows += [Text(f"From {each.input_label} to {view.output_label}", "bold")] if several else []
             model = TransferFunction(each.num, each.den, each.delay)
-            rows += [Text(line, no_wrap=True, overflow="ellipsis") for line in fraction(model)]
+            rows += [Text(line, **cut) for line in fraction(model)]
             rows.append(Text(""))
         figures = view.parameters.tolist(), view.std.tolist()
         rows += [parameter_table(view.names, *figures, truth, "estimate", 5), Text("")]
@@ -133,15 +136,6 @@ def render(view: View, truth: TransferFunction | None = None, *, running: bool =
     if running:
         rows.append(Text("Ctrl-C ends", style="dim"))
     return Group(*rows)
-
-
-def _head(view: View) -> Any:
-    from rich.text import Text
-
-    colour = {"connected": "green", "ended": "default"}.get(view.source_state, "yellow")
-    return Text.assemble(
-        (view.source, "bold"), "  ", (view.source_state, colour), no_wrap=True, overflow="ellipsis"
-    )  # fmt: skip
 
 
 def _traffic(view: View, *, running: bool) -> str:

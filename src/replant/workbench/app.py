@@ -70,8 +70,7 @@ def conditioned(session: Session, asked: Asked) -> dict[str, Any]:
     log.setup.check()
     between = _between(asked) or (0.0, math.inf)
     chosen = (str(log.path), log.setup, log.modified)
-    found: dict[str, Any] = session.work.do(tasks.conditioned, *chosen, between, _points(asked))
-    return found
+    return session.work.do(tasks.conditioned, *chosen, between, _points(asked))
 
 
 def compared(session: Session, asked: Asked) -> dict[str, Any]:
@@ -81,7 +80,7 @@ def compared(session: Session, asked: Asked) -> dict[str, Any]:
     models = _models(session)
     number, stretches = asked.get("part", ""), log.setup.validate_on
     part = stretches[int(number)] if number.isdecimal() and int(number) < len(stretches) else None  # all of the log
-    found: dict[str, Any] = session.work.do(
+    found = session.work.do(
         tasks.compared, models, str(log.path), log.setup, part, log.modified, _between(asked), _points(asked)
     )
     for name, each in found["models"].items():
@@ -94,8 +93,7 @@ def compared(session: Session, asked: Asked) -> dict[str, Any]:
 
 def responses(session: Session, _: Asked) -> dict[str, Any]:
     """Return the responses of the models that are chosen."""
-    found: dict[str, Any] = session.work.do(tasks.responses, _models(session))
-    return found
+    return session.work.do(tasks.responses, _models(session))
 
 
 def _models(session: Session) -> dict[str, str]:

@@ -221,13 +221,13 @@ class Work:
         self._process: Any = None
         self._turn, self._closed = threading.Lock(), False
 
-    def do(self, function: Callable[..., Any], *arguments: Any) -> Any:
+    def do(self, function: Callable[..., dict[str, Any]], *arguments: Any) -> dict[str, Any]:
         """Return what a function of `replant.workbench.tasks` gives; waits for it."""
         with self._turn:
             try:
                 self._start()
                 self._wire.send((function, arguments))
-                answer = self._wire.recv()
+                answer: dict[str, Any] | Exception = self._wire.recv()
             except (EOFError, OSError):
                 self._process = None
                 raise ReplantError(

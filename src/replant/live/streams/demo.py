@@ -248,8 +248,6 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
 
 def demo_voltage(samples: int, seed: int) -> FloatArray:
     """Return an input (K,) between 2 and 5.5 kV: steps of 10 ms to 4 s with a random flutter added."""
-    steps = random_steps(
-        samples, shortest=10, longest=LONGEST_STEP, low=2.0 + FLUTTER, high=5.5 - FLUTTER, seed=seed
-    )  # fmt: skip
+    steps = random_steps(samples, shortest=10, longest=LONGEST_STEP, low=2.0 + FLUTTER, high=5.5 - FLUTTER, seed=seed)
     signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // FLUTTER_HOLD))
     return steps + FLUTTER * np.repeat(signs, FLUTTER_HOLD)[:samples]

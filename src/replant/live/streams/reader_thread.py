@@ -88,10 +88,9 @@ class Inbox:
             return 0
         with self._changed:
             if not self._ring:
-                self._ring = {
-                    name: np.empty((self._capacity, *np.shape(getattr(batch, name))[1:]), kind)
-                    for name, kind in fields(batch).items()
-                }
+                for name, signal in (batch.signals | {"arrived": EMPTY}).items():
+                    kind = np.int64 if name == "sequence" else float
+                    self._ring[name] = np.empty((self._capacity, *signal.shape[1:]), kind)
             if self._drop:
                 done = max(samples - self._capacity, 0)
                 over = max(self._size + samples - done - self._capacity, 0)
@@ -153,12 +152,6 @@ class Inbox:
     def _remove(self, count: int) -> None:
         self._size -= count
         self._head = (self._head + count) % self._capacity if self._size else 0
-
-
-def fields(batch: Batch) -> dict[str, type]:
-    """Return the fields that a batch has, with the type of each."""
-    given = {"u": float, "y": float, "t": float, "r": float, "sequence": np.int64, "arrived": float}
-    return {name: kind for name, kind in given.items() if getattr(batch, name) is not None}
 
 
 TICK = 0.1  # time without samples after which an empty batch comes [s]

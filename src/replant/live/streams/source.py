@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from replant.errors import InvalidArgumentError, shown
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
@@ -82,29 +84,22 @@ class Batch:
     def __len__(self) -> int:
         return len(self.y)
 
+    @property
+    def signals(self) -> dict[str, NDArray[Any]]:
+        """The fields that the batch has, but for the time of its arrival."""
+        return {name: each for name, each in vars(self).items() if isinstance(each, np.ndarray)}
+
     def select(self, rows: slice | BoolArray | IntArray) -> Batch:
         """Return the samples that ``rows`` selects: a slice, a mask (K,) or indices."""
-        return Batch(
-            self.u[rows],
-            self.y[rows],
-            None if self.t is None else self.t[rows],
-            None if self.sequence is None else self.sequence[rows],
-            self.arrived,
-            None if self.r is None else self.r[rows],
-        )
+        chosen: dict[str, Any] = {name: signal[rows] for name, signal in self.signals.items()}
+        return replace(self, **chosen)
 
     def followed_by(self, other: Batch) -> Batch:
         """Return the samples of this batch and then those of ``other``, which has the same fields."""
-        return Batch(
-            np.concatenate([self.u, other.u]),
-            np.concatenate([self.y, other.y]),
-            None if self.t is None or other.t is None else np.concatenate([self.t, other.t]),
-            None
-            if self.sequence is None or other.sequence is None
-            else np.concatenate([self.sequence, other.sequence]),
-            other.arrived,
-            None if self.r is None or other.r is None else np.concatenate([self.r, other.r]),
-        )
+        here, there = self.signals, other.signals
+        both = {name: np.concatenate([here[name], there[name]]) for name in here if name in there}
+        joined: dict[str, Any] = {"t": None, "sequence": None, **both}
+        return Batch(**joined, arrived=other.arrived)
 
 
 LEAP = 50
