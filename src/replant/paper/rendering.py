@@ -253,9 +253,7 @@ def _cell(cell: Cell) -> Html:
     sign = icon("good" if cell.agrees else "warn")
     ours = number(cell.ours, 3) if cell.std is None else uncertain(cell.ours, cell.std)
     printed = f"published {number(cell.published, 3)}, {cell.verdict}"
-    return Html(
-        f'<span class="status">{sign}{ours}</span><small>{html.escape(printed)}</small>'
-    )  # fmt: skip
+    return Html(f'<span class="status">{sign}{ours}</span><small>{html.escape(printed)}</small>')
 
 
 def _index(index: str) -> Html:

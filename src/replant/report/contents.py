@@ -13,10 +13,11 @@ import numpy as np
 
 from replant.errors import ReplantError
 from replant.estimation.filters import StateVariableFilter
+from replant.estimation.solver.least_squares import regressors
 from replant.fitting.model import Model
 from replant.logs.log import Log
 from replant.logs.recording import digest
-from replant.model.preprocess import Preprocess
+from replant.model.preprocess import Preprocess, screen
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import places_on_grid
@@ -33,7 +34,7 @@ from replant.plotting.numbers import (
     uncertain,
 )
 from replant.plotting.over_time import Panel
-from replant.report.findings import Excitation, excitation, regressors_of
+from replant.report.findings import Excitation, excitation
 from replant.report.page_frame import facts, table
 from replant.report.panels import estimate_panels, excitation_panels, fit_panels, regions
 
@@ -96,11 +97,13 @@ class Material:
     @cached_property
     def excitation(self) -> Excitation | None:
         """Excitation by the regressors along the record."""
-        log = self.log
+        log, structure, preprocess = self.log, self.result.structure, self.preprocess
         if self.filter is None or not log.output.size:
             return None
         try:
-            phi = regressors_of(self.result, self.filter, self.preprocess, log.input, log.output, log.dt, log.stamps)
+            accepted, _ = screen(preprocess.map_input(log.input), log.output)
+            y = np.where(accepted, log.output, np.nan)
+            phi = regressors(structure, log.dt, self.filter, preprocess, log.input, y, log.stamps)[0]
         except ReplantError:  # without a usable sample there is no working point
             return None
         found = excitation(phi)

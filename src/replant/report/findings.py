@@ -7,10 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from replant.estimation.filters import StateVariableFilter
-from replant.estimation.solver.least_squares import regressors
 from replant.fitting.miso_fit import RowFit
-from replant.model.preprocess import Preprocess, screen
 from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Result
 from replant.plotting.numbers import complex_number, number
@@ -73,20 +70,6 @@ def _blocks(rows: FloatArray, ends: IntArray) -> FloatArray:
 def _moving_sum(values: FloatArray, span: int) -> FloatArray:
     """Return the sums of ``span`` consecutive entries along the first axis."""
     return np.asarray(sum(values[i : values.shape[0] - span + 1 + i] for i in range(span)))
-
-
-def regressors_of(
-    result: Result,
-    state_filter: StateVariableFilter,
-    preprocess: Preprocess,
-    u: FloatArray,
-    y: FloatArray,
-    dt: float,
-    t: FloatArray | None = None,
-) -> FloatArray:
-    """Return the regressors (K, P) of a result's record; rejected samples are rows of NaN."""
-    accepted, _ = screen(preprocess.map_input(u), y)
-    return regressors(result.structure, dt, state_filter, preprocess, u, np.where(accepted, y, np.nan), t)[0]
 
 
 GOOD, WARN, BAD = "good", "warn", "bad"

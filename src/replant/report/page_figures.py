@@ -126,7 +126,7 @@ def of_fit(material: Material) -> str:
 
 def of_transients(material: Material) -> str:
     """Return the caption of the parameter estimates over time."""
-    if beyond_scale(material):
+    if (np.abs(material.result.parameters) > style.FARTHEST).any():
         return "Each parameter's estimate over time; estimates that diverged are not drawn."
     history = material.result.history
     banded = history is not None and history.std is not None and bool(np.isfinite(history.std).any())
@@ -138,11 +138,6 @@ def of_transients(material: Material) -> str:
         return said
     held = number(float(material.clock.after(history.samples[begin])), 3)
     return f"{said} The first estimate is made from the first {held} s."
-
-
-def beyond_scale(material: Material) -> bool:
-    """Return whether the last estimate of a parameter is too large for a plot."""
-    return bool((np.abs(material.result.parameters) > style.FARTHEST).any())
 
 
 def of_excitation(material: Material) -> str:
