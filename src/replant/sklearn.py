@@ -262,9 +262,7 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     def _checked_record(self, X: Any, y: Any, least: int, *, reset: bool) -> tuple[FloatArray, FloatArray]:
         """Return input and output, checked as scikit-learn checks them."""
-        X, y = _validated(
-            self, X, y, reset=reset, dtype=np.float64, y_numeric=True, ensure_min_samples=least
-        )  # fmt: skip
+        X, y = _validated(self, X, y, reset=reset, dtype=np.float64, y_numeric=True, ensure_min_samples=least)
         return self._input(X), np.asarray(y, np.float64)
 
     def _input(self, X: FloatArray) -> FloatArray:

@@ -235,9 +235,7 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
     """Return the rows of the table for the page's script."""
     order = found.order[:MOST_ROWS]
     verdicts, reasons = (table.column(name).to_pylist() for name in ("verdict", "reasons"))
-    why = [
-        found.words[row] or ("" if verdicts[row] == "trusted" else reasons[row]) for row in range(table.num_rows)
-    ]  # fmt: skip
+    why = [found.words[row] or ("" if verdicts[row] == "trusted" else reasons[row]) for row in range(table.num_rows)]
     numbers = [(f"{q.label} [{q.unit}]" if q.unit else q.label, values) for q, values in _quantities(fleet, table)]
     numbers += [(name, column(table, name)) for name in fleet.shape.names]
     numbers += [("fit [%]", column(table, "fit")), ("samples", column(table, "samples"))]

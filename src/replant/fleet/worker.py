@@ -98,9 +98,7 @@ def result_of(recording: Recording, job: Job, *, with_history: bool = False) -> 
     assert isinstance(job.structure, Structure)
     begun = time.perf_counter()
     more: dict[str, Any] = {} if log.reference is None else {"reference": log.reference}
-    fitted = fit(
-        log.input, log.output, log.dt, job.structure, preprocess=job.preprocess, t=log.stamps, **more
-    )  # fmt: skip
+    fitted = fit(log.input, log.output, log.dt, job.structure, preprocess=job.preprocess, t=log.stamps, **more)
     assert isinstance(fitted, FitResult)
     return result_of_fit(fitted, log.input, log.output, begun, log.stamps)
 

@@ -93,9 +93,7 @@ def _table(path: Path, schema: Any, blocks: Any, describe_row: Any, approximate_
     if schema is None or not schema.names:
         raise LogError(f"{path}: the file has no columns; write the log's signals into it")
     stamps = frozenset(number for number, field in enumerate(schema) if _is_stamp(field.type))
-    return Table(
-        path, tuple(schema.names), blocks, describe_row, in_seconds=stamps, approximate_rows=approximate_rows
-    )  # fmt: skip
+    return Table(path, tuple(schema.names), blocks, describe_row, in_seconds=stamps, approximate_rows=approximate_rows)
 
 
 def _place_of(parts: Sequence[RowGroups], lengths: Sequence[int], row: int) -> str:

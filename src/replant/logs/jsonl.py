@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from replant.errors import LogError, shown
 from replant.logs.csv import last_lines
 from replant.logs.table import MOST_COLUMNS, Table, too_many_error
-from replant.logs.text_cells import CellError, quote
+from replant.logs.text_cells import CellError, as_float, quote
 from replant.logs.text_layout import MOST_LINES_ABOVE, lines_of
 from replant.logs.text_times import StampFormat, checked_clocks, find_format
 
@@ -152,10 +152,7 @@ def _number(path: Path, line: int, name: str, value: Any) -> float:
     if value is None:
         return math.nan
     if isinstance(value, int | float):
-        try:
-            return float(value)
-        except OverflowError:
-            return math.inf if value > 0 else -math.inf
+        return as_float(value)
     raise LogError(
         f"{path}: line {line}, column {shown(name)}: {quote(json.dumps(value))} is not a number; write numbers, or null"
     )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +126,7 @@ class Log:
     def __repr__(self) -> str:
         clock = "irregular, usually " if self.stamps is not None else ""
         signals = f"{', '.join(self.input_names)} -> {self.output_name}"
-        rest = unused(self)
+        rest = [name for name in self.others if name not in (*self.more_inputs, *self.more_references)]
         others = f", beside {', '.join(rest)}" if rest else ""
         name = " ".join(filter(None, ("Log", self.path.name)))
         return f"<{name}: {signals}, {len(self):,} samples, {clock}dt {self.dt:g} s{others}>"
@@ -236,21 +236,6 @@ class Log:
         if self.reference is not None:
             signals |= {"reference": (self.reference_name, self.reference)}
         return signals | {f"reference_{i}": (name, self.others[name]) for i, name in enumerate(self.more_references, 2)}
-
-
-class _Named(Protocol):
-    @property
-    def others(self) -> Mapping[str, NDArray[np.float64]]: ...
-    @property
-    def more_inputs(self) -> tuple[str, ...]: ...
-    @property
-    def more_references(self) -> tuple[str, ...]: ...
-
-
-def unused(given: _Named) -> dict[str, NDArray[np.float64]]:
-    """Return those of the other columns of a log, or of samples, that are neither inputs nor references."""
-    used = {*given.more_inputs, *given.more_references}
-    return {name: signal for name, signal in given.others.items() if name not in used}
 
 
 def check_one_reference(count: int) -> None:

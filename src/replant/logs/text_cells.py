@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -95,6 +96,14 @@ def parse_number(cell: str) -> float:
     if "_" in text or not text.isascii():  # float() takes 1_000 and the digits of every script
         raise ValueError(cell)
     return float(text)
+
+
+def as_float(number: float) -> float:
+    """Return a number as float64, infinite where it leaves that."""
+    try:
+        return float(number)
+    except OverflowError:
+        return math.inf if number > 0 else -math.inf
 
 
 def is_number(cell: str, delimiter: str | None) -> bool:

@@ -147,17 +147,13 @@ def sniff(path: Path) -> Layout:
     names = _names(first, others)
     if units is not None:
         names, rows, below = with_units(names, units), rows[1:], below[1:]
-    _check_lengths(path, number, names)
-    return with_content(Layout(names, delimiter, number, rows[1][0], encoding, range(above, number)), below)
-
-
-def _check_lengths(path: Path, number: int, names: Sequence[str]) -> None:
     for column, name in enumerate(names):
         if len(name) > LONGEST_NAME:
             raise LogError(
                 f"{path}: line {number}, column {column}: {quote(name)} is a name of {len(name):,} characters; "
                 f"shorten it to {LONGEST_NAME:,} or fewer"
             )
+    return with_content(Layout(names, delimiter, number, rows[1][0], encoding, range(above, number)), below)
 
 
 def lines_of(path: Path, encoding: str) -> Iterator[tuple[int, str]]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from replant.errors import LogError, shown
 from replant.logs.parser_process import allow
 from replant.logs.table import Table, at_most, damage_as_log_error, needed, open_zip
-from replant.logs.text_cells import CellError, quote, units_in, with_units
+from replant.logs.text_cells import CellError, as_float, quote, units_in, with_units
 from replant.logs.text_times import LocalClock, find_format, is_missing
 
 _HEADER_ROWS = 100  # first rows of a sheet among which the names are looked for [rows]
@@ -43,7 +43,7 @@ class _Cells(Sequence[Any]):
             if cell is not None:
                 self.others[len(self.numbers)] = cell
             cell = math.nan
-        self.numbers.append(_as_float(cell))
+        self.numbers.append(as_float(cell))
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -53,13 +53,6 @@ class _Cells(Sequence[Any]):
             return [self[at] for at in range(*row.indices(len(self)))]
         found = self.numbers[row]
         return self.others.get(row) if math.isnan(found) else found
-
-
-def _as_float(number: float) -> float:
-    try:
-        return float(number)
-    except OverflowError:
-        return math.inf if number > 0 else -math.inf
 
 
 @dataclass(frozen=True)
@@ -120,7 +113,8 @@ def _table_in(path: Path, sheet: Any) -> _Sheet | None:
         if units is not None:
             names, first = with_units(names, units), first + 1
         below = [_cells_at(head, at, columns) for at in range(first, first + _NEXT_ROWS)]
-        numbers = sum(map(_begins_with_value, zip(*below, strict=True)))
+        begins = (next((cell for cell in cells if cell is not None), None) for cells in zip(*below, strict=True))
+        numbers = sum(map(_is_value, begins))
         if numbers > 1 or numbers == len(columns):
             return _Sheet(str(sheet.title), names, first + 1, _columns(chain(head[first:], rows), columns))
     return None
@@ -148,11 +142,6 @@ def _columns(rows: Iterator[_Row], chosen: Sequence[int]) -> list[_Cells]:
 def _cells_at(rows: Sequence[_Row], number: int, columns: Sequence[int]) -> list[Any]:
     row = rows[number] if number < len(rows) else ()
     return [row[at] if at < len(row) else None for at in columns]
-
-
-def _begins_with_value(cells: Sequence[Any]) -> bool:
-    given = [cell for cell in cells if cell is not None]
-    return bool(given) and _is_value(given[0])
 
 
 def _is_value(cell: Any) -> bool:
