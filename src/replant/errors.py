@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import reprlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 LONGEST = 400  # longest message of an error, whatever names and values it repeats [characters]
 SHOWN = 60  # longest text of one value within a message [characters]
@@ -22,8 +24,6 @@ class ReplantError(Exception):
 def brief(text: str, longest: int = LONGEST) -> str:
     """Return a text in one line, without its middle where it is longer: what is wrong comes first, what to do last.
 
-    Examples
-    --------
     >>> brief("the name 'one of a great many words' is too long: choose another one", 54)
     "the name 'one of a great many w ... choose another one"
     """
@@ -37,8 +37,6 @@ def brief(text: str, longest: int = LONGEST) -> str:
 def shown(value: object) -> str:
     """Return a value as a message shows it: in one short line, however long or deep it is.
 
-    Examples
-    --------
     >>> shown("volt"), shown(10**5000), shown([1.0] * 1000)
     ("'volt'", 'a whole number of 5001 digits', '[1.0, 1.0, 1.0, 1.0, 1.0, 1.0, ...]')
     """
@@ -76,6 +74,15 @@ class ModelFileError(ReplantError, ValueError):
 
 class MissingDependencyError(ReplantError, ImportError):
     """An optional package is not installed: the message names the extra that installs it."""
+
+
+@contextmanager
+def needs(what: str, extra: str) -> Iterator[None]:
+    """Have an import that fails say what needs the package, and the extra that installs it."""
+    try:
+        yield
+    except ImportError as cause:
+        raise MissingDependencyError(f"{what}: pip install 'replant[{extra}]'") from cause
 
 
 class SystemRefusedError(ReplantError):

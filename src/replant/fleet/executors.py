@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from multiprocessing import active_children, get_context, parent_process
 from typing import Any, TypeVar
 
-from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError, shown
+from replant.errors import InvalidArgumentError, SystemRefusedError, needs, shown
 from replant.numerics.operating_system import THREADS, refusal
 
 MOST_WAITING = 1024  # tasks with the workers at a time: enough for a large cluster, and little memory [count]
@@ -215,10 +215,8 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _dask(address: str) -> Iterator[Executor]:
-    try:
+    with needs("dask://... needs Dask", "cluster"):
         from distributed import Client
-    except ImportError as error:
-        raise MissingDependencyError("dask://... needs Dask: pip install 'replant[cluster]'") from error
     try:
         client = Client(f"tcp://{address}", timeout=PATIENCE)
     except (OSError, ValueError) as error:

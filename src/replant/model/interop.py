@@ -11,7 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
+from replant.errors import ArgumentTypeError, InvalidArgumentError, needs, shown
 from replant.numerics.arguments import FloatArray, array_of_reals, coefficients
 from replant.numerics.limits import duration
 
@@ -134,18 +134,14 @@ def _sampling(dt: float | None) -> dict[str, float]:
 
 
 def _pandas() -> Any:
-    try:
+    with needs("to_pandas needs pandas", "frames"):
         import pandas
-    except ImportError as cause:
-        raise MissingDependencyError("to_pandas needs pandas: pip install 'replant[frames]'") from cause
     return pandas
 
 
 def _xarray() -> Any:
-    try:
+    with needs("to_xarray needs xarray", "frames"):
         import xarray
-    except ImportError as cause:
-        raise MissingDependencyError("to_xarray needs xarray: pip install 'replant[frames]'") from cause
     return xarray
 
 
@@ -202,10 +198,8 @@ Polynomials = tuple[FloatArray, FloatArray]
 
 def of_control(system: Any) -> Polynomials:
     """Return num and den of a `control.TransferFunction` or `control.StateSpace`."""
-    try:
+    with needs("from_control needs python-control", "control"):
         import control
-    except ImportError as cause:
-        raise MissingDependencyError("from_control needs python-control: pip install 'replant[control]'") from cause
     if not isinstance(system, control.TransferFunction | control.StateSpace):
         raise ArgumentTypeError(
             f"system must be a control.TransferFunction or control.StateSpace, got {type(system).__name__}"

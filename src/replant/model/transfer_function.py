@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from replant.errors import InvalidArgumentError, MissingDependencyError, shown
+from replant.errors import InvalidArgumentError, needs, shown
 from replant.model import interop, state_space
 from replant.model.mode import Mode
 from replant.model.polynomial import polynomial_text
@@ -284,10 +284,8 @@ class TransferFunction:
                 f"python-control's transfer functions have no dead time, this one has {self.delay:g} s: "
                 "approximate it, to_control(pade=3)"
             )
-        try:
+        with needs("to_control needs python-control", "control"):
             import control
-        except ImportError as cause:
-            raise MissingDependencyError("to_control needs python-control: pip install 'replant[control]'") from cause
         order = 1 if pade is None else whole("pade", pade, 1)
         rational = control.tf(self.num, self.den)
         if not self.delay:
@@ -307,10 +305,8 @@ class TransferFunction:
         >>> TransferFunction([2.0], [1.0, 4.0, 3.0]).to_sympy()
         2.0/(1.0*s**2 + 4.0*s + 3.0)
         """
-        try:
+        with needs("to_sympy needs SymPy", "sympy"):
             import sympy
-        except ImportError as cause:
-            raise MissingDependencyError("to_sympy needs SymPy: pip install 'replant[sympy]'") from cause
         s = sympy.Symbol("s")
         num, den = (
             sum(value * s**power for power, value in enumerate(reversed(polynomial.tolist())))

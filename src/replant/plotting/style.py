@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
+from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, needs, shown
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number, power_of_ten
 
@@ -70,10 +70,8 @@ def blank_figure(width: float, height: float) -> Any:
     >>> blank_figure(7.0, 4.0).get_size_inches().tolist()
     [7.0, 4.0]
     """
-    try:
+    with needs("plots need matplotlib", "report"):
         from matplotlib.figure import Figure
-    except ImportError as cause:
-        raise MissingDependencyError("plots need matplotlib: pip install 'replant[report]'") from cause
     figure: Any = Figure(figsize=(width, height), layout="constrained")
     figure._repr_png_ = partial(_as_png, figure)  # what a notebook asks an object for
     return figure
