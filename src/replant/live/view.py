@@ -166,8 +166,7 @@ class View(SessionInfo, FromInput):
 
     def to_json(self) -> dict[str, Any]:
         """Return the attributes as JSON values under their names; non-finite numbers are None, a root {real, imag}."""
-        plain: dict[str, Any] = _plain(self)
-        return plain
+        return {entry.name: _plain(getattr(self, entry.name)) for entry in fields(self)}
 
 
 def _plain(value: Any) -> Any:

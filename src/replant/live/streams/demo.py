@@ -188,10 +188,8 @@ PART = 1 << 12  # samples handed over at once at the most [samples]
 LONGEST_STEP = 4000  # longest step of the voltage: the slow mode is seen within seconds [samples]
 FLUTTER = 0.2  # of the voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]
 FLUTTER_HOLD = 20  # samples that each value of it lasts [samples]
-LOOPS = (
-    "none",
-    "pi",
-)  # the values of the option loop: the actuator, driven from outside, or the motor under a controller
+#: The values of the option loop: the actuator, driven from outside, or the motor under a controller.
+LOOPS = "none", "pi"
 
 
 class DemoSource(Source):

@@ -371,15 +371,12 @@ class Payloads:
         return self._parser.batch(tables, arrived)
 
     def _unpack(self, payload: bytes) -> FloatArray:
-        names = (
-            self._parser.columns
-            if self._bare
-            else tuple(payload[len(MAGIC) : HEADER].decode("ascii", "replace").strip())
-        )
-        numbers = payload if self._bare else payload[HEADER:]
-        if names is None or not self._parser.signals.are_in(names):
-            raise Malformed("not packed right")
-        if not numbers or len(numbers) % (8 * len(names)):
+        names, numbers = self._parser.columns, payload
+        if not self._bare:
+            names = tuple(payload[len(MAGIC) : HEADER].decode("ascii", "replace").strip())
+            numbers = payload[HEADER:]
+        is_known = names is not None and self._parser.signals.are_in(names)
+        if names is None or not is_known or not numbers or len(numbers) % (8 * len(names)):
             raise Malformed("not packed right")
         table = np.frombuffer(numbers, "<f8").astype(np.float64).reshape(-1, len(names))
         if self._parser.columns is None:

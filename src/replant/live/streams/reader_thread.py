@@ -256,8 +256,15 @@ class Wire(Source):
         self, name: str, columns: Columns, signals: Signals = UY, *, waits: bool, replays: bool = True
     ) -> None:
         super().__init__(name, waits=waits, replays=replays)
+        self._unread: Any = None  # what is open already, and closed by the reading once that has begun
         self._parser = Parser(self._counts, columns, signals)
         self._lines = LineSplitter(self._counts)
+
+    def close(self) -> None:
+        """Stop reading, see `Source.close`."""
+        super().close()
+        if self.state == "connecting" and self._unread is not None:
+            self._unread.close()
 
     @abstractmethod
     def _session(self) -> str | None:

@@ -66,9 +66,8 @@ class SerialSource(Wire):
         port = address.path or address.host.upper()  # a host is COM3
         address.check(port, "port")
         self._port_and_baud = port, address.whole("baud", BAUD, least=1)
-        self._port: Any = None
         try:
-            self._port = self._open()
+            self._unread = self._open()
         except port_errors() as error:
             raise InvalidArgumentError(
                 f"{address.name}: cannot be opened ({port_reason(error)}); {remedy(port)}"
@@ -77,20 +76,14 @@ class SerialSource(Wire):
     def seek(self, sequence: int) -> None:
         """Do nothing: the board's numbers may have started anew."""
 
-    def close(self) -> None:
-        """Stop reading, see `Source.close`."""
-        super().close()
-        if self.state == "connecting":  # the reading, which closes the port, has not begun
-            self._port.close()
-
     def _open(self) -> Any:
         serial = needed(self.name, "serial", "serial ports need pyserial", "'replant[live]'")
         return serial.Serial(*self._port_and_baud, timeout=WAIT)
 
     def _session(self) -> str | None:
         try:
-            with self._port or self._open() as port:
-                self._port = None
+            with self._unread or self._open() as port:
+                self._unread = None
                 self._connected()
                 self._lines.restart_midway()
                 self._numbering.last = None
@@ -195,14 +188,8 @@ class UdpSource(Wire):
                 f"{address.name}: format=doubles needs columns; add &columns=t,{','.join(signals.names)}"
             )
         self._payloads = Payloads(self._parser, bare=bare)
-        self._socket = listen(address)
+        self._socket = self._unread = listen(address)
         self.port: int = self._socket.getsockname()[1]
-
-    def close(self) -> None:
-        """Stop listening, see `Source.close`."""
-        super().close()
-        if self.state == "connecting":  # the reading, which closes the socket, has not begun
-            self._socket.close()
 
     def _session(self) -> None:
         with self._socket:
