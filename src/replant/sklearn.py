@@ -14,7 +14,7 @@ import numpy as np
 from numpy.exceptions import ComplexWarning
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, MissingDependencyError, shown
-from replant.fitting.fit import fit
+from replant.fitting.fit import METHODS, fit
 from replant.fitting.miso_fit import structures_of
 from replant.fitting.miso_model import RowModel
 from replant.model.preprocess import Preprocess
@@ -35,7 +35,6 @@ except ImportError as cause:
     raise MissingDependencyError("replant.sklearn needs scikit-learn: pip install 'replant[sklearn]'") from cause
 
 RECENT = 10_000  # samples kept by `partial_fit`: the working point of the output is that of these [samples]
-METHODS = ("auto", "srivc", "least_squares")
 
 
 class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
@@ -148,7 +147,8 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
         """
         structures, dt, _ = self._settings()
         ident: Any = getattr(self, "_identifier", None)
-        if ident is None or (_structures_in(ident), ident.dt) != (structures, dt):
+        known: Any = ident.structures if isinstance(ident, RowIdentifier) else (getattr(ident, "structure", None),)
+        if ident is None or (known, ident.dt) != (structures, dt):
             u, y = self._checked_record(X, y, 1, reset=True)
             ident = self._begun(structures, dt)
             self._identifier, self._recent = ident, np.empty((0, 2))
@@ -291,10 +291,6 @@ class TransferFunctionRegressor(RegressorMixin, BaseEstimator):
 
     def _set_working_point(self, input_offset: float | FloatArray, output_offset: float) -> None:
         self.input_offset_, self.output_offset_ = input_offset, output_offset
-
-
-def _structures_in(ident: Any) -> tuple[Structure, ...]:
-    return ident.structures if isinstance(ident, RowIdentifier) else (ident.structure,)
 
 
 def _orders(structures: tuple[Structure, ...]) -> dict[str, Any]:

@@ -137,9 +137,8 @@ def identify_rows(solve: Solver, as_json: bool, keeping: Keeping, out: Path | No
         _print(rows, records, searches)
         step = None
         if not (keeping.saved or validations or is_quiet()) and all(row.verdict.status == "trusted" for row in rows):
-            chosen = (
-                {} if not searches or len(rows) > 1 else _orders(rows[0])
-            )  # of what was searched for, what was found
+            # of what was searched for, what was found
+            chosen = {} if not searches or len(rows) > 1 else _orders(rows[0])
             again_with = again(**chosen, save="model.json", validate=OTHER_LOG)
             step = NextStep("keep the model; check it on another log", again_with)
         print_rest(validations, paths, step)

@@ -215,12 +215,12 @@ def clock_options(found: Inspection) -> tuple[str, ...]:
 def _delay_options(found: Inspection) -> tuple[str, ...]:
     """Return a range of dead times about that of the response, where this begins later than a plant without one."""
     seen, dt = found.response, 1.0 if found.clock is None else found.clock.dt
-    if found.first is not None and found.first.delay > 0.0:
-        step = rounded_up(1.5 * found.first.delay / (TRIED - 1))
-        return ("--delay", f"0:{step * (TRIED - 1):.6g}:{step:.6g}")
-    if seen is None or math.isnan(dt) or seen.delay < max(CLEAR, DEAD * (seen.half - 1 - seen.delay)):
-        return ()
-    step = rounded_up(1.5 * seen.delay * dt / (TRIED - 1))
+    delay = 0.0 if found.first is None else found.first.delay
+    if not delay > 0.0:
+        if seen is None or math.isnan(dt) or seen.delay < max(CLEAR, DEAD * (seen.half - 1 - seen.delay)):
+            return ()
+        delay = seen.delay * dt
+    step = rounded_up(1.5 * delay / (TRIED - 1))
     return ("--delay", f"0:{step * (TRIED - 1):.6g}:{step:.6g}")
 
 

@@ -59,24 +59,13 @@ Level: 99 %.
 
 @dataclass(frozen=True, eq=False)
 class RowEstimate:
-    """An estimate of a row.
-
-    Attributes
-    ----------
-    point : Point
-    noise : Autoregression
-        White where the noise model had to be given up.
-    covariance : (P, P) array
-    findings : tuple of Finding
-    rivals : tuple of (P,) arrays
-        Other models that the begins led to, and that may be as likely.
-    """
+    """An estimate of a row."""
 
     point: Point
-    noise: Autoregression
-    covariance: FloatArray
+    noise: Autoregression  # white where the noise model had to be given up
+    covariance: FloatArray  # (P, P)
     findings: tuple[Finding, ...] = ()
-    rivals: tuple[FloatArray, ...] = ()
+    rivals: tuple[FloatArray, ...] = ()  # other models (P,) that the begins led to, and that may be as likely
 
 
 class RowSolution(NamedTuple):

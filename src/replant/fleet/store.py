@@ -232,9 +232,6 @@ class Movement:
         return self.input_std, *self.more_input_stds
 
 
-UNKNOWN = Movement()
-
-
 @dataclass(frozen=True, eq=False)
 class Row:
     """What is kept of a rig."""
@@ -250,7 +247,7 @@ class Row:
     # begin, end: time of the first and of the last sample in s; dates of Parquet files since 1970
     begin: float = math.nan
     end: float = math.nan
-    movement: Movement = UNKNOWN
+    movement: Movement = Movement()
     notes: tuple[str, ...] = ()  # what is to be known of the files, such as a line that was left out
     seconds: float = 0.0  # how long it took
 

@@ -161,12 +161,8 @@ def movement_of(recording: Recording) -> Movement:
         if y.size:
             changes = np.flatnonzero(np.diff(y, prepend=last) != 0.0)  # NaN is a change
             stretches = np.diff([-now, *changes, y.size])
-            rows, last, now, longest = (
-                rows + y.size,
-                float(y[-1]),
-                int(stretches[-1]),
-                max(longest, *stretches.tolist()),
-            )
+            rows, last, now = rows + y.size, float(y[-1]), int(stretches[-1])
+            longest = max(longest, *stretches.tolist())
     of_input, of_output = np.sqrt(sums / np.where(count > 0.0, count, np.nan)).tolist()
     return Movement(of_input, of_output, longest / rows if rows else math.nan)
 

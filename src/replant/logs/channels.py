@@ -181,7 +181,10 @@ def read_ulog(path: Path) -> Table:
         topics = [topic for topic in log.data_list if len(topic.data.get(_STAMP, ()))]
         instances = Counter(topic.name for topic in topics)
         channels = [
-            _channel(f"{_name(topic, instances)}.{field}", topic.data[_STAMP], values, log.start_timestamp)
+            Channel(
+                f"{_name(topic, instances)}.{field}",
+                partial(_signal_of_ulog, topic.data[_STAMP], values, log.start_timestamp),
+            )
             for topic in topics
             for field, values in topic.data.items()
             if field != _STAMP and values.dtype.kind in "biuf"
@@ -195,12 +198,9 @@ def _name(topic: Any, instances: Counter[str]) -> str:
     return f"{topic.name}[{topic.multi_id}]" if instances[topic.name] > 1 else str(topic.name)
 
 
-def _channel(name: str, stamps: Any, values: Any, start: int) -> Channel:
-    def read_channel() -> Signal:
-        elapsed = (np.asarray(stamps, np.uint64) - np.uint64(start % 2**64)).astype(np.int64)  # modulo 2**64
-        return Signal(np.asarray(elapsed / _PER_SECOND, np.float64), np.array(values, np.float64))
-
-    return Channel(name, read_channel)
+def _signal_of_ulog(stamps: Any, values: Any, start: int) -> Signal:
+    elapsed = (np.asarray(stamps, np.uint64) - np.uint64(start % 2**64)).astype(np.int64)  # modulo 2**64
+    return Signal(np.asarray(elapsed / _PER_SECOND, np.float64), np.array(values, np.float64))
 
 
 def _notes(path: Path, log: Any) -> tuple[str, ...]:

@@ -144,7 +144,14 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
     if found.t.size == 0:
         names = " and ".join(shown(table.names[roles[role]]) for role in roles)
         raise LogError(f"{table.path}: columns {names} have no time in common; choose others")
-    _check_measured(table, roles, found.t.size, float(np.isin(found.t, signals["output"].t).mean()))
+    measured = float(np.isin(found.t, signals["output"].t).mean())
+    if measured < 1.0 - MOST_MISSING:
+        of_input, of_output = (table.names[roles[role]] for role in ("input", "output"))
+        raise LogError(
+            f"{table.path}: column {shown(of_input)} changes between the samples of {shown(of_output)}: merged, "
+            f"{100.0 * (1.0 - measured):.0f} % of {found.t.size:,} rows have no output, from which no model is right; "
+            "log the output as often as the input, or choose an input and an output of one raster"
+        )
     arrays = {"output": found.output, **dict(zip(held, found.held, strict=True))}
     ordered = [found.t, *(arrays[role] for role in roles)]
     return Table(
@@ -186,16 +193,6 @@ def side_by_side(table: Table) -> Table:
         stamps=None,
         in_seconds=frozenset({len(table.names)}),
     )
-
-
-def _check_measured(table: Table, roles: Mapping[str, int], rows: int, measured: float) -> None:
-    if measured < 1.0 - MOST_MISSING:
-        of_input, of_output = (table.names[roles[role]] for role in ("input", "output"))
-        raise LogError(
-            f"{table.path}: column {shown(of_input)} changes between the samples of {shown(of_output)}: merged, "
-            f"{100.0 * (1.0 - measured):.0f} % of {rows:,} rows have no output, from which no model is right; log the "
-            "output as often as the input, or choose an input and an output of one raster"
-        )
 
 
 def _checked(table: Table, number: int, t: NDArray[np.float64]) -> NDArray[np.float64]:

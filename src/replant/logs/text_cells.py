@@ -233,14 +233,11 @@ def units_in(cells: Sequence[str]) -> list[str] | None:
     for cell in cells:
         bracketed = _BRACKETED.fullmatch(cell.strip())
         text = bracketed[1] if bracketed else cell.strip()
-        if text and not bracketed and not _is_unit(text):
+        is_unit = _UNIT.fullmatch(text) and (text == "nA" or not is_number(text, None))  # na stands for no value
+        if text and not bracketed and not is_unit:
             return None
         units.append("" if text in _NONE else text)
     return units if any(units) else None
-
-
-def _is_unit(text: str) -> bool:
-    return _UNIT.fullmatch(text) is not None and (text == "nA" or not is_number(text, None))  # na stands for no value
 
 
 def with_units(names: Sequence[str], units: Sequence[str]) -> tuple[str, ...]:

@@ -10,8 +10,6 @@ from replant.numerics.arguments import FloatArray
 def polynomial_text(polynomial: FloatArray) -> str:
     """Return a polynomial in s (descending powers) as text, in brackets if it has more than one term.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> polynomial_text(np.array([1.0, -4.0, 0.5])), polynomial_text(np.array([2.0]))
     ('(s^2 - 4 s + 0.5)', '2')

@@ -123,8 +123,6 @@ class Preprocess:
 def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], dict[str, int]]:
     """Return which samples (K,) an identifier accepts, and how many it rejects for which reason.
 
-    Examples
-    --------
     >>> screen(np.array([1.0, np.nan, 1e308]), np.zeros(3))
     (array([ True, False, False]), {'not finite': 1, 'too large': 1})
     """
@@ -138,8 +136,6 @@ def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np
 def accepted(signal: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Return a signal (K,) with NaN for what no identifier accepts, and which samples it does accept.
 
-    Examples
-    --------
     >>> accepted(np.array([1.0, 1e308]))
     (array([ 1., nan]), array([ True, False]))
     """

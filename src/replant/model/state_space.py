@@ -35,29 +35,17 @@ Derivation: beyond, float64 does not hold every whole number.
 
 @dataclass(frozen=True, eq=False)
 class Companion:
-    """The scaled companion form of 1/D(s): dw/dt = matrix w + column x.
+    """The scaled companion form of 1/D(s): dw/dt = matrix w + column x."""
 
-    Attributes
-    ----------
-    matrix : (n, n) array, 1/s
-    column : (n,) array, 1/s
-    characteristic : (n,) array
-        d_i / c^(n-i), so that s^n/D x = x - characteristic' w.
-    scale : (n,) array
-        c^(n-i), so that s^i/D x = w_i / scale_i.
-    """
-
-    matrix: FloatArray
-    column: FloatArray
-    characteristic: FloatArray
-    scale: FloatArray
+    matrix: FloatArray  # (n, n), in 1/s
+    column: FloatArray  # (n,), in 1/s
+    characteristic: FloatArray  # (n,): d_i / c^(n-i), so that s^n/D x = x - characteristic' w
+    scale: FloatArray  # (n,): c^(n-i), so that s^i/D x = w_i / scale_i
 
 
 def companion(denominator: FloatArray) -> Companion:
     """Return the scaled companion form of a monic ``denominator`` (descending powers, order >= 1).
 
-    Examples
-    --------
     >>> companion(np.array([1.0, 10.0, 25.0])).characteristic       # (s+5)^2
     array([2., 1.])
     """
@@ -93,10 +81,8 @@ def exact(
     >>> Ad.round(4), before.round(4), after
     (array([[0.3679]]), array([0.6321]), array([0.]))
 
-    References
-    ----------
-    Van Loan (1978), "Computing integrals involving the matrix exponential", IEEE Transactions on Automatic Control 23:
-    both columns come from one augmented matrix exponential.
+    Both columns come from one augmented matrix exponential, as in Van Loan (1978), "Computing integrals involving the
+    matrix exponential", IEEE Transactions on Automatic Control 23.
     """
     from scipy.linalg import expm
 
@@ -115,9 +101,7 @@ def exact(
 def bilinear(matrix: FloatArray, column: FloatArray, interval: float, alpha: float) -> tuple[FloatArray, FloatArray]:
     """Return Ad (n, n) and Bd (n,) of the generalised bilinear transform of dw/dt = matrix w + column x.
 
-    References
-    ----------
-    Zhang, Chen and Chen (2009); the article's (7).
+    Source: Zhang, Chen and Chen (2009); the article's (7).
     """
     identity = np.eye(matrix.shape[0])
     left = identity - alpha * interval * matrix
@@ -156,8 +140,6 @@ def input_taps(matrix: FloatArray, column: FloatArray, interval: float, hold: st
 def unknown_outputs(delay: float, dt: float) -> int:
     """Return how many outputs of a record answer to inputs from before it, with a dead time in s.
 
-    Examples
-    --------
     >>> unknown_outputs(0.3, 0.1), unknown_outputs(0.32, 0.1)
     (3, 4)
     """
@@ -168,8 +150,6 @@ def unknown_outputs(delay: float, dt: float) -> int:
 def split_delay(delay: float, dt: float) -> tuple[int, float]:
     """Return a dead time in s as whole samples and a fraction of one; a fraction below 1e-9 is rounded away.
 
-    Examples
-    --------
     >>> split_delay(0.3, 0.1), split_delay(0.025, 0.02)
     ((3, 0.0), (1, 0.25))
     """
@@ -200,21 +180,12 @@ class Rational(Protocol):
 
 
 class Stretch(NamedTuple):
-    """The response over K samples that follow each other.
+    """The response over K samples that follow each other."""
 
-    Attributes
-    ----------
-    output : (K,) array
-        By the inputs alone.
-    free : (L, n) array
-        Responses to a unit of each state at the beginning; from row L on they have died out.
-    unknown : int
-        How many outputs, the first ones, answer to inputs from before the record, because of a dead time; in them
-        ``output`` and ``free`` stand still.
-    """
-
-    output: FloatArray
-    free: FloatArray
+    output: FloatArray  # (K,): by the inputs alone
+    free: FloatArray  # (L, n): responses to a unit of each state at the beginning; from row L on they have died out
+    # how many outputs, the first ones, answer to inputs from before the record, because of a dead time; in them
+    # ``output`` and ``free`` stand still
     unknown: int
 
 

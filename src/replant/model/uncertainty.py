@@ -26,19 +26,11 @@ from replant.numerics.linear_algebra import quiet
 
 @dataclass(frozen=True, eq=False)
 class UncertainMode:
-    """A pole with the standard deviations of its frequency, damping and time constant.
-
-    Attributes
-    ----------
-    mode : Mode
-    covariance : (2, 2) array
-        Of the pole's real and imaginary part, in (rad/s)^2.
-    frequency_std, damping_std, time_constant_std : float
-        In Hz, without unit, and in s; infinite where the figure itself is infinite.
-    """
+    """A pole with the standard deviations of its frequency, damping and time constant."""
 
     mode: Mode
-    covariance: FloatArray
+    covariance: FloatArray  # (2, 2): of the pole's real and imaginary part, in (rad/s)^2
+    # in Hz, without unit, and in s; infinite where the figure itself is infinite
     frequency_std: float
     damping_std: float
     time_constant_std: float

@@ -92,9 +92,8 @@ def measure(course: Course, true: Mapping[str, float], dt: float) -> Measures:
     """Return the measures of the first ``len(true)`` parameters of a course."""
     values = course.parameters[:, : len(true)]
     target = np.array(list(true.values()))
-    held = np.diff(
-        np.concatenate([[0], course.samples, [course.length]])
-    )  # samples for which each estimate, from the start on, held
+    # samples for which each estimate, from the start on, held
+    held = np.diff(np.concatenate([[0], course.samples, [course.length]]))
     squares = (np.vstack([course.start[None, : len(true)], values]) - target) ** 2
     relative = (values - target) / np.abs(target)
     tail = course.samples > 0.9 * course.length

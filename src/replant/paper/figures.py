@@ -87,8 +87,8 @@ def draw(figure: Figure, curves: Transients) -> Any:
     return canvas
 
 
-def _style(color: str, ls: Any, lw: float = 1.3) -> dict[str, Any]:
-    return {"color": color, "ls": ls, "lw": lw}
+def _style(color: str, ls: Any) -> dict[str, Any]:
+    return {"color": color, "ls": ls, "lw": 1.3}
 
 
 def _amplitudes() -> Sequence[Line]:

@@ -223,8 +223,6 @@ def draw_poles(
 def mirrored(covariance: FloatArray) -> FloatArray:
     """Return the covariance (2, 2) of a root's conjugate.
 
-    Examples
-    --------
     >>> mirrored(np.array([[4.0, 1.0], [1.0, 2.0]]))
     array([[ 4., -1.],
            [-1.,  2.]])
@@ -298,8 +296,6 @@ def _has_correlations(found: Correlations | None, axis: Any, what: str) -> bool:
 def reach_of(auto: FloatArray, std: float) -> float | None:
     """Return half the height of an autocorrelation's axis, if its limits would be too small beside the 1 at lag 0.
 
-    Examples
-    --------
     >>> reach_of(np.array([1.0, 0.5]), 0.01), reach_of(np.array([1.0, -0.02]), 0.01)
     (None, 0.0412...)
     """

@@ -34,12 +34,12 @@ def number(value: float, digits: int = 4) -> str:
     return sign + mantissa + (f"{TIMES}10{str(exponent).translate(_SUPERSCRIPT)}" if exponent else "")
 
 
-def uncertain(value: float, std: float | None, digits: int = 4) -> str:
+def uncertain(value: float, std: float | None) -> str:
     """Return value and standard deviation, the latter with two digits and the value to the same place."""
     if std is not None and math.isinf(std) and math.isfinite(value):
-        return f"{number(value, digits)} {PLUS_MINUS} {UNKNOWN}"
+        return f"{number(value)} {PLUS_MINUS} {UNKNOWN}"
     if not std or not (math.isfinite(value) and math.isfinite(std)):  # a std of 0: a real pole's damping is just 1
-        return number(value, digits)
+        return number(value)
     largest = max(abs(value), std)
     power = math.floor(math.log10(largest))
     shift = power if not -3 <= power < 6 else 0
@@ -138,15 +138,15 @@ def with_prefix(value: float) -> str:
     return f"{value:.3g}"
 
 
-def complex_number(value: complex, digits: int = 4) -> str:
+def complex_number(value: complex) -> str:
     """Return a root; of a conjugate pair, given with positive imaginary part, both."""
-    real = number(value.real, digits)
-    return f"{real} {PLUS_MINUS} {number(abs(value.imag), digits)}i" if value.imag else real
+    real = number(value.real)
+    return f"{real} {PLUS_MINUS} {number(abs(value.imag))}i" if value.imag else real
 
 
-def over(values: Any, unit: str, digits: int = 4) -> str:
+def over(values: Any, unit: str) -> str:
     """Return the first and last of some values, with their unit."""
-    return f"{values[0]:.{digits}g} to {values[-1]:.{digits}g} {unit}" if len(values) else "none"
+    return f"{values[0]:.4g} to {values[-1]:.4g} {unit}" if len(values) else "none"
 
 
 def power_of_ten(value: float) -> str:

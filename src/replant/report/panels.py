@@ -252,9 +252,8 @@ def draw_steps(models: Mapping[str, Model], axis: Any) -> None:
 
 def draw_poles_of(models: Mapping[str, Model], axis: Any) -> None:
     """Draw the poles and zeros of each model with their 95 % regions."""
-    plants = {name: model.transfer_function for name, model in models.items()}
-    drawn = {name: (g.poles, g.zeros, regions(models[name])) for name, g in plants.items()}
-    diagrams.draw_poles(drawn, axis)
+    plants = ((name, model.transfer_function, regions(model)) for name, model in models.items())
+    diagrams.draw_poles({name: (g.poles, g.zeros, known) for name, g, known in plants}, axis)
 
 
 def regions(model: Model) -> list[tuple[complex, FloatArray]]:

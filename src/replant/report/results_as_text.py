@@ -84,7 +84,7 @@ def print_kept_model(console: Any, model: Model) -> None:
     print_verdict(console, model.verdict)
 
 
-def print_row(console: Any, model: RowModel, *, record: str = "", lead: str = "") -> None:
+def print_row(console: Any, model: RowModel, *, record: str = "") -> None:
     """Print each G(s), gains, time constants, coefficients, fit and verdict; without a record, where it comes from."""
     console.print()
     for name, g in zip(model.input_names, model.transfer_functions, strict=True):
@@ -101,7 +101,7 @@ def print_row(console: Any, model: RowModel, *, record: str = "", lead: str = ""
     _say(console, "Rest", f"output {model.output_level:.5g} at inputs {levels}")
     if not record:
         _say(console, "Made of", _source(model))
-    print_verdict(console, model.verdict, lead)
+    print_verdict(console, model.verdict)
 
 
 def print_verdict(console: Any, verdict: Verdict, lead: str = "") -> None:
@@ -403,8 +403,7 @@ def validation_as_json(validation: Validation, source: str) -> dict[str, Any]:
 def print_validation(console: Any, validation: Validation, source: str) -> None:
     """Print a validation: fits, offset, tests of the residual, and the verdict in words."""
     console.print(f"\nOn {source}", highlight=False, markup=False, style="bold")
-    simulated, one_step = (percent(fit, ascii_only=True) for fit in (validation.fit, validation.one_step))
-    console.print(f"Fit      {simulated} {validation.how}, {one_step} one step ahead", highlight=False)
+    _say(console, "Fit", _fits(validation.fit, validation.how, validation.one_step))
     if math.isfinite(validation.offset):
         console.print(f"Offset   {validation.offset:+.4g} beside the model's working point", highlight=False)
     auto, cross = validation.outside
