@@ -86,16 +86,21 @@ def test_a_drift_is_told_by_longer_blocks() -> None:
     assert told[0, 0] > 3.5 * short
 
 
-def test_to_stretch_keeps_the_correlations() -> None:
+def test_to_stretch_is_the_nearest_covariance_of_such_variances() -> None:
+    """What is taken off the precision is diagonal, and zero where a variance is larger than asked."""
     root = np.random.default_rng(5).standard_normal((4, 4))
     covariance = root @ root.T
-    variances = np.diag(covariance) * np.array([0.5, 1.0, 4.0, 9.0])
-    stretched = stretch(covariance, variances)
-    std = np.sqrt(np.diag(stretched))
-    np.testing.assert_allclose(std**2, np.diag(covariance) * [1.0, 1.0, 4.0, 9.0])
-    old = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(stretched / np.outer(std, std), covariance / np.outer(old, old))
-    np.testing.assert_allclose(stretch(covariance, 4.0 * np.diag(covariance)), 4.0 * covariance)
+    wanted = np.diag(covariance) * [0.5, 1.0, 4.0, 9.0]
+    stretched = stretch(covariance, wanted)
+    taken = np.linalg.inv(covariance) - np.linalg.inv(stretched)
+    scale = np.sqrt(np.outer(np.diag(np.linalg.inv(covariance)), np.diag(np.linalg.inv(covariance))))
+    np.testing.assert_allclose((taken - np.diag(np.diag(taken))) / scale, 0.0, atol=1e-9)
+    assert (np.diag(taken) > -1e-9).all()
+    more = np.diag(stretched) / wanted - 1.0
+    assert (more > -1e-6).all()
+    np.testing.assert_allclose(more * np.diag(taken) / np.diag(scale), 0.0, atol=1e-6)
+    assert (more > 0.1).any()
+    np.testing.assert_array_equal(stretch(covariance, 0.5 * np.diag(covariance)), covariance)
     np.testing.assert_allclose(larger(covariance, 4.0 * covariance), 4.0 * covariance)
 
 

@@ -250,7 +250,9 @@ def test_path_variances() -> None:
 
 def test_stretch() -> None:
     np.testing.assert_allclose(
-        stretch(np.array([[1.0, 0.5], [0.5, 1.0]]), np.array([4.0, 0.0])), np.array([[4.0, 1.0], [1.0, 1.0]]), atol=1e-8
+        stretch(np.array([[1.0, 0.5], [0.5, 1.0]]), np.array([4.0, 0.0])),
+        np.array([[4.0, 2.0], [2.0, 1.75]]),
+        atol=1e-8,
     )
 
 

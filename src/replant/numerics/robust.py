@@ -39,6 +39,8 @@ SECTIONS = 8  # of a record, one of which at least tells how often neighbours ar
 LEAST_ROWS = 16  # blocks below which a path tells no variance: half of ROOM / 2 [count]
 LEAST_BLOCKS = 6.0  # of equal weight, 1 / sum w^2, that know a deviation to a third; of longer ones half [count]
 BEYOND_CHANCE = 4.0  # excess of a variance that longer blocks are asked about, at 3e-5 [standard deviations]
+SWEEPS = 500  # over the coordinates, each of which reaches its variance in turn, at most [count]
+CLOSE = 1e-9  # largest change within a sweep that is none any more [part of a variance]
 LONGER = (2, 4, 8)  # lengths of the longer blocks [blocks]
 
 
@@ -167,10 +169,25 @@ def _slow_directions(covariance: FloatArray, scatter: Scatter) -> FloatArray:
 
 
 def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
-    """Return a covariance (T, T) whose first entries have at least some variances (C,), and the same correlations."""
-    known, factors = np.diag(covariance)[: len(variances)], np.ones(len(covariance))
-    factors[: len(variances)] = np.sqrt(np.maximum(variances / np.where(known > 0.0, known, np.inf), 1.0))
-    return np.asarray(covariance * np.outer(factors, factors))
+    """Return the nearest covariance (T, T), by relative entropy, whose first entries have at least some variances (C,).
+
+    That is (C^-1 - D)^-1 with a diagonal D >= 0, zero where a variance is larger than it has to be.  The error of one
+    coordinate so moves the others as the covariance says: errors that cancel still do.
+    """
+    taken = np.zeros(len(variances))
+    for _ in range(SWEEPS):
+        worst = 0.0
+        for i in np.flatnonzero(variances > 0.0):
+            own = float(covariance[i, i])
+            less = max(1.0 / own - 1.0 / float(variances[i]), -float(taken[i])) if own > 0.0 else 0.0
+            if less == 0.0:
+                continue
+            taken[i] += less
+            covariance = covariance + less / (1.0 - less * own) * np.outer(covariance[i], covariance[i])
+            worst = max(worst, abs(less) * own)
+        if worst < CLOSE:
+            break
+    return covariance
 
 
 def _widened(covariance: FloatArray, direction: FloatArray, variance: float) -> FloatArray:
