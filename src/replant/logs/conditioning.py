@@ -54,7 +54,7 @@ def from_rest(log: Log) -> Log:
     >>> log = rp.Log(u, y + 0.05 * np.random.default_rng(1).standard_normal(150), 0.5)
     >>> for each in log, rp.from_rest(log):
     ...     print(round(float(rp.fit(each, poles=1).uncertainty.dc_gain_std), 2))
-    1.1
+    1.12
     0.01
     """
     log = instance("log", log, Log)
