@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import pickle
 from collections.abc import Iterable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from replant.kernels.native import KERNELS, Kernel
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import Attention, ColourSlots, NoiseSlots, PathSlots
 from replant.kernels.step import covariance as covariance_steps
-from replant.kernels.step import fixed_filter
+from replant.kernels.step import fixed_filter, soundness
 from replant.model.transfer_function import TransferFunction
 from support.cases import every
 
@@ -200,6 +201,15 @@ def test_a_truth_that_is_none_is_refused() -> None:
     state.ints[State.instruments.index] = 7
     with pytest.raises(ValueError, match="is_sound"):
         covariance_steps.steps(*state.arrays, one, one, np.empty(0), np.empty(0), one.copy(), np.empty((1, 0)))
+
+
+@pytest.mark.parametrize(("refined", "most"), [(True, 5), (False, 4)])
+def test_more_entries_than_the_work_arrays_have_room_for_are_refused(refined: bool, most: int) -> None:
+    own = running()._state.fields
+    names = ("noise", "colour", "path", "path_size", "banks", "order")
+    for entries in (most, most + 1):
+        s = SimpleNamespace(**{name: getattr(own, name) for name in names}, refined=refined, entries=entries)
+        assert soundness.are_within(s) == (entries == most)
 
 
 def test_an_optimizer_whose_memory_is_too_small_is_refused(calls: list[Call]) -> None:

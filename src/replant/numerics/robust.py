@@ -141,7 +141,8 @@ def no_less_than_scattered(covariance: FloatArray, scatter: Scatter) -> FloatArr
     if len(scatter.said) < LEAST_ROWS:
         return covariance
     for direction in _slow_directions(covariance[:size, :size], scatter):
-        covariance = _widened(covariance, direction, scatter.along(direction))
+        together = covariance[:, :size] @ direction  # its own variance is one
+        covariance = covariance + max(scatter.along(direction) - 1.0, 0.0) * np.outer(together, together)
     variances, own = scatter.variances(), np.diag(covariance)[:size]
     slow = variances > own * (1.0 + BEYOND_CHANCE * np.sqrt(2.0 / scatter.blocks()))
     for length in LONGER:
@@ -150,7 +151,7 @@ def no_less_than_scattered(covariance: FloatArray, scatter: Scatter) -> FloatArr
 
 
 def _slow_directions(covariance: FloatArray, scatter: Scatter) -> FloatArray:
-    """Return directions (D, C), independent by the covariance, in which the path scatters more beyond chance.
+    """Return directions (D, C), independent and of variance one by the covariance, that scatter more beyond chance.
 
     Of C directions and B blocks chance alone makes the largest ratio (1 + sqrt(C / B))^2 (Marchenko and Pastur).
     """
@@ -160,10 +161,10 @@ def _slow_directions(covariance: FloatArray, scatter: Scatter) -> FloatArray:
         return np.zeros((0, size))
     try:
         root = np.linalg.inv(np.linalg.cholesky(covariance / np.outer(scale, scale))) / scale
-    except np.linalg.LinAlgError:
+        white = steps @ root.T
+        ratios, axes = np.linalg.eigh(white.T @ white / (1.0 - 1.0 / blocks))
+    except np.linalg.LinAlgError:  # singular, or outside of float64
         return np.zeros((0, size))
-    white = steps @ root.T
-    ratios, axes = np.linalg.eigh(white.T @ white / (1.0 - 1.0 / blocks))
     chance = (1.0 + math.sqrt(size / blocks)) ** 2 + BEYOND_CHANCE * math.sqrt(2.0 / blocks)
     return np.asarray(axes[:, ratios > chance].T @ root)
 
@@ -179,22 +180,15 @@ def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
         worst = 0.0
         for i in np.flatnonzero(variances > 0.0):
             own = float(covariance[i, i])
-            less = max(1.0 / own - 1.0 / float(variances[i]), -float(taken[i])) if own > 0.0 else 0.0
-            if less == 0.0:
+            if not own > 0.0:
                 continue
-            taken[i] += less
-            covariance = covariance + less / (1.0 - less * own) * np.outer(covariance[i], covariance[i])
-            worst = max(worst, abs(less) * own)
+            wanted = max(float(variances[i]), 1.0 / (1.0 / own + float(taken[i])))
+            taken[i] += 1.0 / own - 1.0 / wanted
+            covariance = covariance + (wanted / own - 1.0) / own * np.outer(covariance[i], covariance[i])
+            worst = max(worst, abs(wanted / own - 1.0))
         if worst < CLOSE:
             break
     return covariance
-
-
-def _widened(covariance: FloatArray, direction: FloatArray, variance: float) -> FloatArray:
-    """Return the nearest covariance (T, T), by relative entropy, with at least this variance along a direction (C,)."""
-    together = covariance[:, : len(direction)] @ direction
-    own = float(direction @ together[: len(direction)])
-    return covariance + max(variance / own - 1.0, 0.0) / own * np.outer(together, together)
 
 
 def path_of_record(
@@ -225,7 +219,7 @@ def scatter_of(path: PathSlots, theta: FloatArray, inverse: FloatArray, entries:
     if not kept:
         return Scatter(rows[:, 0], rows[:, 1], inverse)
     said = solved(inverse, (theta - path.rows[kept, 0])[:entries])
-    last = rows[-1, 0] + math.sqrt(float((known / rows[-1, 1]).mean())) * said
+    last = rows[-1, 0] + np.sqrt((known / rows[-1, 1]).mean()) * said
     return Scatter(np.vstack([rows[:, 0], last]), np.vstack([rows[:, 1], known]), inverse)
 
 

@@ -116,7 +116,7 @@ def keep(path, theta, U, D, entries, samples, work):
         path.rows[kept, 1, i] = variance
     for i in range(T):
         path.rows[kept, 0, i] = 0.0
-        if i < entries and kept > 0:  # what the first block begins at is no estimate yet
+        if i < entries and growth > 0.0:  # what the first block begins at is no estimate yet
             path.rows[kept, 0, i] = path.rows[last, 0, i] + math.sqrt(growth) * said[i]
     kept += 1
     if kept == path.rows.shape[0]:

@@ -43,7 +43,7 @@ def are_within(s):
     for row in range(3):
         if not 0 <= s.banks[row, bk.NEXT] < bk.KEPT:
             return False
-    return True
+    return s.entries <= (3 if s.refined else 2) * s.order + 2  # else the work arrays are too short for a covariance
 
 
 def is_known(s):
