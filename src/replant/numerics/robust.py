@@ -205,7 +205,9 @@ def path_of_record(
     score = np.cumsum(np.concatenate([pull[None, :, None], transposed @ residuals]), axis=0)[1:]
     inverse = compose(*factor_information(information))
     away = (inverse @ score)[:, :, 0]
-    path.rows[:blocks, 0, :entries] = solved(inverse[:, :entries, :entries], away[:, :entries])
+    said = solved(inverse[:, :entries, :entries], away[:, :entries])
+    # what was known before pulls by no noise of these samples: it is as if the first block said nothing
+    path.rows[:blocks, 0, :entries] = said - said[:1] if pull.any() else said
     path.rows[:blocks, 1] = np.diagonal(inverse, axis1=1, axis2=2)
     path.rows[blocks, 0] = theta + (away[-1] if blocks else 0.0)
     path.step, path.due, path.kept = step, step * (blocks + 1), blocks
