@@ -39,7 +39,7 @@ SECTIONS = 8  # of a record, one of which at least tells how often neighbours ar
 LEAST_ROWS = 16  # blocks below which a path tells no variance: half of ROOM / 2 [count]
 LEAST_BLOCKS = 6.0  # of equal weight, 1 / sum w^2, that know a deviation to a third; of longer ones half [count]
 BEYOND_CHANCE = 4.0  # excess of a variance that longer blocks are asked about, at 3e-5 [standard deviations]
-SWEEPS = 500  # over the coordinates, each of which reaches its variance in turn, at most [count]
+SWEEPS = 100  # over the coordinates, each of which reaches its variance in turn, at most [count]
 CLOSE = 1e-9  # largest change within a sweep that is none any more [part of a variance]
 LONGER = (2, 4, 8)  # lengths of the longer blocks [blocks]
 
@@ -175,16 +175,19 @@ def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
     That is (C^-1 - D)^-1 with a diagonal D >= 0, zero where a variance is larger than it has to be.  The error of one
     coordinate so moves the others as the covariance says: errors that cancel still do.
     """
-    taken = np.zeros(len(variances))
+    taken, known = np.zeros(len(variances)), np.diag(covariance)[: len(variances)].copy()  # in units of these
+    ratios = variances / np.where(known > 0.0, known, np.inf)
     for _ in range(SWEEPS):
         worst = 0.0
-        for i in np.flatnonzero(variances > 0.0):
-            own = float(covariance[i, i])
-            if not own > 0.0:
+        for i in np.flatnonzero(np.isfinite(ratios) & (ratios > 0.0)):
+            own = float(covariance[i, i] / known[i])
+            if not 0.0 < own < math.inf:
                 continue
-            wanted = max(float(variances[i]), 1.0 / (1.0 / own + float(taken[i])))
+            before = 1.0 / own + float(taken[i])
+            wanted = max(float(ratios[i]), 1.0 / before if before > 0.0 else own)
             taken[i] += 1.0 / own - 1.0 / wanted
-            covariance = covariance + (wanted / own - 1.0) / own * np.outer(covariance[i], covariance[i])
+            together = covariance[i] / np.sqrt(covariance[i, i])
+            covariance = covariance + (wanted / own - 1.0) * np.outer(together, together)
             worst = max(worst, abs(wanted / own - 1.0))
         if worst < CLOSE:
             break
