@@ -121,11 +121,11 @@ class Scatter:
         return np.asarray((self.steps(length) ** 2).sum(axis=0) / left)
 
     def along(self, direction: FloatArray) -> float:
-        """Return the largest variance of a direction (C,), by blocks of any length that are enough."""
+        """Return the largest variance of a direction (C,), by blocks of any length; chosen so, it takes them all."""
         squares = [float(np.sum((self.steps(length) @ direction) ** 2)) for length in (1, *LONGER)]
         counts = [float(self.blocks(length).min()) for length in (1, *LONGER)]
         told = zip(squares, counts, strict=True)
-        return max((square / (1.0 - 1.0 / count) for square, count in told if count >= LEAST_BLOCKS / 2), default=0.0)
+        return max((square / (1.0 - 1.0 / count) for square, count in told if count >= LEAST_BLOCKS), default=0.0)
 
     def _rows(self, length: int) -> slice:
         return slice((len(self.said) - 1) % length, None, length)  # includes the last one
