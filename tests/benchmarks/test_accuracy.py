@@ -23,7 +23,7 @@ from scipy.stats import chi2
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.srivc import refine
-from replant.numerics.robust import LEAST_BLOCKS
+from replant.numerics.batch_means import LEAST_BLOCKS
 from support.cases import every
 from support.places import ROOT
 

@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 
 import replant as rp
 from replant.kernels.schema import ROOM
+from replant.numerics.batch_means import Scatter, no_less_than_scattered, path_of_record, scatter_of, stretch
 from replant.numerics.linear_algebra import larger
-from replant.numerics.robust import Scatter, no_less_than_scattered, path_of_record, scatter_of, stretch
 from replant.paper.actuator import CREEP, NOISE
 from replant.paper.actuator import STRUCTURE as ACTUATOR
 from replant.rigs import deap_rig, deap_voltage

@@ -36,19 +36,11 @@ from replant.numerics.autoregression import (
     places_on_grid,
     whiteness,
 )
+from replant.numerics.batch_means import Scatter, stretch
 from replant.numerics.linear_algebra import chi2_quantile, products, roots, solve
 from replant.numerics.projections import explained_power, laguerre, weights_of, widening
 from replant.numerics.residuals import correlation_lags, correlations
-from replant.numerics.robust import (
-    Scatter,
-    never_ties,
-    normal_scores,
-    robust_std,
-    still_runs,
-    stretch,
-    usual_step,
-    without_spikes,
-)
+from replant.numerics.robust import never_ties, normal_scores, robust_std, still_runs, usual_step, without_spikes
 
 
 def test_keep() -> None:

@@ -154,7 +154,7 @@ class Speeds:
 
 
 def slow_noise(evidence: Evidence, uncertainty: float) -> str:
-    """Return, in brackets, that noise which no autoregression describes (`numerics.robust`) makes the uncertainty."""
+    """Return, in brackets, that the uncertainty is made by noise which no autoregression describes."""
     if evidence.slowness < SLOW or uncertainty < MENTIONED:
         return ""
     return " (because the residual varies slowly: the output drifts, or the plant is slightly nonlinear)"

@@ -8,8 +8,8 @@ from replant.estimation.engine.state import State
 from replant.estimation.settings import Settings
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
+from replant.numerics.batch_means import no_less_than_scattered, scatter_of
 from replant.numerics.linear_algebra import compose, larger, quiet
-from replant.numerics.robust import no_less_than_scattered, scatter_of
 
 
 @quiet
@@ -47,11 +47,12 @@ def _kept(state: State) -> FloatArray:
 
 def _of_least_squares(state: State) -> FloatArray:
     """Return the covariance by the residual's colour, without forgetting no less than the path's scatter."""
+    from replant.kernels.monitoring.scatter import lasting
+
     coloured = covariance_by_colour(state)
     if state.settings[0] < 1.0:
         return coloured
-    entries = state.entries - state.order if state.refined else state.entries
-    return no_less_than_scattered(coloured, scatter_of(state.path, state.theta, _kept(state), entries))
+    return no_less_than_scattered(coloured, scatter_of(state.path, state.theta, _kept(state), lasting(state)))
 
 
 def covariance_by_colour(state: State) -> FloatArray:

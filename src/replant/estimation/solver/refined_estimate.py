@@ -24,6 +24,7 @@ from replant.kernels.schema import FIXED, LAGS, LAGUERRE, ColourSlots, NoiseSlot
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
+from replant.numerics.batch_means import no_less_than_scattered, path_of_record, scatter_of
 from replant.numerics.linear_algebra import (
     compose,
     eigenvalues,
@@ -37,7 +38,6 @@ from replant.numerics.linear_algebra import (
     sum_of_squares,
 )
 from replant.numerics.projections import best_pole, laguerre, weights_of
-from replant.numerics.robust import no_less_than_scattered, path_of_record, scatter_of
 
 ACCEPTABLE = 0.25
 """Relative uncertainty up to which a start-up is long enough [part of a coefficient's size].

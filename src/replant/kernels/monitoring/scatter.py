@@ -6,8 +6,8 @@ autoregression, e = w / D(q), the covariance of the instrumental-variable estima
     sigma_w^2 P Q P,   Q = sum zeta_f zeta_f',  zeta_f = zeta / D(q).
 
 The path of a recursive estimate is kept at a few samples: what the samples between say gives a variance without a
-noise model, see `replant.numerics.robust`.  Room is limited and the record is not: when the room is full every second
-row goes, and the next ones come half as often.
+noise model, see `replant.numerics.batch_means`.  Room is limited and the record is not: when the room is full every
+second row goes, and the next ones come half as often.
 
 Source: Soderstrom and Stoica, "Instrumental Variable Methods for System Identification", 1983, chapter 4.
 """
@@ -91,6 +91,11 @@ def begin_last(colour, first, entries):
         for j in range(entries):
             if i >= first or j >= first:
                 colour.squares[i, j] = 0.0
+
+
+def lasting(s):
+    """Return how many of the first entries last: an initial state is another one after each gap."""
+    return s.entries - s.order if s.refined else s.entries
 
 
 def keep(path, theta, U, D, entries, samples, work):

@@ -50,8 +50,7 @@ def record_residual(s, error):
     scatter.record(s.colour, error, loops.alpha_of(s), s.settings[0], s.zeta)
     if s.path_size > 0 and s.colour.count >= s.path.due:
         U, D = loops.factors_of(s)
-        entries = s.entries - s.order if s.refined else s.entries  # an initial state is another one after each gap
-        scatter.keep(s.path, s.theta, U, D, entries, s.colour.count, s.work)
+        scatter.keep(s.path, s.theta, U, D, scatter.lasting(s), s.colour.count, s.work)
 
 
 def take(s, u, y, t, r):

@@ -7,6 +7,7 @@ from typing import Final
 
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
+from replant.kernels.monitoring import scatter
 from replant.kernels.native import kernel
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import LAGS, StateArrays, StateSlots
@@ -43,7 +44,7 @@ def are_within(s):
     for row in range(3):
         if not 0 <= s.banks[row, bk.NEXT] < bk.KEPT:
             return False
-    return s.entries <= (3 if s.refined else 2) * s.order + 2  # else the work arrays are too short for a covariance
+    return scatter.lasting(s) <= 2 * s.order + 2  # else the work arrays are too short for their covariance
 
 
 def is_known(s):
