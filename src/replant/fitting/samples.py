@@ -14,7 +14,7 @@ from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.record import Record, ready_record
 from replant.estimation.simulation.fitted_run import FittedRun
 from replant.fitting.fit_result import FitResult
-from replant.logs.log import Log
+from replant.logs.log import Log, unused
 from replant.model.preprocess import Preprocess, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
@@ -137,8 +137,7 @@ class Samples:
     @property
     def unused(self) -> dict[str, FloatArray]:
         """Further columns that are neither inputs nor references."""
-        used = {*self.more_inputs, *self.more_references}
-        return {name: signal for name, signal in self.others.items() if name not in used}
+        return unused(self.others, self.more_inputs, self.more_references)
 
     @property
     def input_names(self) -> tuple[str, ...]:

@@ -126,7 +126,7 @@ class Log:
     def __repr__(self) -> str:
         clock = "irregular, usually " if self.stamps is not None else ""
         signals = f"{', '.join(self.input_names)} -> {self.output_name}"
-        rest = [name for name in self.others if name not in (*self.more_inputs, *self.more_references)]
+        rest = unused(self.others, self.more_inputs, self.more_references)
         others = f", beside {', '.join(rest)}" if rest else ""
         name = " ".join(filter(None, ("Log", self.path.name)))
         return f"<{name}: {signals}, {len(self):,} samples, {clock}dt {self.dt:g} s{others}>"
@@ -236,6 +236,11 @@ class Log:
         if self.reference is not None:
             signals |= {"reference": (self.reference_name, self.reference)}
         return signals | {f"reference_{i}": (name, self.others[name]) for i, name in enumerate(self.more_references, 2)}
+
+
+def unused(others: Mapping[str, NDArray[np.float64]], *used: tuple[str, ...]) -> dict[str, NDArray[np.float64]]:
+    """Return those of further columns that are not among some names."""
+    return {name: signal for name, signal in others.items() if not any(name in names for names in used)}
 
 
 def check_one_reference(count: int) -> None:

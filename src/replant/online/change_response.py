@@ -95,7 +95,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     if found.supposition in (Supposition.NOTHING, Supposition.NOISE):
         _end(old)
         if found.supposition is Supposition.NOISE:
-            # what the residual has been lately lags behind what it has been since
+            # the variance of late lags behind that since the change
             power = found.contest.power / settings.scaling.output**2
             lag = max(power / max(old.late_variance, np.finfo(float).tiny), 1.0)
             old.usual_variance = max(old.usual_variance, lag * old.late_variance)
