@@ -136,7 +136,7 @@ def test_the_path_of_a_record_is_least_squares_of_its_beginnings(samples: int, e
     assert rows == samples // step
     assert path.due == (rows + 1) * step
     found = scatter_of(path, theta, np.linalg.inv(zeta.T @ zeta), entries)
-    said, known = found.said, found.known
+    said, known = found.scores, found.diagonals
     beginning = theta
     for row in range(rows):
         if (row + 1) * step < 6:  # hardly more equations than unknowns

@@ -44,21 +44,21 @@ LONGER = (2, 4, 8)  # lengths of the longer blocks [blocks]
 class Scatter:
     """How an estimate scatters by its path: by blocks of rows, whose lengths may be multiplied.
 
-    ``said`` is W and ``known`` the diagonal of P along the path, (B, C) each, ``inverse`` (C, C) the last P.
+    ``inverse`` is the last P, the inverse of the information.
     """
 
-    said: FloatArray
-    known: FloatArray
-    inverse: FloatArray
+    scores: FloatArray  # (B, C): W along the path
+    diagonals: FloatArray  # (B, C): of P
+    inverse: FloatArray  # (C, C)
 
     def steps(self, length: int = 1) -> FloatArray:
         """Return P dW (B, C) of blocks of so many rows."""
-        return np.asarray(np.diff(self.said[self._rows(length)], axis=0, prepend=0.0) @ self.inverse)
+        return np.asarray(np.diff(self.scores[self._rows(length)], axis=0, prepend=0.0) @ self.inverse)
 
     def blocks(self, length: int = 1) -> FloatArray:
         """Return how many blocks of equal weight tell each coordinate (C,)."""
-        known = self.known[self._rows(length)]
-        weights = np.diff(known[-1] / known, axis=0, prepend=0.0)
+        diagonals = self.diagonals[self._rows(length)]
+        weights = np.diff(diagonals[-1] / diagonals, axis=0, prepend=0.0)
         return np.asarray(1.0 / (weights**2).sum(axis=0))
 
     def variances(self, length: int = 1, least: float = LEAST_BLOCKS) -> FloatArray:
@@ -68,14 +68,14 @@ class Scatter:
         return np.asarray((self.steps(length) ** 2).sum(axis=0) / left)
 
     def along(self, direction: FloatArray) -> float:
-        """Return the largest variance of a direction (C,), by blocks of any length; chosen so, it takes them all."""
+        """Return the largest variance of a direction (C,) that `LEAST_BLOCKS` blocks of one length give."""
         squares = [float(np.sum((self.steps(length) @ direction) ** 2)) for length in (1, *LONGER)]
         counts = [float(self.blocks(length).min()) for length in (1, *LONGER)]
         told = zip(squares, counts, strict=True)
         return max((square / (1.0 - 1.0 / count) for square, count in told if count >= LEAST_BLOCKS), default=0.0)
 
     def _rows(self, length: int) -> slice:
-        return slice((len(self.said) - 1) % length, None, length)  # includes the last one
+        return slice((len(self.scores) - 1) % length, None, length)  # includes the last one
 
 
 def no_less_than_scattered(covariance: FloatArray, scatter: Scatter) -> FloatArray:
@@ -85,7 +85,7 @@ def no_less_than_scattered(covariance: FloatArray, scatter: Scatter) -> FloatArr
     may be so in one direction only: what errors that go together leave known stays known.
     """
     size = len(scatter.inverse)
-    if len(scatter.said) < LEAST_ROWS:
+    if len(scatter.scores) < LEAST_ROWS:
         return covariance
     for direction in _slow_directions(covariance[:size, :size], scatter):
         together = covariance[:, :size] @ direction  # its own variance is one
@@ -98,7 +98,9 @@ def no_less_than_scattered(covariance: FloatArray, scatter: Scatter) -> FloatArr
 
 
 def _slow_directions(covariance: FloatArray, scatter: Scatter) -> FloatArray:
-    """Return directions (D, C), independent and of variance one by the covariance, that scatter more beyond chance.
+    """Return the directions (D, C) in which the path scatters beyond chance.
+
+    By the covariance they are independent, and each has a variance of one.
 
     Of C directions and B blocks chance alone makes the largest ratio (1 + sqrt(C / B))^2 (Marchenko and Pastur).
     """
@@ -155,9 +157,9 @@ def path_of_record(
     score = np.cumsum(np.concatenate([pull[None, :, None], transposed @ residuals]), axis=0)[1:]
     inverse = compose(*factor_information(information))
     away = (inverse @ score)[:, :, 0]
-    said = solved(inverse[:, :entries, :entries], away[:, :entries])
-    # what was known before pulls by no noise of these samples: it is as if the first block said nothing
-    path.rows[:blocks, 0, :entries] = said - said[:1] if pull.any() else said
+    scores = solved(inverse[:, :entries, :entries], away[:, :entries])
+    # what was known before pulls by no noise of these samples: the first block, which holds the pull, is left out
+    path.rows[:blocks, 0, :entries] = scores - scores[:1] if pull.any() else scores
     path.rows[:blocks, 1] = np.diagonal(inverse, axis1=1, axis2=2)
     path.rows[blocks, 0] = theta + (away[-1] if blocks else 0.0)
     path.step, path.due, path.kept = step, step * (blocks + 1), blocks
@@ -170,8 +172,8 @@ def scatter_of(path: PathSlots, theta: FloatArray, inverse: FloatArray, entries:
     rows, known = path.rows[:kept, :, :entries], np.diag(inverse)
     if not kept:
         return Scatter(rows[:, 0], rows[:, 1], inverse)
-    said = solved(inverse, (theta - path.rows[kept, 0])[:entries])
-    last = rows[-1, 0] + np.sqrt((known / rows[-1, 1]).mean()) * said
+    score = solved(inverse, (theta - path.rows[kept, 0])[:entries])
+    last = rows[-1, 0] + np.sqrt((known / rows[-1, 1]).mean()) * score
     return Scatter(np.vstack([rows[:, 0], last]), np.vstack([rows[:, 1], known]), inverse)
 
 

@@ -5,7 +5,7 @@ autoregression, e = w / D(q), the covariance of the instrumental-variable estima
 
     sigma_w^2 P Q P,   Q = sum zeta_f zeta_f',  zeta_f = zeta / D(q).
 
-The path of a recursive estimate is kept at a few samples: what the samples between say gives a variance without a
+The path of a recursive estimate is kept at a few samples: the scores of the samples between give a variance without a
 noise model, see `replant.numerics.batch_means`.  Room is limited and the record is not: when the room is full every
 second row goes, and the next ones come half as often.
 
@@ -99,30 +99,30 @@ def lasting(s):
 
 
 def keep(path, theta, U, D, entries, samples, work):
-    """Keep W of the first ``entries`` and the diagonal of P = U D U' after so many learned ``samples``.
+    """Keep the scores W of the first ``entries`` and the diagonal of P = U D U' after so many learned ``samples``.
 
-    The row in the making holds the estimate theta' at which its block has begun: (P_k)^-1 (theta_k - theta'), P_k that
-    of these entries alone, is what the block says of them, whatever the others are.  Under white noise it scatters by
-    the uncertainty of theta' more than at the true parameters, which the growth of 1/P takes off.  ``work`` holds
-    entries (entries + 1) numbers.
+    The row in the making holds the estimate theta' at which its block has begun.  The block adds to W its score
+    (P_k)^-1 (theta_k - theta'), with the P_k of these entries alone, whatever the others are.  The uncertainty of
+    theta' makes it larger than a score at the true parameters: the root of the ratio of P_k to that at the row before
+    takes that off.  ``work`` holds entries (entries + 1) numbers.
     """
     T, kept = theta.size, int(path.kept)
     path.step = max(path.step, 1.0)
-    said, last, growth = work[entries * entries :], max(kept - 1, 0), 0.0
+    score, last, ratio = work[entries * entries :], max(kept - 1, 0), 0.0
     for i in range(entries):
-        said[i] = theta[i] - path.rows[kept, 0, i]
+        score[i] = theta[i] - path.rows[kept, 0, i]
         for j in range(i + 1):
             work[i * entries + j] = covariance_of(U, D, i, j)
-    solve(work, said, entries)
+    solve(work, score, entries)
     for i in range(T):
         variance = covariance_of(U, D, i, i)
         if i < entries:
-            growth += variance / (entries * path.rows[last, 1, i]) if kept > 0 else 0.0
+            ratio += variance / (entries * path.rows[last, 1, i]) if kept > 0 else 0.0
         path.rows[kept, 1, i] = variance
     for i in range(T):
         path.rows[kept, 0, i] = 0.0
-        if i < entries and growth > 0.0:  # what the first block begins at is no estimate yet
-            path.rows[kept, 0, i] = path.rows[last, 0, i] + math.sqrt(growth) * said[i]
+        if i < entries and ratio > 0.0:  # what the first block begins at is no estimate yet
+            path.rows[kept, 0, i] = path.rows[last, 0, i] + math.sqrt(ratio) * score[i]
     kept += 1
     if kept == path.rows.shape[0]:
         kept //= 2
