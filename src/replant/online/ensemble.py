@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
-from replant.estimation.engine.state_lanes import kind as kind_of_lane
 from replant.estimation.engine.vector_blocks import (
     Block,
     Room,
@@ -25,7 +24,7 @@ from replant.online.ensemble_members import (
     carry_out,
     form_blocks,
     is_ready,
-    may_go_together,
+    lane_of,
     may_join,
 )
 from replant.online.identifier import Identifier
@@ -94,6 +93,7 @@ class Ensemble(Shared):
         self._turn = Turn()
         self._members = _copies(identifiers, members)
         self._blocks: list[Block] = []
+        self._companies: list[list[int]] = []  # numbers of members that went side by side, all of a company
         self._rooms = _rooms(n_jobs, len(self._members))
         self._before = [member.taken for member in self._members]  # samples that the members came with
         self._taken = 0  # samples that all members have taken since
@@ -109,6 +109,7 @@ class Ensemble(Shared):
             "_turn": None,
             "_members": [member.clone() for member in self._members],
             "_blocks": [],
+            "_companies": [],
             "_rooms": [Room() for _ in self._rooms],
         }
 
@@ -322,21 +323,20 @@ class Ensemble(Shared):
 
         chunk = samples.u, samples.y, *results
         tasks: list[tuple[Take, int]] = [(block.take, 0) for block in self._blocks]
-        inside = {number for block in self._blocks for number in block.numbers.tolist()}
-        reached = {n: self._lead_in(n, *chunk) for n in range(len(self)) if n not in inside}
+        groups, self._companies = self._companies, []
+        placed = {n for block in self._blocks for n in block.numbers.tolist()}.union(*groups)
+        reached = {n: self._lead_in(n, *chunk) for n in range(len(self)) if n not in placed}
         for block, start in self._form_blocks(reached):
             tasks.append((block.take, start))
             reached = {n: k for n, k in reached.items() if n not in block.numbers}
-        together = sorted((n for n in reached if may_go_together(self._members[n])), key=self._alike)
-        for first in range(0, len(together), LANES):
-            tasks.append((Company(together[first : first + LANES], self._members, self._take_alone).take, 0))
-        tasks += [(partial(self._take_alone, n), start) for n, start in reached.items() if n not in together]
+        lanes = {n: lane for n in reached if (lane := lane_of(self._members[n])) is not None}
+        together = sorted(lanes, key=lanes.__getitem__)
+        groups = groups + [together[first : first + LANES] for first in range(0, len(together), LANES)]
+        companies = [Company(group, self._members, self._take_alone) for group in groups]
+        tasks += [(company.take, 0) for company in companies]
+        tasks += [(partial(self._take_alone, n), start) for n, start in reached.items() if n not in lanes]
         carry_out(tasks, rooms, samples, *results)
-
-    def _alike(self, number: int) -> tuple[int, ...]:
-        """Return the key by which members are sorted that go together."""
-        member = self._members[number]
-        return () if member._settings is None else kind_of_lane(member._state) or ()
+        self._companies = [company.numbers for company in companies if company.all_together]
 
     def _lead_in(self, number: int, *chunk: FloatArray) -> int:
         """Take a member's first samples by itself, until it may join a block; return how many."""

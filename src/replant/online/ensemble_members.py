@@ -6,9 +6,11 @@ member, as a single identifier does it: the start-up, a solution, a look at an a
 
 from __future__ import annotations
 
+import _thread
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from itertools import groupby
 
 from replant.estimation.engine.state_lanes import kind
@@ -67,12 +69,14 @@ def form_blocks(members: Sequence[Identifier], reached: dict[int, int]) -> list[
     return formed
 
 
-def may_go_together(member: Identifier) -> bool:
-    """Return whether a member can be stepped in a lane, now or, by its settings, after its start-up."""
+def lane_of(member: Identifier) -> tuple[int, ...] | None:
+    """Return what members side by side must have in common, () while a start-up lasts; None: a member goes alone."""
     request = member._request
     if member._mapped or request.structure.delay > 0.0 or not member._regular:
-        return False
-    return request.keeps_covariance if member._settings is None else kind(member._state) is not None
+        return None
+    if member._settings is None:
+        return () if request.keeps_covariance else None
+    return kind(member._state)
 
 
 class Company:
@@ -80,6 +84,7 @@ class Company:
 
     def __init__(self, numbers: Sequence[int], members: Sequence[Identifier], alone: Alone) -> None:
         self.numbers, self._members, self._alone = list(numbers), members, alone
+        self.all_together = False  # in the last piece
 
     def take(self, room: Room, start: int, *chunk: FloatArray) -> None:
         """Take the samples from row ``start`` on."""
@@ -97,6 +102,7 @@ class Company:
                 if one is not None:
                     alike.setdefault(one, []).append(number)
         together = {one: numbers for one, numbers in alike.items() if len(numbers) >= LEAST}
+        self.all_together = any(len(numbers) == len(self.numbers) for numbers in together.values())
         for one, numbers in together.items():
             self._take_together(one, numbers, room, start, *chunk)
         inside = {number for numbers in together.values() for number in numbers}
@@ -149,18 +155,24 @@ class Chunk:
         self.stopped = False
         self.locks = [threading.Lock() for _ in range(helpers)]  # each is taken while a thread helps
 
-    def stop(self) -> None:
+    def wait(self) -> None:
         """Wait until no other thread takes samples any more; one that has not begun yet will not."""
+        with ExitStack() as held:
+            for lock in self.locks:
+                held.enter_context(lock)
+            self.stopped = True
+
+    def stop(self) -> None:
+        """Wait likewise, but for the portions alone that other threads are at."""
         self.stopped = True
-        for lock in self.locks:
-            with lock:
-                pass
+        self.wait()
 
 
 def carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], chunk: Chunk, *results: FloatArray) -> None:
     """Run all tasks over a chunk, each from its start row on, in one thread for each workspace.
 
-    A thread that is free takes the next portion of the task that has waited longest.
+    A thread that is free takes the next portion of the task that has waited longest.  After an error other threads may
+    be at work: `Chunk.stop` waits for them.
     """
     u, y = chunk.u, chunk.y
     waiting = deque(task for task in tasks if task[1] < len(u))
@@ -187,22 +199,9 @@ def carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], chunk: C
                 chunk.stopped = True
 
     mine, *others = rooms[: max(len(waiting), 1)]
-    if not others:
-        work(mine)
-        return
-    # a pool of the library takes four times as long to begin and to end
-    helpers = [threading.Thread(target=help_with, args=each) for each in zip(others, chunk.locks, strict=False)]
-    try:
-        for helper in helpers:
-            helper.start()
-        work(mine)
-        for helper in helpers:
-            helper.join()
-    except BaseException:
-        chunk.stopped = True
-        for helper in helpers:
-            if helper.ident is not None:  # it has been started
-                helper.join()
-        raise
+    for each in zip(others, chunk.locks, strict=False):
+        _thread.start_new_thread(help_with, each)  # threading.Thread waits until it runs, a pool longer still
+    work(mine)
+    chunk.wait()
     if failed:
         raise failed[0]

@@ -26,15 +26,15 @@ FIT = {
 VALUES = list(FIT.values())
 
 #: The places of these, and of what members side by side have in common.
-ALIKE = [
+ALIKE = np.array([
     slot.index
     for slot in (
         *FIT, StateSlots.path_size, StateSlots.order, StateSlots.entries, StateSlots.input_entries,
         StateSlots.square_input, StateSlots.straight_input, StateSlots.has_constant, StateSlots.has_noise_model,
         StateSlots.coloured, StateSlots.memory_size, StateSlots.settings_size, StateSlots.ring_size,
-        StateSlots.rests_with_input,
+        StateSlots.rests_with_input, StateSlots.rest_after, StateSlots.settings,
     )
-]  # fmt: skip
+])  # fmt: skip
 
 
 def kind(state: State) -> tuple[int, ...] | None:
@@ -46,8 +46,9 @@ def kind(state: State) -> tuple[int, ...] | None:
     values, path, common = numbers[: len(FIT)], numbers[len(FIT)], numbers[len(FIT) :]
     if values != VALUES or not path or state.delay != 0.0 or len(state.buffer) != 1:
         return None
-    forgets = bool(state.reals[state.begin_of(StateSlots.settings)] < 1.0)
-    return (*common, state.rest_after > 0, forgets, state.reals.size)
+    *common, rest_after, settings = common
+    forgets = bool(state.reals[settings] < 1.0)
+    return (*common, rest_after > 0, forgets, len(state.reals))
 
 
 def aligned(shape: tuple[int, ...]) -> FloatArray:
