@@ -181,10 +181,16 @@ def likelihood_ratio(error: FloatArray, other: FloatArray) -> float:
 
 
 @quiet
-def one_step(residual: FloatArray, end: int | None = None) -> FloatArray:
+def one_step(residual: FloatArray) -> FloatArray:
+    """Return the error (K,) of a residual predicted by an autoregression; without a whole past it stays as it is."""
+    error = innovations(residual)
+    return np.where(np.isfinite(error), error, residual)
+
+
+def innovations(residual: FloatArray, end: int | None = None) -> FloatArray:
     """Return the error (K,) of a residual predicted by an autoregression of its samples before ``end``, or of all.
 
-    Without a whole past it stays as it is.
+    NaN without a whole past; the residual itself where there is too little for a model.
     """
     if residual.size <= LAGS:
         return residual
@@ -199,7 +205,7 @@ def one_step(residual: FloatArray, end: int | None = None) -> FloatArray:
     if count < LEAST:
         return residual
     error = np.convolve(filled, Autoregression.of_sums(sums, count).coefficients)[: filled.size]
-    return np.where(usable, error, residual)
+    return np.where(usable, error, np.nan)
 
 
 def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> FloatArray:

@@ -112,6 +112,10 @@ class Evidence:
         """Which samples (W,) the tests of the model use."""
         return self.record.is_measured if self.bridged is None else self.record.is_measured & ~self.bridged
 
+    def tested(self, error: FloatArray) -> FloatArray:
+        """Return an error (W,), NaN where no test uses the sample."""
+        return np.where(self.used, error, np.nan)
+
     @property
     def past(self) -> IntArray:
         """How many used samples in a row come before each of those that the estimate should explain, up to LAGS."""

@@ -219,7 +219,7 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
     if loop.reference is not None:  # in feedback the rest is the disturbances', and may be the larger part
         fit = loop.reference.fit(runs.old.error, evidence.newest)
     elif evidence.unstable_pole > 0.0:  # from the input alone it diverges
-        fit = fit_percent(shown, y - one_step(runs.error))
+        fit = fit_percent(shown, y - one_step(np.where(used, runs.error, np.nan)))
     else:
         fit = fit_percent(shown, y - runs.error)
     figures["fit"] = fit

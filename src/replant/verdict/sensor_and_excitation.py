@@ -18,7 +18,7 @@ import numpy as np
 from replant.estimation.simulation.model_run import ModelRun
 from replant.kernels.monitoring.outliers import MANY, STEPS
 from replant.numerics.arguments import FloatArray
-from replant.numerics.autoregression import one_step
+from replant.numerics.autoregression import innovations
 from replant.numerics.levels import MATTERS
 from replant.numerics.linear_algebra import eigenvalues, products
 from replant.numerics.projections import TAKEN_AWAY, without
@@ -32,6 +32,7 @@ LEAST_SHARE = MATTERS  # of the newest samples' information, else deviations are
 SURE = 4.0  # growth of the residual's power that is no chance: 3e-5 [standard deviations of its logarithm]
 BLOCKS = (32, 64, 128, 256, 512)  # newest stretches in which a failure is looked for, violent or mild [samples]
 FEWEST_BLOCKS, BURST = 8, 2.0  # earlier stretches as long, and ratio to the largest: by chance 3e-5 [count; ratio]
+FEW = 4  # of a block's samples one in so many must be known [count]
 BURST_MATTERS = 0.05
 """Growth over the usual power of a stretch below which it does not matter [part of the output's power].
 Origin: a choice of what matters to a user, above MATTERS as one stretch is short.
@@ -253,10 +254,11 @@ def growth_finding(
     if min(before.size, after.size) < FEWEST:
         return []
     figures["growth"], sigmas = growth(before, after, evidence.usual_power)
-    if referenced:
-        white = one_step(runs.old.error)
-        sigmas = min(sigmas, growth(white[:begin][used[:begin]], white[begin:][used[begin:]])[1])
     more = float(np.var(after)) - max(float(np.var(before)), evidence.usual_power)
+    if referenced:
+        white = innovations(evidence.tested(runs.old.error))
+        before, after = (part[np.isfinite(part)] for part in (white[:begin], white[begin:]))
+        sigmas = min(sigmas, growth(before, after)[1]) if min(before.size, after.size) >= FEWEST else 0.0
     if evidence.finished or sigmas < SURE or not more > MATTERS * runs.power:
         return []
     span = f"the last {duration(evidence.seconds(count))}"
@@ -301,14 +303,14 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
     drifts any block may be the largest.
     """
     first = evidence.newest.start if evidence.follows else 0
-    error = runs.old.error[first:]
+    error = evidence.tested(runs.old.error)[first:]
     for count in BLOCKS:
         if error.size // count <= FEWEST_BLOCKS:
             return []
         last, largest, usual = _powers(error, count)
         if not (last > BURST * largest and last - usual > BURST_MATTERS * runs.power):
             continue
-        newest, before, _ = _powers(one_step(error, error.size - count), count)
+        newest, before, _ = _powers(innovations(error, error.size - count), count)
         if newest > BURST * before:
             span = f"the last {duration(evidence.seconds(count))}"
             grown = f"{figure(last / largest)} times its largest power over any earlier stretch as long"
@@ -318,8 +320,13 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 
 def _powers(error: FloatArray, count: int) -> tuple[float, float, float]:
-    """Return the power of an error (K,) over its newest block, the largest over an earlier block, the median."""
+    """Return the power of an error (K,) over its newest block, the largest over an earlier block, the median.
+
+    Samples without one count for nothing; a block that has few others has no power.
+    """
     blocks = error.size // count
-    squares = (error - np.median(error)) ** 2
-    powers = squares[squares.size - blocks * count :].reshape(blocks, count).mean(axis=1)
+    known = np.isfinite(error)
+    squares = np.where(known, (error - np.median(error[known])) ** 2, 0.0) if known.any() else np.zeros(error.size)
+    sums, counts = (each[each.size - blocks * count :].reshape(blocks, count).sum(axis=1) for each in (squares, known))
+    powers = sums / np.where(counts >= count // FEW, counts, np.inf)
     return float(powers[-1]), float(powers[:-1].max()), float(np.median(powers))
