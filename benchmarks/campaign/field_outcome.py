@@ -30,6 +30,9 @@ class Estimate:
     ----------
     fit : float
         Of the output without noise, in percent.
+    response : float
+        Of the plant's response to the input alone, in percent: of a plant that was pushed before the record, the output
+        is that and what the push left, which a model may explain that knows little of the input's effect.
     status, reason : str
         The verdict.
     seconds : float
@@ -39,6 +42,7 @@ class Estimate:
     """
 
     fit: float
+    response: float
     status: str
     reason: str
     seconds: float
@@ -48,6 +52,11 @@ class Estimate:
     def is_good(self) -> bool:
         """Whether it explains the output."""
         return self.fit >= GOOD
+
+    @property
+    def is_right(self) -> bool:
+        """Whether it explains the response to the input, too."""
+        return self.is_good and self.response >= GOOD
 
     @property
     def is_trusted(self) -> bool:
@@ -134,7 +143,7 @@ def offline_estimate(record: FieldRecord) -> tuple[rp.TransferFunction | None, E
             found = fitted
     seconds = time.process_time() - begun
     if found is None:
-        return None, Estimate(WORST, "no model", problem, seconds, 0.0)
+        return None, Estimate(WORST, WORST, "no model", problem, seconds, 0.0)
     model = found.transfer_function
     return model, verdict_on(record, model, lambda: found.verdict, seconds)
 
@@ -161,8 +170,8 @@ def verdict_on(
     begun = time.process_time()
     said = verdict()
     judging = time.process_time() - begun
-    fit = WORST if model is None else explained(record, model)
-    return Estimate(fit, said.status, said.reasons[0], seconds, judging)
+    fit, response = (WORST, WORST) if model is None else (explained(record, model), response_explained(record, model))
+    return Estimate(fit, response, said.status, said.reasons[0], seconds, judging)
 
 
 def explained(record: FieldRecord, model: rp.TransferFunction) -> float:
@@ -183,6 +192,19 @@ def explained(record: FieldRecord, model: rp.TransferFunction) -> float:
     weights = lstsq(columns / lengths, record.clean - output, cond=1e-11)[0]
     left = record.clean - output - columns / lengths @ weights
     fit = 100.0 * (1.0 - float(np.linalg.norm(left) / np.linalg.norm(record.clean - record.clean.mean())))
+    return max(fit, WORST) if math.isfinite(fit) else WORST
+
+
+def response_explained(record: FieldRecord, model: rp.TransferFunction) -> float:
+    """Return the fit of the response from rest to the input about its mean, in percent, a constant taken away."""
+    t = record.all_t[BEFORE:]
+    u = record.all_u[BEFORE:] - record.all_u[BEFORE:].mean()
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        wanted, found = (
+            forced(poles_apart(np.roots(one.den)), one.num.size - 1, Clock.of(t, u, one.delay, t)) @ one.num
+            for one in (record.plant, model)
+        )
+    fit = 100.0 * (1.0 - float(np.std(wanted - found) / np.std(wanted)))
     return max(fit, WORST) if math.isfinite(fit) else WORST
 
 

@@ -94,11 +94,14 @@ def verdicts(found: Sequence[Estimate], name: str, where: str) -> Iterator[Line]
     """Yield how many estimates of one way are good, and what is said of the good ones and of the bad ones."""
     good, bad = [one for one in found if one.is_good], [one for one in found if not one.is_good]
     trusted, fooled = sum(one.is_trusted for one in good), sum(one.is_trusted for one in bad)
+    right = [one.is_trusted for one in good if one.is_right]
     refused = sum(one.status == "inconsistent" for one in good)
     yield Line(f"{name}: good, of all{where}", share(len(good), len(found)))
     yield Line(f"{name}: trusted, of the good{where}", share(trusted, len(good)))
     yield Line(f"{name}: bad and trusted, of all{where}", share(fooled, len(found)))
     yield Line(f"{name}: right and refused (inconsistent), of the good{where}", share(refused, len(good)))
+    also = "those that explain the response to the input, too"
+    yield Line(f"{name}: trusted, of {also}{where}", share(sum(right), len(right)))
 
 
 def share(count: int, of: int) -> str:

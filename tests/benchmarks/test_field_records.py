@@ -18,7 +18,7 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 from campaign import field
 from campaign.anchor import anchor, poles_of, written
 from campaign.exact import Clock, forced, free, poles_apart
-from campaign.field_outcome import Estimate, FieldOutcome, delays, explained, features_of
+from campaign.field_outcome import Estimate, FieldOutcome, delays, explained, features_of, response_explained
 from campaign.field_table import FieldTable
 
 DRAWN = [field.drawn(7, number) for number in range(60)]
@@ -97,6 +97,9 @@ def test_poles_that_coincide_or_lie_at_the_origin_are_simulated() -> None:
 def test_the_truth_explains_everything_and_another_plant_does_not() -> None:
     for one in DRAWN:
         assert explained(one, one.plant) == pytest.approx(100.0, abs=1e-3)
+        assert response_explained(one, one.plant) == pytest.approx(100.0, abs=1e-3)
+        twice = rp.TransferFunction(2.0 * one.plant.num, one.plant.den, one.plant.delay)
+        assert response_explained(one, twice) == pytest.approx(0.0, abs=1e-3)
         assert explained(one, rp.TransferFunction(-one.plant.num, one.plant.den, one.plant.delay)) < 90.0
 
 
@@ -121,17 +124,19 @@ def test_the_anchor_fits_better_than_the_truth_and_is_kept(tmp_path: Path) -> No
 
 
 def test_the_table_counts() -> None:
-    right = Estimate(99.0, "trusted", "", 1.0, 0.1)
+    right = Estimate(99.0, 99.0, "trusted", "", 1.0, 0.1)
     poor, refused = replace(right, fit=80.0), replace(right, status="inconsistent")
     outcome = FieldOutcome(0, "", False, ("clock: regular",), 99.0, 2.0, right, right, right)
     table = FieldTable([
-        outcome, replace(outcome, number=1, finished=poor), replace(outcome, number=2, offline=poor, finished=refused),
+        replace(outcome, offline=replace(right, response=50.0)), replace(outcome, number=1, finished=poor),
+        replace(outcome, number=2, offline=poor, finished=refused),
         replace(outcome, number=3, half=True, offline=replace(poor, status="converging")),
     ])  # fmt: skip
     lines = [line.measured.partition(" (")[0] for line in table.lines()]
     assert lines[:6] == ["1 of 3", "1 of 1", "1 of 3", "0 of 1", "0 of 3", "0 of 1"]
-    assert lines[6:14] == ["2 of 3", "2 of 2", "1 of 3", "0 of 2", "0 of 1", "-", "0 of 1", "-"]
-    assert lines[14:22] == ["2 of 3", "1 of 2", "1 of 3", "1 of 2", "1 of 1", "1 of 1", "0 of 1", "0 of 1"]
+    assert lines[6:16] == ["2 of 3", "2 of 2", "1 of 3", "0 of 2", "1 of 1", "0 of 1", "-", "0 of 1", "-", "-"]
+    assert lines[16:21] == ["2 of 3", "1 of 2", "1 of 3", "1 of 2", "1 of 2"]
+    assert lines[21:26] == ["1 of 1", "1 of 1", "0 of 1", "0 of 1", "1 of 1"]
     assert "2: anchor 99.0" in " ".join(table.losing())
     assert math.isclose(table.by_feature().row_count, 1)
 
