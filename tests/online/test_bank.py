@@ -213,7 +213,7 @@ def test_what_goes_wrong_in_a_record_leaves_the_order(wrong: str) -> None:
     assert (bank.rejected["not finite"] == some.size) == (wrong == "lost")
 
 
-@every("size", [1e1, 1e4, 1e6, 1e9, 1e12])
+@every("size", [1e1, 1e4, 1e6, 1e9, 1e12], quick=2)
 @every("places", [(300,), (700,), (700, 749)], ids=str)
 def test_an_outlier_of_any_size_counts_for_nobody(size: float, places: tuple[int, ...]) -> None:
     """The weights begin anew at 750 samples, and behind `finish`."""
