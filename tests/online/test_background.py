@@ -224,6 +224,17 @@ def test_a_checkpoint_whose_job_is_of_other_samples_is_refused(record: tuple[np.
         rp.Identifier.from_bytes(ident.to_bytes())
 
 
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="the system does not show a process's environment")
+@pytest.mark.usefixtures("new_worker")
+def test_linear_algebra_of_the_second_python_has_one_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "2")
+    second_process.start()
+    worker = second_process.worker()
+    assert worker is not None
+    given = Path(f"/proc/{worker._process.pid}/environ").read_bytes().split(b"\0")
+    assert b"OPENBLAS_NUM_THREADS=1" in given
+
+
 def test_the_second_python_ends_with_the_first() -> None:
     script = (
         "import os, signal, replant as rp; from replant.online import second_process; "

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import SystemRefusedError
+from replant.numerics.operating_system import THREADS
 
 try:
     from multiprocessing.shared_memory import SharedMemory
@@ -125,7 +126,7 @@ class Worker:
             )
         try:
             self._process = subprocess.Popen(
-                [sys.executable, "-P", "-W", "ignore", "-c", BEGIN, *folders], bufsize=0,
+                [sys.executable, "-P", "-W", "ignore", "-c", BEGIN, *folders], bufsize=0, env=_environment(),
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
             )  # fmt: skip
         except OSError as error:
@@ -159,6 +160,11 @@ class Worker:
         assert self._process.stdin is not None
         self._process.stdin.close()
         self._process.returncode = 0
+
+
+def _environment() -> dict[str, str]:
+    """Return the environment of the second Python: more threads of its own would take the first one's core."""
+    return os.environ | dict.fromkeys(THREADS, "1")
 
 
 def worker() -> Worker | None:
