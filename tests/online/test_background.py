@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ import pytest
 import replant as rp
 from replant.errors import DamagedCheckpointError, SystemRefusedError
 from replant.online import second_process
+from replant.online.catch_up import CatchUp
 from support.waiting import PATIENCE, wait_until
 
 DT = 0.1
@@ -132,6 +134,44 @@ def test_saved_and_continued_equals_not_interrupted(
     assert ident.to_bytes() == whole.to_bytes()
 
 
+class StoppedError(Exception):
+    """Stands for Ctrl-C."""
+
+
+@pytest.mark.parametrize("stamped", [False, True])
+def test_a_result_that_is_early_changes_no_bit(
+    record: tuple[np.ndarray, np.ndarray], stamped: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new state then learns in advance: saved, copied or interrupted meanwhile it begins to do so again."""
+    times = ((1e9 + np.arange(SAMPLES) * DT),) if stamped else ()
+    whole, ident = identifier(), identifier()
+    whole.update_many(*record, *times)
+    learn, seen, stopped = CatchUp._learn, 0, 0
+
+    def interrupted(*given: Any) -> None:
+        learn(*given)
+        if seen > 40 and not stopped:
+            raise StoppedError
+
+    monkeypatch.setattr(CatchUp, "_learn", interrupted)
+    for sample in zip(*(each.tolist() for each in (*record, *times)), strict=True):
+        try:
+            ident.update(*sample)
+        except StoppedError:  # in what was due before the sample
+            stopped += 1
+            ident.update(*sample)
+        job = ident._job
+        if job is not None and job._sent is not None:
+            job.wait()
+            if job._ahead is not None:
+                seen += 1
+                if seen % 40 == 30:
+                    ident = ident.clone() if seen == 30 else rp.Identifier.from_bytes(ident.to_bytes())
+    assert seen > 60
+    assert stopped > 0
+    assert ident.to_bytes() == whole.to_bytes()
+
+
 @pytest.mark.slow
 def test_what_only_reads_changes_no_bit(record: tuple[np.ndarray, np.ndarray], whole: rp.Identifier) -> None:
     (u, y), ident = record, identifier()
@@ -233,6 +273,17 @@ def test_linear_algebra_of_the_second_python_has_one_thread(monkeypatch: pytest.
     assert worker is not None
     given = Path(f"/proc/{worker._process.pid}/environ").read_bytes().split(b"\0")
     assert b"OPENBLAS_NUM_THREADS=1" in given
+
+
+def test_the_second_python_outlives_who_asked() -> None:
+    """An identifier that is dropped gives its memory back, maybe before it was seen."""
+    second_process.start()
+    worker = second_process.worker()
+    assert worker is not None
+    for _ in range(3):
+        worker.send(second_process.Place(0))
+    identifier()
+    assert second_process.worker() is worker
 
 
 def test_the_second_python_ends_with_the_first() -> None:

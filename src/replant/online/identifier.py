@@ -124,7 +124,8 @@ class Identifier(Lifecycle):
     a microsecond.
 
     With ``background`` a solution that was begun at sample n is taken up at a count m that n decides; a new estimate
-    then learns the samples since n.  Where it is not there at m, `update` waits for it: `forced_waits` counts that.  So
+    has then learned the samples since n, some with each `update` where the solution is there early.  Where it is not
+    there at m, `update` waits for it: `forced_waits` counts that.  So
     the bits do not depend on how fast the machine is, or whether the second Python is ended.  A change is followed
     later by as many samples.  One second Python serves all identifiers of a process, and ends with it; to start it
     takes a second, at construction.  Where the record is as long as ``history``, its oldest m - n are left out.  What
@@ -297,11 +298,13 @@ class Identifier(Lifecycle):
         self._work_on(self._state, regular=self._regular)
         if self._background:
             self._start_background()
-            if self._job is not None:
-                self._go_on_with_job(self._job, whole=True)
+            if self._job is not None and self._settings is not None:
+                self._job.place = self._place
+                while self._job.go_on(self._state, self._settings, self._resolve_at, self._most):
+                    pass
 
     def _start_background(self) -> None:
-        self._make_place()
+        self._made_place()
         start()
         prepare()
 

@@ -16,6 +16,7 @@ from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.online import background, second_process
+from replant.online.catch_up import note_alarm
 from replant.online.change_response import look
 from replant.online.estimate import Estimate
 from replant.online.revision import next_revision, revise, solve_whole
@@ -217,20 +218,17 @@ class Lifecycle(Estimate):
         """
         state, settings = self._state, self._settings
         assert settings is not None
-        background.note_alarm(state, settings)
-        if self._job is None and state.samples in (self._resolve_at, state.look_at):
-            self._make_place()
-            self._job = background.Job.of(state)
-        if self._job is not None:
-            if state.samples >= self._job.until:
-                self._take_up(self._job)
-            else:
-                self._go_on_with_job(self._job)
+        note_alarm(state, settings)
+        if self._job is None:
+            if state.samples in (self._resolve_at, state.look_at):
+                self._job = background.Job.of(state)
+        elif state.samples >= self._job.until:
+            self._take_up(self._job)
+        elif self._job.place is None:
+            self._job.place = self._made_place()
+        elif not self._job.go_on(state, settings, self._resolve_at, self._most):
+            self._job.look(state, settings, regular=self._regular)
         self._plan()
-
-    def _go_on_with_job(self, job: background.Job, *, whole: bool = False) -> None:
-        if self._settings is not None and self._place is not None:
-            job.go_on(self._state, self._settings, self._resolve_at, self._most, self._place, whole=whole)
 
     def _take_up(self, job: background.Job) -> None:
         """Go on with what a job has led to."""
@@ -238,8 +236,10 @@ class Lifecycle(Estimate):
         assert settings is not None
         self._forced_waits += job.wait()
         found = job.outcome(state, settings, self._resolve_at, self._most)
-        if not found.only_planned or state.alarm != job.numbers.alarm:
-            self._as_one(Lifecycle._go_on_from, job, found)
+        if job.needs_new(found, state):
+            draft = self._but()  # as in `_as_one`, where nothing is written to the state in use
+            draft._go_on_from(job, found)
+            vars(self).update(vars(draft))
             return
         for slot in background.PLANNED:
             if getattr(found.state, slot.name) != getattr(job.numbers, slot.name):
@@ -248,10 +248,10 @@ class Lifecycle(Estimate):
 
     def _go_on_from(self, job: background.Job, found: background.Outcome) -> None:
         assert self._settings is not None
-        self._work_on(
-            background.caught_up(job, found.state, self._state, self._settings, regular=self._regular),
-            regular=self._regular,
-        )
+        ahead = job.caught_up(found, self._state, self._settings, regular=self._regular)
+        self._work_on(ahead.state, regular=self._regular)
+        if ahead.bound is not None:
+            self._step, self._gate = ahead.bound
         self._job, self._resolve_at = None, found.due
         self._plan()
 
@@ -261,11 +261,12 @@ class Lifecycle(Estimate):
             self._job = None
             self._plan()
 
-    def _make_place(self) -> None:
+    def _made_place(self) -> second_process.Place:
         """Start the second process, and make memory shared with it, where there is none that nothing is written to."""
         if self._place is None or not self._place.is_mine or self._place.is_busy:
             self._place = second_process.Place(self._request.history)
         second_process.start(wait=False)
+        return self._place
 
     @property
     def _most(self) -> int:
@@ -306,6 +307,8 @@ class Lifecycle(Estimate):
             state.finished_at, state.gap_at = state.samples, 0
         self._settings, self._solved = settings, {}
         self._work_on(state, regular=self._regular)
+        if self._place is not None:
+            self._place.told(settings, background.text_of)
         if solution is not None:
             self._resolve_at = next_revision(state, settings, self._most)
 
