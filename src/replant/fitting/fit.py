@@ -29,7 +29,7 @@ from replant.model.preprocess import Preprocess, accepted, screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
-from replant.numerics.linear_algebra import quiet
+from replant.numerics.linear_algebra import combined, quiet
 from replant.verdict import Simulation, fit_percent, simulate
 
 METHODS = (AUTO, "srivc", "least_squares")
@@ -338,7 +338,7 @@ def _least_squares_result(
         solution.parameters,
         None,
         solution.condition if solution.rank == structure.size else math.inf,
-        fit_percent(y, y - (target - phi @ solution.parameters)),
+        fit_percent(y, y - (target - combined(phi, solution.parameters))),
         simulate(model, linear_input, y, raw.dt, input_hold=chosen.input_hold),
         int(accepted.sum()),
         rejected,

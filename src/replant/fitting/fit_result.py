@@ -26,7 +26,7 @@ from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray, vector
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile, quiet
+from replant.numerics.linear_algebra import chi2_quantile, quiet, sum_of_squares
 from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.loop_tests import COPIED, IDLE, Reference, fault_of
@@ -271,7 +271,7 @@ def use_of(signal: FloatArray, record: Record) -> ReferenceUse:
     if fault:
         return ReferenceUse(signal, False, f"{fault}: {WITHOUT}", 1.0 if fault == COPIED else 0.0)
     found = Reference.projected(r, u, record.y)
-    share = float(found.input @ found.input) / max(float(np.sum((u - u.mean()) ** 2)), np.finfo(float).tiny)
+    share = sum_of_squares(found.input) / max(float(np.sum((u - u.mean()) ** 2)), np.finfo(float).tiny)
     if not found.strength > 1.0:
         return ReferenceUse(signal, False, f"{IDLE}: {WITHOUT}", share)
     return ReferenceUse(signal, True, "", share)

@@ -25,7 +25,7 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray, array_of_reals, vector, whole
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import increasing
-from replant.numerics.linear_algebra import quiet
+from replant.numerics.linear_algebra import quiet, sum_of_squares
 from replant.plotting.diagrams import ABOVE_LEGEND
 from replant.plotting.style import axes_for, title
 from replant.verdict.miso_tests import lacking
@@ -346,7 +346,7 @@ class RowModel(model_file.Written, RowFields):
 def one_step_percent(row: Row, point: Point) -> float:
     """Return the fit in percent of the whitened error of a row: of the output predicted one step ahead."""
     left = np.concatenate([each.y[each.measured] for each in row.stretches])
-    spread = float(np.linalg.norm(left - left.mean()))
+    spread = math.sqrt(sum_of_squares(left - left.mean()))
     return 100.0 * (1.0 - math.sqrt(point.cost) / spread) if spread > 0.0 else math.nan
 
 

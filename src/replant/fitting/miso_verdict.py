@@ -18,7 +18,7 @@ from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
-from replant.numerics.linear_algebra import least_norm
+from replant.numerics.linear_algebra import combined, inner, least_norm, products, sum_of_squares
 from replant.numerics.projections import WEAKEST
 from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import FEWEST, RESTED, moving
@@ -78,8 +78,8 @@ def _alike(row: Row) -> Iterator[Finding]:
     signals = np.concatenate([row.inputs[each.rows] - row.inputs[each.rows].mean(axis=0) for each in row.stretches])
     powers = np.sum(signals**2, axis=0)
     for i, j in itertools.combinations(np.flatnonzero(powers > 0.0).tolist(), 2):
-        apart = signals[:, j] - signals[:, i] * float(signals[:, i] @ signals[:, j]) / powers[i]
-        if float(apart @ apart) <= ROUNDING * powers[j]:
+        apart = signals[:, j] - signals[:, i] * inner(signals[:, i], signals[:, j]) / powers[i]
+        if sum_of_squares(apart) <= ROUNDING * powers[j]:
             yield Finding(
                 "not excited",
                 f"inputs {row.names[i]} and {row.names[j]} move together as one signal: what one of them does is not "
@@ -161,9 +161,10 @@ def _scatter(row: Row, point: Point, covariance: FloatArray) -> tuple[float, int
         signals = row.signals(point.theta, stretch, nuisances[1:])
         output, slopes, free = (signal[stretch.measured] for signal in signals)
         # offset and initial states are estimated with each model
-        runs.append((output, slopes - free @ least_norm(free, slopes, WEAKEST)[0]))
+        runs.append((output, slopes - combined(free, least_norm(free, slopes, WEAKEST)[0])))
     outputs, slopes = (np.concatenate(each) for each in zip(*runs, strict=True))
-    spread, made = np.atleast_2d(np.cov(slopes.T)), float(outputs.sum(axis=1).std())
+    slopes = slopes - slopes.mean(axis=0)
+    spread, made = products(slopes, slopes) / (len(slopes) - 1), float(outputs.sum(axis=1).std())
     parts = [float(np.trace(covariance[rows, rows] @ spread[rows, rows])) for rows in row.places]
     whole = math.sqrt(max(float(np.trace(covariance @ spread)), 0.0))
     return whole / made if made > 0.0 else math.inf, int(np.argmax(parts))

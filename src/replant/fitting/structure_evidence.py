@@ -147,11 +147,11 @@ class Evidence:
         """
         densities, order = self._densities(error, explained, whitened=whitened)
         measured = self.record.y[explained]
-        spread = max(float(np.linalg.norm(measured - measured.mean())), np.finfo(float).tiny)
+        spread = max(math.sqrt(sum_of_squares(measured - measured.mean())), np.finfo(float).tiny)
         return (
             float(np.where(explained, densities, self._alone).sum()),
             0.5 * (numbers + order) * math.log(error.size),
-            100.0 * (1.0 - float(np.linalg.norm(error[explained])) / spread),
+            100.0 * (1.0 - math.sqrt(sum_of_squares(error[explained])) / spread),
         )
 
     def _with_beginning(self, delay: float) -> tuple[Record, BoolArray]:

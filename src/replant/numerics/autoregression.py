@@ -17,7 +17,7 @@ import numpy as np
 
 from replant.kernels.schema import LAGS
 from replant.numerics.arguments import FloatArray, IntArray
-from replant.numerics.linear_algebra import chi2_quantile, products, quiet, roots, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, inner, products, quiet, roots, sum_of_squares
 
 WHITENESS_LAGS = 25
 """Lags of the portmanteau statistic [samples].
@@ -228,7 +228,7 @@ def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL)
     power = sum_of_squares(error)
     if lags - spent < 1 or not power > 0.0:
         return 0.0
-    correlations = np.array([error[lag:] @ error[: error.size - lag] for lag in range(1, lags + 1)]) / power
+    correlations = np.array([inner(error[lag:], error[: error.size - lag]) for lag in range(1, lags + 1)]) / power
     return float(error.size * (correlations @ correlations) / chi2_quantile(level, lags - spent))
 
 

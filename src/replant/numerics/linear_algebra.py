@@ -11,30 +11,53 @@ Source: Bierman (1977), "Factorization Methods for Discrete Sequential Estimatio
 
 from __future__ import annotations
 
+from typing import TypeVar
+
 import numpy as np
 import numpy.typing as npt
 
 from replant.numerics.arguments import FloatArray
 
 SMALL = 1 << 17  # multiplications that stay in one thread [count]
+SMALL_VECTOR = 1 << 13  # the same of a matrix by a vector, and of two vectors [count]
 ROWS = 1 << 11  # samples that are factored at once: as many of a few columns stay in one thread [samples]
+
+Array = TypeVar("Array", FloatArray, npt.NDArray[np.complex128])
 
 #: Silences NumPy's warnings around computations whose results are checked for being finite afterwards.
 quiet = np.errstate(over="ignore", divide="ignore", invalid="ignore")
 
 
-def products(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Return a' b (P, Q) of columns a (K, P) and b (K, Q)."""
-    rows = max(16, SMALL // (a.shape[1] * b.shape[1]))
-    total = np.zeros((a.shape[1], b.shape[1]))
-    for begin in range(0, len(a), rows):
+def products(a: Array, b: Array) -> Array:
+    """Return a' b of columns a (K, P) and columns b (K, Q) or a signal b (K,)."""
+    rows = _rows(a.shape[1], b[:1].size)
+    total = a[:rows].T @ b[:rows]
+    for begin in range(rows, len(a), rows):
         total += a[begin : begin + rows].T @ b[begin : begin + rows]
     return total
 
 
+def combined(columns: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return columns (K, P) times weights (P, Q), or (P,)."""
+    rows, found = _rows(columns.shape[1], weights[:1].size), np.empty((len(columns), *weights.shape[1:]))
+    for begin in range(0, len(columns), rows):
+        np.matmul(columns[begin : begin + rows], weights, out=found[begin : begin + rows])
+    return found
+
+
+def _rows(one: int, other: int) -> int:
+    """Return how many rows stay in one thread, of a product with so many columns."""
+    return max((SMALL if min(one, other) > 1 else SMALL_VECTOR) // max(one * other, 1), 1)
+
+
+def inner(a: FloatArray, b: FloatArray) -> float:
+    """Return the inner product of two signals (K,)."""
+    return float(np.einsum("k,k->", a, b))
+
+
 def sum_of_squares(signal: FloatArray) -> float:
     """Return the sum of squares of a signal (K,)."""
-    return float(np.einsum("k,k->", signal, signal))
+    return inner(signal, signal)
 
 
 @quiet

@@ -9,7 +9,7 @@ import numpy as np
 from replant.kernels.schema import LAGUERRE
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import chi2_quantile, least_norm, products, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, combined, least_norm, products, sum_of_squares
 
 TAKEN_AWAY = 1e-9  # length of a column, something taken off, that is rounding: a million times it [part of it before]
 WEAKEST = 1e-13  # eigenvalue of scaled sums of a direction that is not there: a hundred roundings [part of the largest]
@@ -112,7 +112,7 @@ def weights_of(functions: FloatArray, signal: FloatArray) -> FloatArray:
     """Return the weights (L,) of functions (K, L) that make a signal (K,), whatever the colour of what is left."""
     weights = _least_squares(functions, signal)
     for _ in range(SWEEPS):
-        colour = Autoregression.of(signal - functions @ weights)
+        colour = Autoregression.of(signal - combined(functions, weights))
         if colour.order == 0:
             break
         weights = _least_squares(colour.whiten(functions), colour.whiten(signal))
@@ -130,10 +130,10 @@ def explained_power(functions: FloatArray, signal: FloatArray) -> float:
     Weights found by generalised least squares have the covariance C = variance of the innovation times (F' F)^-1 of the
     whitened functions F.  By chance functions f explain the trace of C times the covariance of f.
     """
-    part = functions @ weights_of(functions, signal)
+    part = combined(functions, weights_of(functions, signal))
     noise = Autoregression.of(signal - part)
     white = noise.whiten(signal - part)
     filtered = noise.whiten(functions)
-    spread = (functions - functions.mean(axis=0)) @ orthogonal(products(filtered, filtered))
+    spread = combined(functions - functions.mean(axis=0), orthogonal(products(filtered, filtered)))
     chance = float(np.mean(white**2)) * float(np.sum(spread**2)) / len(spread)
     return max(float(part.var()) - chance, 0.0)

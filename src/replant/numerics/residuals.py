@@ -15,7 +15,7 @@ import numpy as np
 from replant.kernels.schema import LAGS
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import LEAST, Autoregression
-from replant.numerics.linear_algebra import sum_of_squares
+from replant.numerics.linear_algebra import products, sum_of_squares
 
 BAND_95, BAND_99 = 1.960, 2.576
 """Two-sided standard normal quantiles, at 95 and 99 % [standard deviations].
@@ -145,11 +145,11 @@ class ErrorSums:
         for lag in range(lags + 1):
             stack[lag] = whole[lags - lag : lags - lag + count]
         if there.all():
-            products = stack @ stack.T
-            self._all[0] += products[0]
-            self._usable += products
+            sums = products(stack.T, stack.T)
+            self._all[0] += sums[0]
+            self._usable += sums
             self._pairs += count
-            self._sums += products[0, -1] + products[:-1, -1]
+            self._sums += sums[0, -1] + sums[:-1, -1]
         else:
             self._take_some(stack, there)
         self._past, self._known_past = whole[-lags:].copy(), there[-lags:].copy()
@@ -163,16 +163,16 @@ class ErrorSums:
             both = known & there[lags - lag : lags - lag + count]
             self._pairs[lag] += np.count_nonzero(both)
             self._sums[lag] += float(((error + stack[lag]) * both).sum())
-        self._all[0] += stack @ error
+        self._all[0] += products(stack.T, error)
         follows = np.convolve(~there, np.ones(lags + 1))[lags : lags + count] == 0  # all lags are known
         alone = known & ~follows
         if self._samples == 0:  # the first samples have zeros, without a mean, as their past: `_of_head` sums them
             self._head, self._known_head = error[:lags].copy(), known[:lags].copy()
             alone[:lags] = False
         usable = stack[:, follows]
-        self._usable += usable @ usable.T
+        self._usable += products(usable.T, usable.T)
         single = np.stack([error[alone], np.ones(np.count_nonzero(alone))])
-        self._rest += single @ single.T
+        self._rest += products(single.T, single.T)
 
     @property
     def mean(self) -> float:

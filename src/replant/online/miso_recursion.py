@@ -26,6 +26,7 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import (
+    combined,
     compose,
     factor_covariance,
     factor_information,
@@ -127,7 +128,7 @@ class RowRecursion:
         weights = point.nuisances[-1]
         outputs, slopes, free = row.signals(theta, stretch, weights[1:])
         columns = np.hstack([slopes, free])
-        error = np.where(stretch.measured, stretch.y - outputs.sum(axis=1) - free @ weights, 0.0)
+        error = np.where(stretch.measured, stretch.y - outputs.sum(axis=1) - combined(free, weights), 0.0)
         made = row.instruments(theta, stretch, weights[1:])
         zeta = columns if made is None else np.hstack([made, free])
         white = row.whitened(found.noise, zeta, stretch)

@@ -12,7 +12,7 @@ from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, products, roots, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, combined, inverse_of, products, roots, sum_of_squares
 from replant.numerics.projections import without
 from replant.verdict.estimate_distance import Distance, gain_findings, output_frequency
 from replant.verdict.estimate_distance import distance as distance_of
@@ -237,7 +237,9 @@ def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
 def _apart(runs: Runs, step: FloatArray) -> float:
     """Return by how much a step of the coefficients changes the modelled output, as a part of its amplitude."""
     output = float(runs.now.forced.std())
-    return float(np.std(runs.now.zeta @ step)) / output if output > 0.0 else 0.0  # nothing explained: said elsewhere
+    return (
+        float(np.std(combined(runs.now.zeta, step))) / output if output > 0.0 else 0.0
+    )  # nothing explained: said elsewhere
 
 
 def _of_distance(evidence: Evidence, distance: float) -> Finding:

@@ -30,7 +30,7 @@ import numpy as np
 from replant.estimation.simulation.model_run import ModelRun, run_model
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile
+from replant.numerics.linear_algebra import chi2_quantile, combined, inner
 from replant.numerics.projections import without
 from replant.verdict.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.verdict.evidence import Evidence, Runs
@@ -67,7 +67,9 @@ def actuator_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
         found = residual.explained(_behind_the_plant(evidence, run, curves)[before:][rows])
         if found.statistic > surest:
             surest, part = found.statistic, min(found.power / power, 1.0)
-            fault = outward if _grows_outward(v[before:][rows], curves[before:][rows] @ found.weights) else inward
+            fault = (
+                outward if _grows_outward(v[before:][rows], combined(curves[before:][rows], found.weights)) else inward
+            )
     # where linear columns explain more, it is the model that is wrong
     if not part > max(LARGEST_PART, residual_of(evidence, error, nuisances).explained(linear).power / power):
         return []
@@ -192,7 +194,7 @@ def _curves(v: FloatArray) -> Iterator[tuple[FloatArray, tuple[str, str]]]:
 def _grows_outward(v: FloatArray, curve: FloatArray) -> bool:
     """Return whether a curve's values (K,), beside the straight line through them, grow with the distance from zero."""
     straight = np.column_stack([v, np.ones(v.size)])
-    return float(without(curve[:, None], straight)[:, 0] @ without((v * np.abs(v))[:, None], straight)[:, 0]) > 0.0
+    return inner(without(curve[:, None], straight)[:, 0], without((v * np.abs(v))[:, None], straight)[:, 0]) > 0.0
 
 
 def _behind_the_plant(evidence: Evidence, run: ModelRun, curves: FloatArray) -> FloatArray:

@@ -27,7 +27,7 @@ from replant.estimation.solver.feedback_test import Feedback, answering
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression, whiteness
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile, products, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, combined, products, sum_of_squares
 from replant.numerics.projections import (
     explained_power,
     laguerre_states,
@@ -124,15 +124,17 @@ class Reference:
         states = laguerre_states(r, u, y)
         u, y, states = u - u.mean(), y - y.mean(), states - states.mean(axis=0)
         functions = np.column_stack([states, np.ones(u.size)])
-        input_part, output_part = (states @ weights_of(functions, signal)[:-1] for signal in (u, y))
+        input_part, output_part = (combined(states, weights_of(functions, signal)[:-1]) for signal in (u, y))
         left = u - input_part
         noise = Autoregression.of(left)
         z, x = noise.whiten(states), noise.whiten(u)
-        basis = z @ orthogonal(products(z, z))
-        amounts = basis.T @ x
+        basis = combined(z, orthogonal(products(z, z)))
+        amounts = products(basis, x)
         part = sum_of_squares(amounts)
         free = max(x.size - amounts.size, 1)
-        rest = max((sum_of_squares(x) - part) / free, np.finfo(float).tiny) * widening(basis, x - basis @ amounts)
+        rest = max((sum_of_squares(x) - part) / free, np.finfo(float).tiny) * widening(
+            basis, x - combined(basis, amounts)
+        )
         limit = chi2_quantile(1.0 - ALPHA, states.shape[1] + 1)
         return cls(states, input_part, output_part, part / rest / limit)
 

@@ -16,7 +16,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, products
+from replant.numerics.linear_algebra import chi2_quantile, combined, inverse_of, products, sum_of_squares
 from replant.numerics.projections import orthogonal, widening, without
 from replant.verdict.evidence import rounding_of
 from replant.verdict.verdict import Finding, figure, percent
@@ -46,17 +46,17 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
     if _is_rounding(row, point):
         return
     inverse = inverse_of(products(zeta, phi))
-    step = inverse @ (zeta.T @ error)
+    step = inverse @ products(zeta, error)
     variance = point.cost / max(row.count - step.size - row.nuisances * len(row.stretches), 1)
     spread = variance * inverse @ products(zeta, zeta) @ inverse.T + covariance
-    basis = zeta @ orthogonal(products(zeta, zeta))
+    basis = combined(zeta, orthogonal(products(zeta, zeta)))
     limit = chi2_quantile(1.0 - ALPHA, step.size) * widening(basis, error)
     if not float(step @ inverse_of(spread) @ step) > limit:  # nor where it is NaN: the samples do not tell
         return
     states, parts = np.zeros(row.nuisances - 1), []
     outputs = np.concatenate([row.whitened(noise, row.signals(point.theta, s, states)[0], s) for s in row.stretches])
     for rows, output in zip(row.places, outputs.T, strict=True):
-        parts.append(float(np.sum((phi[:, rows] @ step[rows]) ** 2)) / max(float(output @ output), 1e-300))
+        parts.append(float(sum_of_squares(combined(phi[:, rows], step[rows]))) / max(sum_of_squares(output), 1e-300))
     part, name = max(zip(parts, row.names, strict=True))
     if part > MATTERS:
         yield Finding(
@@ -179,7 +179,7 @@ def _of_filters(
         return 0.0, 0.0
     left = white[:, lengths > 0.0] if covariance is not None else without(white[:, lengths > 0.0], phi)
     left = left / lengths[lengths > 0.0]
-    basis = left @ orthogonal(products(left, left))
+    basis = combined(left, orthogonal(products(left, left)))
     if not basis.shape[1]:
         return 0.0, 0.0
     known = point.theta.size if covariance is None else 0

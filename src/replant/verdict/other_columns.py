@@ -25,7 +25,7 @@ from replant.estimation.simulation.model_run import ModelRun, run_model
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import MATTERS
-from replant.numerics.linear_algebra import quiet
+from replant.numerics.linear_algebra import combined, quiet
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.estimate_tests import without_longer
 from replant.verdict.evidence import Evidence, Runs
@@ -101,7 +101,7 @@ def _chosen(evidence: Evidence, run: ModelRun, causes: dict[str, ModelRun], *, c
             explained = _explained(residual, error, columns)
             part = explained.beside(evidence, error, y)
             if part.is_sure and part.power > MATTERS:
-                sure.append((part.power, name, columns, columns @ explained.weights))
+                sure.append((part.power, name, columns, combined(columns, explained.weights)))
         if not sure:
             break
         sure.sort(key=lambda each: -each[0])
@@ -138,7 +138,7 @@ def _explained(residual: Residual, error: FloatArray, columns: FloatArray) -> Ex
     """
     found = residual.explained(columns)
     for _ in range(REFINED):
-        found = residual.beside(error, columns @ found.weights).explained(columns)
+        found = residual.beside(error, combined(columns, found.weights)).explained(columns)
     return found
 
 
@@ -146,7 +146,7 @@ def _bias(evidence: Evidence, error: FloatArray, own: FloatArray, effect: FloatA
     """Return how much of a column's effect (K,) the model's own slopes (K, N) take up, as a part of the output."""
     slopes = evidence.coefficients
     weights = residual_of(evidence, error, own).weights_of((effect - effect.mean())[:, None])[:slopes, 0]
-    taken = own[:, :slopes] @ weights
+    taken = combined(own[:, :slopes], weights)
     return float(np.var(taken[evidence.used[evidence.known]])) / power_of(evidence, y)
 
 

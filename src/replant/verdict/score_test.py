@@ -38,7 +38,7 @@ from replant.estimation.simulation.model_run import ModelRun
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, products, roots, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, combined, products, roots, sum_of_squares
 from replant.numerics.projections import TAKEN_AWAY, lengths_of, orthogonal
 from replant.verdict.evidence import PER_COEFFICIENT, Evidence, Runs
 
@@ -132,24 +132,24 @@ class Residual:
         filtered = self._whitened(columns)
         before = lengths_of(filtered)
         along = self.from_known @ (self.from_known.T @ products(self.white_known, filtered))
-        left = filtered - self.white_known @ along
+        left = filtered - combined(self.white_known, along)
         lengths = lengths_of(left)
         told = columns.any(axis=0) & (lengths > LEFT * before) & (before > TAKEN_AWAY * lengths_of(columns))
         if not told.any() or not sum_of_squares(self.white) > 0.0:
             return Explained(weights)
         left = left[:, told] / lengths[told]
-        whole = (columns - self.known @ along)[self.used][:, told] / lengths[told]
+        whole = (columns - combined(self.known, along))[self.used][:, told] / lengths[told]
         basis = orthogonal(products(left, left))
         amounts = basis.T @ products(left, self.white[:, None])[:, 0]
         count, part = amounts.size, sum_of_squares(amounts)
         if not count:
             return Explained(weights)
         weights[told] = basis @ amounts / lengths[told]
-        rest = self.white - left @ (basis @ amounts)
+        rest = self.white - combined(left, basis @ amounts)
         variance = sum_of_squares(rest) / max(self.white.size - count - self.from_known.shape[1], 1)
         if not variance > 0.0:
-            return Explained(weights, float(np.mean((whole @ basis @ amounts) ** 2)), 0.0, math.inf, 0.0)
-        variance *= _widening(left @ basis, rest, variance)
+            return Explained(weights, float(np.mean((combined(whole, basis @ amounts)) ** 2)), 0.0, math.inf, 0.0)
+        variance *= _widening(combined(left, basis), rest, variance)
         gram = basis.T @ products(whole, whole) @ basis
         output = gram @ amounts
         size = self.white.size
@@ -169,7 +169,7 @@ def _widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:
     Of a white rest the squares of the scores have the mean of those of the columns (K, R) there, times its variance.
     """
     parts = np.array_split(np.arange(rest.size), STRETCHES)
-    squares = sum(float(np.sum((basis[part].T @ rest[part]) ** 2)) for part in parts)
+    squares = sum(float(np.sum((products(basis[part], rest[part])) ** 2)) for part in parts)
     wider = squares / (basis.shape[1] * variance)
     chance = WIDER * math.sqrt(2.0 / (STRETCHES * basis.shape[1]))
     return wider if wider > 1.0 + chance else 1.0

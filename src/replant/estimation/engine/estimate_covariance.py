@@ -9,7 +9,7 @@ from replant.estimation.settings import Settings
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.batch_means import no_less_than_scattered, scatter_of
-from replant.numerics.linear_algebra import compose, larger, quiet
+from replant.numerics.linear_algebra import combined, compose, larger, products, quiet
 
 
 @quiet
@@ -87,14 +87,14 @@ def _of_buffer(state: State) -> FloatArray:
     rows = np.roll(state.buffer[:filled], -state.buffer_head if filled == len(state.buffer) else 0, axis=0)
     phi, target = rows[:, :size], rows[:, size]
     zeta = rows[:, size + 2 :] * rows[:, size + 1 : size + 2]
-    cross = zeta.T @ phi
+    cross = products(zeta, phi)
     if not (np.isfinite(cross).all() and np.linalg.cond(cross) < 1.0 / np.finfo(float).eps):
         return unknown
     inverse = np.linalg.inv(cross)
-    solution = inverse @ (zeta.T @ target)
-    error = target - phi @ solution
+    solution = inverse @ products(zeta, target)
+    error = target - combined(phi, solution)
     noise = Autoregression.of(error)
     filtered = noise.colour(zeta)
     distance = state.theta - solution
-    spread = noise.power / (filled - size) * inverse @ (filtered.T @ filtered) @ inverse.T
+    spread = noise.power / (filled - size) * inverse @ products(filtered, filtered) @ inverse.T
     return np.asarray(spread + np.outer(distance, distance))

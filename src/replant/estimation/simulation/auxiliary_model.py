@@ -21,7 +21,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.numerics.linear_algebra import least_norm, sum_of_squares
+from replant.numerics.linear_algebra import combined, least_norm, sum_of_squares
 from replant.numerics.projections import WEAKEST, without
 
 SLOWEST = 0.01  # least distance of a filter's pole from the axis: within a hundredth an integrator [1 / duration]
@@ -143,7 +143,7 @@ class AuxiliaryModel:
             # offset and initial state as the measured outputs ask for them: theta may not have them yet
             nuisances, away = done.phi[:, -self._order - 1 :], record.y - done.output
             weights = least_norm(nuisances[known], away[known], WEAKEST)[0]
-            filled = np.where(known, record.y, done.output + nuisances @ weights)
+            filled = np.where(known, record.y, done.output + combined(nuisances, weights))
             done = self._run(theta, replace(record, y=filled), by_reference)
         return done.of(known)
 
@@ -176,7 +176,7 @@ class AuxiliaryModel:
             phi, zeta, target, output,
         )  # fmt: skip
         ahead = record.y - output
-        error = target - phi @ theta if state.serves_reflected else ahead
+        error = target - combined(phi, theta) if state.serves_reflected else ahead
         return Pass(phi, zeta, target, output, error, ahead)
 
     def branch(

@@ -24,7 +24,7 @@ from replant.model.state_space import Response, Stretch
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import BoolArray, FloatArray, vector
 from replant.numerics.autoregression import places_on_grid
-from replant.numerics.linear_algebra import least_norm, quiet
+from replant.numerics.linear_algebra import combined, least_norm, quiet, sum_of_squares
 from replant.numerics.residuals import ErrorSums, OutputSums
 
 FEWEST = 4  # outputs for each unknown of its state that a part behind a gap needs, else the state takes it up [count]
@@ -77,7 +77,7 @@ def fit_percent(measured: FloatArray, modelled: FloatArray) -> float:
     if y.size == 0 or y.min() == y.max():
         return math.nan
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # the squares of tiny numbers are zero
-        return float(100.0 * (1.0 - np.linalg.norm(y - model) / np.linalg.norm(y - y.mean())))
+        return float(100.0 * (1.0 - np.sqrt(np.divide(sum_of_squares(y - model), sum_of_squares(y - y.mean())))))
 
 
 def simulate(
@@ -118,7 +118,7 @@ class Part(NamedTuple):
         """Return the model's output (K,) with an offset and a state (n,) at the beginning of the stretch."""
         used, free = state != 0.0, self.stretch.free
         output = self.stretch.output + offset
-        output[: len(free)] += free[:, used] @ state[used]
+        output[: len(free)] += combined(free[:, used], state[used])
         unknown = self.stretch.unknown
         output[:unknown] = output[min(unknown, output.size - 1)]  # what answers to unknown inputs stands still
         return output

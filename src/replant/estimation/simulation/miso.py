@@ -25,7 +25,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import LEAST, Autoregression, sums_of
 from replant.numerics.levels import ROUNDING
-from replant.numerics.linear_algebra import products, quiet, roots, sum_of_squares
+from replant.numerics.linear_algebra import combined, products, quiet, roots, sum_of_squares
 from replant.numerics.projections import lengths_of, orthogonal
 
 
@@ -133,7 +133,7 @@ class Row:
         """Return the outputs (K, q) of the branches from rest, the slopes (K, P) and the nuisances (K, N)."""
         outputs, slopes, free = self._models.run(self.branches(theta), states, stretch.inputs)
         parts = np.split(states, np.cumsum([each.shape[1] for each in free])[:-1].tolist())
-        outputs = [each - response @ state for each, response, state in zip(outputs, free, parts, strict=True)]
+        outputs = [each - combined(response, state) for each, response, state in zip(outputs, free, parts, strict=True)]
         if self.is_common:
             poles = self.structures[0].poles
             slopes = [np.sum([each[:, :poles] for each in slopes], axis=0), *(each[:, poles:] for each in slopes)]
@@ -207,9 +207,9 @@ def evaluate(
         nuisance = free.shape[1]
         white = row.whitened(noise, np.column_stack([free, left, slopes]), stretch)
         basis, back = _basis(white[:, :nuisance])
-        weights = back @ (basis.T @ white[:, nuisance])
-        e = np.where(stretch.measured, left - free @ weights, 0.0)
-        white[:, nuisance] -= white[:, :nuisance] @ weights
+        weights = back @ (products(basis, white[:, nuisance]))
+        e = np.where(stretch.measured, left - combined(free, weights), 0.0)
+        white[:, nuisance] -= combined(white[:, :nuisance], weights)
         made = _freed(white[:, nuisance:], basis)
         error.append(made[:, 0])
         phi.append(made[:, 1:])
@@ -234,7 +234,7 @@ def _records(part: Record, columns: FloatArray) -> tuple[Record, ...]:
 
 def _freed(columns: FloatArray, basis: FloatArray) -> FloatArray:
     """Return columns (K, C) without what an orthonormal basis (K, R) explains of them."""
-    return columns - basis @ products(basis, columns) if basis.shape[1] else columns
+    return columns - combined(basis, products(basis, columns)) if basis.shape[1] else columns
 
 
 def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -242,7 +242,7 @@ def _basis(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
     lengths = lengths_of(columns)
     scaled = columns / lengths
     turned = orthogonal(products(scaled, scaled))
-    return scaled @ turned, turned / lengths[:, None]
+    return combined(scaled, turned), turned / lengths[:, None]
 
 
 def is_exact(row: Row, point: Point) -> bool:
@@ -316,7 +316,7 @@ class RowRecord:
         done = evaluate(row, point.theta, noise, point)
         for stretch, weights in zip(row.stretches, done.nuisances, strict=True):
             outputs, _, free = row.signals(point.theta, stretch, weights[1:])
-            output[stretch.rows] = outputs.sum(axis=1) + free @ weights
+            output[stretch.rows] = outputs.sum(axis=1) + combined(free, weights)
         whole = np.full(self.used.size, np.nan)
         answers = self.record.answers(max(each.delay for each in row.structures))
         whole[self.used] = np.where(answers, self.level + output, np.nan)

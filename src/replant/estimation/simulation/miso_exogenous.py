@@ -16,6 +16,7 @@ import numpy as np
 
 from replant.kernels.schema import LAGUERRE
 from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.linear_algebra import combined
 from replant.numerics.projections import best_pole, weights_of
 
 PARTS = 8
@@ -88,7 +89,7 @@ class Outside:
         for window in windows(len(moved)):
             rest = window == 0.0
             for i, each in enumerate(moved.T):
-                explained[:, i] += window * (functions @ weights_of(functions[rest], each[rest]))
+                explained[:, i] += window * combined(functions, weights_of(functions[rest], each[rest]))
         return cls(with_moved(inputs, is_moved, explained), signals, is_moved, replace(law, states=states))
 
     def of_inputs(self, chosen: list[int]) -> Outside:

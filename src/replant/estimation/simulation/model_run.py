@@ -22,7 +22,7 @@ from replant.kernels.schema import LARGEST
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
-from replant.numerics.linear_algebra import quiet, roots
+from replant.numerics.linear_algebra import combined, quiet, roots
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def run_model(
         return None
     states, nuisances = done.phi[:, full.numerator], done.phi[:, full.coefficients :]
     slopes = np.hstack([slopes_of_a, done.phi[:, own]])
-    error = done.error - nuisances @ weights_of(triangle_of(nuisances, done.error))
+    error = done.error - combined(nuisances, weights_of(triangle_of(nuisances, done.error)))
     direct = structure.delay < dt if record.input_hold == "foh" else structure.is_biproper and structure.delay == 0.0
     instruments = None
     if by_reference is not None:

@@ -45,7 +45,7 @@ from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import least_norm, quiet, sum_of_squares
+from replant.numerics.linear_algebra import combined, least_norm, quiet, sum_of_squares
 
 # half of the amplitude that matters, as a change must be noticed before it is as large
 NOTICED = 0.5 * math.sqrt(MATTERS)  # change of the simulated output below which none matters [part of its amplitude]
@@ -371,14 +371,14 @@ class Contest:
         for model in models:
             done, driven = self._driven(model)
             columns, error = done.phi[:, self.structure.coefficients :], done.ahead
-            beside = driven - columns @ least_norm(columns, driven, WEAKEST)[0]
+            beside = driven - combined(columns, least_norm(columns, driven, WEAKEST)[0])
             if not float(np.std(beside)) > HARMLESS * float(np.std(driven)):  # the input rests
                 continue
-            left = error - columns @ least_norm(columns, error, WEAKEST)[0]
+            left = error - combined(columns, least_norm(columns, error, WEAKEST)[0])
             # the initial state of an output that wanders is told by the noise model alone
             noise = self.stretch.colour(left)
             white, target = (noise.whiten_known(each, self.stretch.predecessors) for each in (columns, error))
-            other = error - columns @ least_norm(white, target, WEAKEST)[0]
+            other = error - combined(columns, least_norm(white, target, WEAKEST)[0])
             likelihood, still = max(self._likelihood(done, left), self._likelihood(done, other)), model.copy()
             still[self.structure.numerator] = 0.0
             yield self._claim(Supposition.CUT, likelihood, self._nuisances, model=still)

@@ -14,13 +14,14 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import Pass
+from replant.estimation.simulation.fitted_run import triangle_of
 from replant.estimation.solver.refined_estimate import Prior, Refined, without_nuisances
 from replant.estimation.solver.residual_likelihood import WEAKEST
 from replant.estimation.solver.srivc_steps import Problem
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import LEAST, Autoregression
-from replant.numerics.linear_algebra import inverse_of, least_norm, quiet, sum_of_squares
+from replant.numerics.linear_algebra import combined, inverse_of, least_norm, products, quiet, sum_of_squares
 
 UNTOLD = 4.0
 """Residual beyond which a sample is not what the model tells [standard deviations].
@@ -62,7 +63,7 @@ class Known:
         if not told:
             known = Autoregression.white(usual, 1.0)
             return cls(mean, information, error, known, usual, filters, np.zeros((0, mean.size)))
-        noise = Autoregression.white(float(error[:begin] @ error[:begin]), first.count)
+        noise = Autoregression.white(sum_of_squares(error[:begin]), first.count)
         if noise.power > 0.0:
             noise = Autoregression.of_residual(error[:begin], first.rough_predecessors, first.count)
         white = noise.whiten_known(error[:begin], first.rough_predecessors)
@@ -151,10 +152,11 @@ def dispersion_of(
         rows = slice(end - length, end)
         beside = slopes[:length, ~coefficients]  # of an initial state at the stretch's begin
         both = np.column_stack([slopes[rows][:, coefficients], white[rows]])
-        both -= beside @ least_norm(beside, both, WEAKEST)[0]
+        both -= combined(beside, least_norm(beside, both, WEAKEST)[0])
+        both = triangle_of(both)
         directions, values, _ = np.linalg.svd(both[:, :-1], full_matrices=False)
         told = directions[:, values > WEAKEST * values[0]] if values[0] > 0.0 else directions[:, :0]
-        explained += float(np.sum((told.T @ both[:, -1]) ** 2))
+        explained += float(np.sum((products(told, both[:, -1])) ** 2))
         ranks += told.shape[1]
     if not (ranks and variance > 0.0):
         return 1.0, math.inf

@@ -33,7 +33,7 @@ import numpy as np
 from replant.estimation.simulation.fitted_run import triangle_of
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import products, pseudo_inverse, quiet, sum_of_squares
+from replant.numerics.linear_algebra import combined, inner, least_norm, products, pseudo_inverse, quiet, sum_of_squares
 from replant.numerics.projections import orthogonal
 from replant.numerics.robust import normal_scores
 
@@ -92,11 +92,11 @@ def answering(
     if rows.size < PER_COLUMN * (ANSWERS + 2):
         return Feedback()
     now, told, _ = _answers(u, w, rows, most, range(first, ANSWERS + 1), others)
-    if not np.linalg.norm(now) > ROUNDING * np.linalg.norm(u):
+    if not sum_of_squares(now) > ROUNDING**2 * sum_of_squares(u):
         return Feedback()  # the input is known from its past
     moments = normal_scores(now)[:, None] * told
-    sizes = float(np.linalg.norm(now) * np.linalg.norm(told[:, 0]))
-    at_once = math.sqrt(rows.size) * float(now @ told[:, 0]) / sizes if sizes > 0.0 and not first else 0.0
+    sizes = math.sqrt(sum_of_squares(now)) * math.sqrt(sum_of_squares(told[:, 0]))
+    at_once = math.sqrt(rows.size) * inner(now, told[:, 0]) / sizes if sizes > 0.0 and not first else 0.0
     amounts = orthogonal(products(told, told)).T @ products(told, now[:, None])
     part = sum_of_squares(amounts[:, 0]) / sum_of_squares(now)
     return Feedback(_chance(moments), _chance(moments[:, 1 - first :]), at_once, part)
@@ -113,8 +113,8 @@ def part_answering(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray
     rows = np.flatnonzero(before >= latest)[-NEWEST:]
     now, told, own = _answers(u, w, rows, most, range(latest + 1))
     told = told[:, : max(_fewest(_triangle(np.column_stack([told, now])), rows.size), ANSWERS + 1)]
-    gains = np.linalg.lstsq(told, now, rcond=RANK)[0]
-    weights = own[:, : gains.size + 1] @ np.append(1.0, -gains)
+    gains = least_norm(told, now, RANK)[0]
+    weights = combined(own[:, : gains.size + 1], np.append(1.0, -gains))
     return _carried(np.convolve(w, gains)[: u.size], weights[1:], u)
 
 
@@ -132,7 +132,7 @@ def _chance(moments: FloatArray) -> float:
     from scipy.special import chdtrc  # slow to import
 
     total = moments.sum(axis=0)
-    return float(chdtrc(total.size, max(total @ pseudo_inverse(moments.T @ moments, RANK) @ total, 0.0)))
+    return float(chdtrc(total.size, max(total @ pseudo_inverse(products(moments, moments), RANK) @ total, 0.0)))
 
 
 def _most(before: IntArray) -> int:
@@ -171,7 +171,7 @@ def _fewest(upper: FloatArray, samples: int) -> int:
 
 def _triangle(columns: FloatArray) -> FloatArray:
     """Return R of columns (K, C): of their products, which takes a third of the time, where the digits suffice."""
-    squares = columns.T @ columns
+    squares = products(columns, columns)
     try:
         upper = np.asarray(np.linalg.cholesky(squares).T)
     except np.linalg.LinAlgError:
@@ -183,8 +183,8 @@ def _untold(signals: FloatArray, past: FloatArray, inverse: FloatArray) -> tuple
     """Return what a past (K, C), R inverted, does not tell of signals (K, S), and the weights (C, S) of the rest."""
     weights = np.zeros((past.shape[1], signals.shape[1]))
     for _ in range(2):  # once more, for what rounding left
-        more = inverse @ (inverse.T @ (past.T @ signals))
-        signals, weights = signals - past @ more, weights + more
+        more = inverse @ (inverse.T @ products(past, signals))
+        signals, weights = signals - combined(past, more), weights + more
     return signals, weights
 
 
@@ -193,5 +193,5 @@ def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:
     from replant.kernels.filters.series import all_pole
 
     answer = all_pole(np.append(1.0, -own), push[None])[0]
-    held = bool(np.isfinite(answer).all()) and np.linalg.norm(answer) <= LOUDEST * np.linalg.norm(u)
+    held = bool(np.isfinite(answer).all()) and sum_of_squares(answer) <= LOUDEST**2 * sum_of_squares(u)
     return answer if held else push

@@ -37,7 +37,7 @@ from replant.kernels.schema import Supposition
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import least_norm, quiet, sum_of_squares
+from replant.numerics.linear_algebra import combined, least_norm, products, quiet, sum_of_squares
 from replant.numerics.projections import WEAKEST
 
 # of 12 records with three loads each 2 to 9 of them serve alike, those of a place once alone worse
@@ -188,7 +188,7 @@ def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge
 def _explained_by_a_step(row: Row, theta: FloatArray, noise: Autoregression) -> float:
     """Return how much likelier one step from a model makes a row, to first order."""
     point = evaluate(row, theta, noise)
-    told = np.sum([phi.T @ error for phi, error in zip(point.phi, point.error, strict=True)], axis=0)
+    told = np.sum([products(phi, error) for phi, error in zip(point.phi, point.error, strict=True)], axis=0)
     explained = float(told @ least_norm(point.information, told, WEAKEST)[0])
     return 0.5 * row.count * explained / point.cost if point.cost > 0.0 else 0.0
 
@@ -257,10 +257,10 @@ def _cost_of_step(row: Row, begin: int, theta: FloatArray, noise: Autoregression
     answers = driven.signals(theta, driven.stretches[0], np.zeros(row.nuisances - 1))[0]
     steps, free = row.whitened(noise, np.column_stack([step, answers]), stretch), columns[:, model.size :]
     left = np.column_stack([steps, error])
-    left = left - free @ least_norm(free, left, WEAKEST)[0]
+    left = left - combined(free, least_norm(free, left, WEAKEST)[0])
     steps, error = left[:, :-1], left[:, -1]
     lengths = np.einsum("kt,kt->t", steps, steps)
-    explained = (error @ steps) ** 2 / np.where(lengths > 0.0, lengths, np.inf)
+    explained = products(steps, error) ** 2 / np.where(lengths > 0.0, lengths, np.inf)
     return sum_of_squares(error) - float(explained.max())
 
 
@@ -345,7 +345,7 @@ class _Fitted:
         (stretch,) = row.stretches
         outputs, slopes, free = row.signals(theta, stretch, np.zeros(row.nuisances - 1))
         left, rows = stretch.y - outputs.sum(axis=1), stretch.measured
-        left = left - free @ least_norm(free[rows], left[rows], WEAKEST)[0]
+        left = left - combined(free, least_norm(free[rows], left[rows], WEAKEST)[0])
         return cls(row, theta.size, np.column_stack([slopes, free]), np.where(rows, left, 0.0))
 
     def noise(self, rows: BoolArray | bool = True) -> Autoregression:

@@ -22,7 +22,7 @@ from replant.estimation.solver.miso_steps import ends_of, is_near, path, refine,
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import least_norm, quiet, roots, sum_of_squares
+from replant.numerics.linear_algebra import combined, least_norm, products, quiet, roots, sum_of_squares
 from replant.numerics.projections import WEAKEST
 
 CUTOFFS = 6  # from 5 per record to one per sampling time [count]
@@ -112,8 +112,10 @@ def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[floa
             if any(is_near(row, point, end) for end in ends):
                 break
             instruments = point.phi if number == 0 else point.zeta
-            matrix = np.asarray(sum(zeta.T @ phi for zeta, phi in zip(instruments, point.phi, strict=True)))
-            vector = np.asarray(sum(zeta.T @ error for zeta, error in zip(instruments, point.error, strict=True)))
+            matrix = np.asarray(sum(products(zeta, phi) for zeta, phi in zip(instruments, point.phi, strict=True)))
+            vector = np.asarray(
+                sum(products(zeta, error) for zeta, error in zip(instruments, point.error, strict=True))
+            )
             if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
                 break
             theta, before = theta + solved(matrix, vector), point
@@ -227,7 +229,7 @@ def _with_numerators(row: Row, theta: FloatArray, noise: Autoregression) -> tupl
     model, error = theta.copy(), np.concatenate(point.error)
     columns = np.concatenate([phi[:, places] for phi in point.phi])
     model[places] = least_norm(columns, error, WEAKEST)[0]
-    left = error - columns @ model[places]
+    left = error - combined(columns, model[places])
     cost = sum_of_squares(left)
     return cost if math.isfinite(cost) else math.inf, model
 

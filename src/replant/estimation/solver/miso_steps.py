@@ -149,4 +149,4 @@ def explained_by(row: Row, point: Point) -> float:
 
 
 def _along(columns: list[FloatArray], signals: list[FloatArray]) -> FloatArray:
-    return np.asarray(sum(each.T @ signal for each, signal in zip(columns, signals, strict=True)))
+    return np.asarray(sum(products(each, signal) for each, signal in zip(columns, signals, strict=True)))

@@ -26,9 +26,11 @@ from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.batch_means import no_less_than_scattered, path_of_record, scatter_of
 from replant.numerics.linear_algebra import (
+    combined,
     compose,
     eigenvalues,
     factor_information,
+    inner,
     inverse_of,
     larger,
     products,
@@ -98,7 +100,7 @@ class Projection:
         slots.pole, slots.origin = pole, float(record.r.mean())
         slots.states[:], slots.weights[:] = functions[-1], weights
         slots.factors[:], slots.diagonal[:] = factor_information(products(functions, functions))
-        parts = functions @ weights.T
+        parts = combined(functions, weights.T)
         power = float(np.var(record.u))
         left = float(np.var(record.u - parts[:, 0]))
         return cls(functions, parts, max(1.0 - left / power, 0.0) if power > 0.0 else 0.0, slots)
@@ -201,11 +203,11 @@ def conclude(
     variance = sum_of_squares(done.error) / max(samples - size, 1)
     innovation = sum_of_squares(white) / max(samples - size, 1)
     before = prior.weight
-    upper, diagonal = factor_information(zeta.T @ zeta + before)
+    upper, diagonal = factor_information(products(zeta, zeta) + before)
     inverse = compose(upper, diagonal)
     if projection is not None:  # the instruments are not the regressor without its noise: M^-1 (sum zeta zeta') M^-T
-        inverse = inverse_of(zeta.T @ applied.whiten_known(done.phi, known))
-        plain = innovation * inverse @ (zeta.T @ zeta) @ inverse.T
+        inverse = inverse_of(products(zeta, applied.whiten_known(done.phi, known)))
+        plain = innovation * inverse @ products(zeta, zeta) @ inverse.T
     else:
         plain = innovation * inverse
     colour, power = _colour(zeta, white, samples)
@@ -251,7 +253,7 @@ def relative_uncertainty(
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     sizes = real_coefficients(model[structure.denominator], 1.0 / record.span)
     relative = std[structure.denominator] / np.maximum(sizes, 1e-300)
-    outputs = 0.5 * std * np.linalg.norm(phi, axis=0) / max(float(np.linalg.norm(record.y)), 1e-300)
+    outputs = 0.5 * std * np.linalg.norm(phi, axis=0) / max(math.sqrt(sum_of_squares(record.y)), 1e-300)
     of_a = np.minimum(relative, outputs[structure.denominator])
     return float(max(of_a.max(), outputs[structure.numerator].max()))
 
@@ -260,7 +262,7 @@ def _colour(zeta: FloatArray, error: FloatArray, count: int) -> tuple[ColourSlot
     """Return power and autoregression of the residual at the record's end, and the innovation's sum of squares."""
     samples, size = zeta.shape
     colour = ColourSlots.zeros(FIXED | {"T": size})
-    colour.covariances[:] = [error[lag:] @ error[: samples - lag] for lag in range(LAGS + 1)]
+    colour.covariances[:] = [inner(error[lag:], error[: samples - lag]) for lag in range(LAGS + 1)]
     noise = Autoregression.of_covariances(colour.covariances)
     filtered = noise.colour(zeta)
     colour.model[:] = noise.coefficients
@@ -268,5 +270,5 @@ def _colour(zeta: FloatArray, error: FloatArray, count: int) -> tuple[ColourSlot
     colour.errors[:] = error[-LAGS:][::-1]
     for age in range(min(LAGS, samples)):
         colour.filtered[-age % LAGS] = filtered[-1 - age]
-    colour.squares[:] = filtered.T @ filtered
+    colour.squares[:] = products(filtered, filtered)
     return colour, noise.power

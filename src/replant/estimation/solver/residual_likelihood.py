@@ -14,7 +14,7 @@ import numpy as np
 from replant.estimation.engine.record import Record
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import least_norm, quiet
+from replant.numerics.linear_algebra import combined, least_norm, quiet
 
 PIECES = 1, 2, 4  # pieces of the broken lines that a load may drift along; a line has to pay for them [count]
 # a thousandth of what a converter of 20 bits resolves
@@ -94,7 +94,7 @@ class Stretch:
     def _less_line(self, error: FloatArray, pieces: int, beside: FloatArray) -> FloatArray:
         """Return a residual (K,) less the line of so many pieces that explains it best beside the nuisances."""
         line = np.column_stack([beside, self._columns(pieces)])
-        return np.asarray(error - line @ least_norm(line, error, WEAKEST)[0])
+        return np.asarray(error - combined(line, least_norm(line, error, WEAKEST)[0]))
 
     def colour(self, error: FloatArray) -> Autoregression:
         """Return the noise model of a residual (K,)."""

@@ -49,7 +49,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import products, pseudo_inverse, quiet, sum_of_squares
+from replant.numerics.linear_algebra import combined, inner, products, pseudo_inverse, quiet, sum_of_squares
 from replant.numerics.projections import lengths_of, orthogonal, without
 
 FALSE_ALARM = 0.15
@@ -107,12 +107,12 @@ def hausman(run_p: ModelRun, run_f: ModelRun, noise: Autoregression, whole: Floa
     z = without(x[:, :size], x[:, size:])
     filtered = noise.ahead(x) * whole[:, None]
     weights = pseudo_inverse(products(filtered, filtered), 1e-13)[:, :size] @ products(x[:, :size], z)
-    w = (z - _back(noise, filtered) @ weights) @ orthogonal(products(z, z))
+    w = combined(z - combined(_back(noise, filtered), weights), orthogonal(products(z, z)))
     spectra = np.fft.rfft(w, _length(w), axis=0)
     power = _noise_power(run_p)
     level = math.ldexp(1.0, math.frexp(float(power.max()))[1] - 1)  # no square leaves float64, and nothing is rounded
     power = power / level
-    covariance = ((spectra.conj() * power[:, None]).T @ spectra).real
+    covariance = products(spectra.conj() * power[:, None], spectra).real
     trace = max(float(np.trace(covariance)), np.finfo(float).tiny)
     each = (np.abs(spectra) ** 2).sum(axis=1) * power
     each = each[: each.size // 2 * 2].reshape(-1, 2).sum(axis=1)  # padded to twice the length: neighbours are one
@@ -126,7 +126,7 @@ def _noise_power(run: ModelRun) -> FloatArray:
     samples, length = run.error.size, _length(run.error)
     columns = np.hstack([run.zeta, run.nuisances])
     columns = columns / lengths_of(columns)
-    basis = columns @ orthogonal(products(columns, columns))
+    basis = combined(columns, orthogonal(products(columns, columns)))
     leverage = (np.abs(np.fft.rfft(basis, length, axis=0)) ** 2).sum(axis=1) / samples
     power = np.abs(np.fft.rfft(run.error, length)) ** 2 / samples / np.maximum(1.0 - leverage, LEAST_LEFT)
     power[1:-1] *= 2.0
@@ -154,7 +154,7 @@ def _share_of_feedback(
         return 0.0
     deltas = np.column_stack([runs[0].forced - runs[1].forced, purged[0].forced - purged[1].forced])
     deltas = without(deltas, runs[1].nuisances)
-    all_of_it, of_the_rest = runs[1].error @ deltas
+    all_of_it, of_the_rest = products(deltas, runs[1].error)
     share = min(float(of_the_rest / all_of_it), 1.0) if all_of_it > 0.0 else 0.0
     told = max(_score(deltas[:, 1], runs[1].error, runs[0]), 0.0)
     is_chance = special.chdtrc(degrees, told * told) >= FALSE_ALARM
@@ -165,8 +165,8 @@ def _score(signal: FloatArray, error: FloatArray, run: ModelRun) -> float:
     """Return a signal (K,) times an error (K,), in standard deviations of the signal times noise as of a run."""
     unit, power = signal / lengths_of(signal[:, None]), _noise_power(run)
     level = max(float(power.max()), np.finfo(float).tiny)  # no product of squares leaves float64
-    variance = float(np.abs(np.fft.rfft(unit, _length(unit))) ** 2 @ (power / level))
-    return float(unit @ error) / math.sqrt(level) / math.sqrt(max(variance, np.finfo(float).tiny))
+    variance = inner(np.abs(np.fft.rfft(unit, _length(unit))) ** 2, power / level)
+    return inner(unit, error) / math.sqrt(level) / math.sqrt(max(variance, np.finfo(float).tiny))
 
 
 def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:

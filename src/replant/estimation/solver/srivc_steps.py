@@ -18,7 +18,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
-from replant.numerics.linear_algebra import products, real_coefficients, roots, solve, sum_of_squares
+from replant.numerics.linear_algebra import combined, products, real_coefficients, roots, solve, sum_of_squares
 from replant.numerics.projections import orthogonal
 
 # of 10,000 samples that is a hundredth of a unit of chi-square, a tenth of a standard deviation
@@ -126,7 +126,7 @@ class Problem:
         # without a numerator the model's output is no guess of outputs that were not measured: those that were, are
         done = self.run(np.concatenate([a, np.zeros(self._model.entries - n)]), filled=False)
         zeta = done.phi if self.projection is None or not by_reference else done.zeta
-        found = solve(zeta.T @ done.phi, zeta.T @ done.target)
+        found = solve(products(zeta, done.phi), products(zeta, done.target))
         return None if found is None else self.bounded(found)
 
     def whiten(self, signals: FloatArray) -> FloatArray:
@@ -173,7 +173,7 @@ class Problem:
             stalls += not done.cost < best * (1.0 - STALLED)
             if done.cost < best:
                 best, best_model = done.cost, model
-            found = solve(done.zeta.T @ done.phi, done.zeta.T @ done.target)
+            found = solve(products(done.zeta, done.phi), products(done.zeta, done.target))
             if found is None:
                 return best, best_model, None
             change = np.abs(found - model) * np.linalg.norm(done.zeta, axis=0)
@@ -198,8 +198,8 @@ class Problem:
         done, exact = self.run(model), False
         for _ in range(POLISH):
             slopes = white(self._slopes(model, done) if exact else done.zeta)
-            gradient = slopes.T @ white(done.error) + known.pull(model)
-            direction = solve(slopes.T @ slopes + known.weight, gradient)
+            gradient = products(slopes, white(done.error)) + known.pull(model)
+            direction = solve(products(slopes, slopes) + known.weight, gradient)
             if direction is None:
                 return model, done, False
             variance = done.cost if prior is None else prior.variance
@@ -295,10 +295,10 @@ class Problem:
             if self.projection is None:
                 companions.reverse()
             for companion in companions:
-                direction = solve(zeta.T @ companion, zeta.T @ white)
+                direction = solve(products(zeta, companion), products(zeta, white))
                 if direction is None:
                     continue
-                moved = float(np.sum((zeta @ direction) ** 2)) / variance
+                moved = float(sum_of_squares(combined(zeta, direction))) / variance
                 better = self._damped(model, direction, cost, limit, own=False)
                 if better is not None:
                     break

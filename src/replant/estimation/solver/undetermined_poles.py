@@ -36,7 +36,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import quiet, roots, sum_of_squares
+from replant.numerics.linear_algebra import combined, products, quiet, roots, sum_of_squares
 from replant.numerics.projections import without
 
 ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
@@ -61,7 +61,7 @@ def with_untold(structure: Structure, record: Record, found: Refined) -> Refined
     if found.noise.filters:
         zeta = found.noise_model.whiten_known(zeta, problem.known)
     # a recursion that goes on from here has the covariance P Q P with P = (sum zeta zeta')^-1
-    scores, colour = zeta.T @ (zeta @ along), found.colour
+    scores, colour = products(zeta, combined(zeta, along)), found.colour
     power = Autoregression.of_covariances(colour.covariances).power
     if not power > 0.0:
         return found
