@@ -20,7 +20,7 @@ import replant as rp
 DT = 1e-3  # s
 SECONDS = 60.0
 BEFORE = 3000  # samples that start-up takes beforehand, more than enough
-LIMIT = 100.0  # µs, of every update but for those that wait
+LIMIT = 100.0  # µs, of 99.9 % of the updates with ``background``
 PLANTS = [rp.TransferFunction([gain], [1.0, 14.0, 100.0]) for gain in (100.0, 150.0, 100.0, 60.0)]
 
 
@@ -31,10 +31,11 @@ def measure(seconds: float = SECONDS) -> dict[str, Any]:
     for background in (False, True):
         identifier = rp.Identifier(rp.Structure(2, 0), DT, background=background)
         identifier.update_many(u[:BEFORE], y[:BEFORE])
+        before = identifier.forced_waits  # as the start-up came faster than at 1 kHz
         row = loop("with background" if background else "without background", identifier.update, u, y)
-        rows.append(row | {"forced_waits": identifier.forced_waits})
-    allowed = max(LIMIT, rows[0]["percentile_999"])
-    return {"rows": rows, "seconds": seconds, "holds": rows[-1]["percentile_999"] <= allowed}
+        rows.append(row | {"forced_waits": identifier.forced_waits - before})
+    allowed = max(LIMIT, rows[0]["percentile_999"])  # the machine's own
+    return {"rows": rows, "seconds": seconds, "limit": LIMIT, "holds": rows[-1]["percentile_999"] <= allowed}
 
 
 def record(samples: int) -> tuple[np.ndarray, np.ndarray]:

@@ -129,6 +129,23 @@ def latency(figures: Figures) -> str:
     return text + table(head, rows) + grown + verdict
 
 
+def due(figures: Figures) -> str:
+    rows = [
+        [
+            row["case"], f"{row['calls']:,}", f"{row['median']:.1f}", f"{row['percentile_999']:.0f}",
+            f"{row['longest']:.0f}", str(row["beyond"]), str(row.get("forced_waits", "")),
+        ]
+        for row in figures["rows"]
+    ]  # fmt: skip
+    text = (
+        f"A loop that takes a sample each millisecond for {figures['seconds']:.0f} s, two poles, while the plant "
+        "changes three times: how long after a sample was due `Identifier.update` had returned, in microseconds. The "
+        "loop asks the clock until the next sample is due; what the loop that does nothing loses is the machine's.\n\n"
+    )
+    head = ["loop", "samples", "median", "99.9 %", "longest", f"beyond {figures['limit']:.0f} µs", "forced waits"]
+    return text + table(head, rows)
+
+
 def peers(figures: Figures) -> str:
     rows = [
         [
@@ -270,6 +287,7 @@ SECTIONS: dict[str, tuple[str, Callable[[Figures], str]]] = {
     "parts": ("Parts of the default method beside C", parts),
     "default": ("Noise model and reference", default),
     "latency": ("One sample from Python", latency),
+    "due": ("A loop at 1 kHz", due),
     "peers": ("Other libraries", peers),
     "ensembles": ("Many identifiers at once", ensembles),
     "streaming": ("Logs larger than memory", streaming),
