@@ -43,7 +43,7 @@ class CatchUp:
         self.regular = regular
         self.bound: tuple[Step, IntArray] | None = None
         self._begun, self._copied, self._learned = found.samples, 0, 0
-        ring = np.zeros_like(old.recent)
+        ring = np.zeros(old.recent.shape)  # not `zeros_like`, which would have the system give every page at once
         self.state = State(found.ints.copy(), found.reals.copy(), found.banks.copy(), found.buffer.copy(), ring)
         self.state.recent_size, self.state.recent_head = len(ring), found.samples % len(ring)
         self.state.square_input, self.state.attention_at = old.square_input, 0
