@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
+from scipy.io.matlab import MatlabObject
 
 from replant.errors import LogError
 from replant.logs import read_columns, read_log
@@ -188,6 +189,49 @@ def test_an_object_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     path.write_bytes(alone)
     with pytest.raises(LogError, match=message):
         read_columns(path)
+
+
+def cells(*held: object) -> np.ndarray:
+    """Return a cell array, as SciPy has it."""
+    found = np.empty((1, len(held)), object)
+    for number, each in enumerate(held):
+        found[0, number] = each
+    return found
+
+
+def iddata(**fields: object) -> MatlabObject:
+    """Return an object of the System Identification Toolbox, whose fields SciPy reads."""
+    held = np.empty((1, 1), [(name, object) for name in fields])
+    held[0, 0] = tuple(fields.values())
+    return MatlabObject(held, "iddata")
+
+
+def test_an_iddata_object_is_read_as_a_struct(tmp_path: Path) -> None:
+    u, y = U[:, :1], U[:, 1:]
+    data = iddata(Domain="Time", OutputData=cells(y), InputData=cells(u), InputName=cells("u1"), Ts=cells(0.25))
+    path = save(tmp_path, data=data, n=3.0)
+    assert read_columns(path).names == ("data.OutputData", "data.InputData")
+    log = read_log(path, input="data.InputData", output="data.OutputData")
+    assert log.dt == 0.25
+    np.testing.assert_array_equal(log.input, U[:, 0])
+    np.testing.assert_array_equal(log.output, U[:, 1])
+
+
+def test_each_experiment_of_an_iddata_object_has_its_columns(tmp_path: Path) -> None:
+    data = iddata(OutputData=cells(U[:, :1], U[:9, 1:]), InputData=cells(U, U[:9]), Ts=cells(0.25, 0.25))
+    path = save(tmp_path, data=data)
+    assert read_columns(path).names == (
+        "data.OutputData{1}", "data.OutputData{2}", "data.InputData{1}[:,0]", "data.InputData{1}[:,1]",
+        "data.InputData{2}[:,0]", "data.InputData{2}[:,1]",
+    )  # fmt: skip
+    log = read_log(path, input="data.InputData{2}[:,0]", output="data.OutputData{2}")
+    assert (log.dt, len(log)) == (0.25, 9)
+
+
+@pytest.mark.parametrize(("unit", "dt"), [("milliseconds", 0.02), ("minutes", 1200.0), ("", 20.0), ("days", None)])
+def test_the_sampling_time_of_an_iddata_object_has_its_unit(tmp_path: Path, unit: str, dt: float | None) -> None:
+    data = iddata(OutputData=cells(U[:, :1]), InputData=cells(U[:, 1:]), Ts=cells(20.0), TimeUnit=unit)
+    assert read_columns(save(tmp_path, data=data)).dt == (None if dt is None else pytest.approx(dt))
 
 
 def test_a_packed_element_is_as_long_as_what_it_holds_and_no_byte_behind_it_counts() -> None:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from replant.logs.npz import array_table, is_sampling_time, no_signal_error, places_of, stated_dt
 from replant.logs.parser_process import allow
+from replant.logs.sampling_time import unit_of_stamps
 from replant.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, needed, too_many_error
 
 _MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"
@@ -277,13 +278,38 @@ def _arrays(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
             continue
         if value.dtype.names is None:
             yield name, value
-        elif value.size == 1 and not _is_opaque(value):
+        elif value.size == 1 and not _is_opaque(value):  # a struct, or an object whose fields SciPy reads
             fields = value.reshape(-1)[0]
+            unit = _unit_of_time(fields)
             for field in value.dtype.names:
-                if isinstance(fields[field], np.ndarray):
-                    yield f"{name}.{field}", fields[field]
+                for place, held in _in_cells(f"{name}.{field}", fields[field]):
+                    if not is_sampling_time(place, held.shape, held.dtype.kind):
+                        yield place, held
+                    elif unit is not None:
+                        yield place, held * unit
                     if field == "signals":
-                        yield from _simulink_signals(f"{name}.{field}", fields[field])
+                        yield from _simulink_signals(place, held)
+
+
+def _in_cells(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the array of a field, or those in its cells: an iddata object has one for each experiment."""
+    if not isinstance(value, np.ndarray):
+        return
+    if value.dtype != object:
+        yield name, value
+        return
+    for number, cell in enumerate(value.reshape(-1), 1):
+        if isinstance(cell, np.ndarray):
+            yield name if value.size == 1 else f"{name}{{{number}}}", cell
+
+
+def _unit_of_time(fields: Any) -> float | None:
+    """Return the unit of a struct's times in s, which an iddata object states in words; None where it is another."""
+    stated = fields["TimeUnit"] if "TimeUnit" in fields.dtype.names else None
+    if not isinstance(stated, np.ndarray) or stated.size != 1:
+        return 1.0
+    unit = unit_of_stamps(f"t [{stated.item()}]", np.empty(0))
+    return None if unit.refused else unit.seconds
 
 
 def _simulink_signals(name: str, signals: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:

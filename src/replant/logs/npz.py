@@ -48,7 +48,8 @@ def stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None:
 
 def is_sampling_time(name: str, shape: Sequence[int], kind: str) -> bool:
     """Return whether a variable is a number that states the sampling time."""
-    return name.replace("/", ".").rpartition(".")[2] == SAMPLING_TIME and kind in "iuf" and int(np.prod(shape)) == 1
+    own = name.replace("/", ".").rpartition(".")[2].partition("{")[0]  # Ts{2}: in a cell
+    return own == SAMPLING_TIME and kind in "iuf" and int(np.prod(shape)) == 1
 
 
 def array_table(path: Path, found: Sequence[tuple[str, NDArray[Any]]], left_out: Mapping[str, str]) -> Table:
