@@ -29,7 +29,7 @@ from replant.fitting.several_outputs import MatrixModel
 from replant.fitting.validation import Validation
 from replant.logs import Log, read_columns
 from replant.logs.recording import digest
-from replant.logs.sampling_time import time_candidates
+from replant.logs.sampling_time import time_columns
 from replant.model.interop import without_unit
 from replant.online.runs.result import Result
 from replant.report.python_programs import identifier_as_python
@@ -134,8 +134,10 @@ def whole_log(path: Path, columns: dict[str, Any]) -> Log:
 
 def model_clock(path: Path, columns: dict[str, Any], dt: float) -> dict[str, Any]:
     """Return the model's sampling time where neither the log nor an option tells one."""
-    told = columns["dt"] is not None or columns["time_column"] is not None
-    return {} if told or time_candidates(read_columns(path).names) else {"dt": dt}
+    if columns["dt"] is not None or columns["time_column"] is not None:
+        return {}
+    table = read_columns(path)
+    return {"dt": dt} if table.dt is None and not time_columns(table) else {}
 
 
 def kept(model: Model, log: Log) -> Model:

@@ -185,7 +185,7 @@ def _sampling_time(found: Inspection) -> float:
 def _record(contents: Contents, clock: Clock | None, given: dict[str, int]) -> tuple[Column, ...]:
     """Return the columns of the record, and text beside them."""
     sizes = [contents.values[number].size for number in given.values()]
-    sizes += [clock.column.rows] if clock is not None else []
+    sizes += [clock.column.rows] if clock is not None and clock.column is not None else []
     length = sizes[0] if sizes else contents.usual_length
     return tuple(column for column in contents.columns if column.rows == length)
 
@@ -209,7 +209,9 @@ def clock_options(found: Inspection) -> tuple[str, ...]:
         return ("--dt", "1")
     if clock.problem:
         return ("--dt", f"{clock.dt:.6g}")
-    return ("--time", key_of(found.table, clock.column)) if clock.guess or found.time_given else ()
+    if clock.column is None or not (clock.guess or found.time_given):
+        return ()
+    return ("--time", key_of(found.table, clock.column))
 
 
 def _delay_options(found: Inspection) -> tuple[str, ...]:

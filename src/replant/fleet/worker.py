@@ -29,8 +29,8 @@ from replant.fleet.job import Job, Piece, Rig, Task, printable
 from replant.fleet.store import FAILED, Movement, Row, cells_of
 from replant.logs import Log, Recording, Table, open_several, read_columns
 from replant.logs.arrow import first_stamp, read_row_groups
-from replant.logs.read import time_columns
 from replant.logs.recording import MOST_HELD, joined
+from replant.logs.sampling_time import time_columns
 from replant.model.structure import Structure
 from replant.numerics.operating_system import refusal
 from replant.online.runs.result import Result, result_of_fit

@@ -10,7 +10,7 @@ from itertools import islice
 import numpy as np
 
 from replant.errors import LogError
-from replant.logs.sampling_time import StampUnit, clock_of, time_candidates, unit_of_stamps
+from replant.logs.sampling_time import StampUnit, clock_of, time_columns, unit_of_stamps
 from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
 
@@ -161,10 +161,10 @@ FEWEST = 20  # rows from which on a rising column without a telling name may be 
 
 @dataclass(frozen=True)
 class Clock:
-    """The time column of a log."""
+    """The time column of a log, or the sampling time that its file states."""
 
-    column: Column
-    # why the column may not be the time; empty if it is the only one called t, time or timestamp, or was given
+    column: Column | None  # None where the file states the sampling time
+    # why the column may not be the time; empty if it is the only one that `time_columns` finds, or was given
     guess: str
     unit: float  # one unit of its stamps in s
     doubt: str  # why the unit may be another one; empty if it is stated
@@ -183,11 +183,14 @@ def find_clock(
     """Return the clock of a log; None without a column that is or seems to be its time."""
     if given is not None:
         return _clock(table, contents, contents.columns[given], "") if given in contents.values else None
-    named = [number for number in time_candidates(table.names) if number in contents.values and number not in others]
+    named = [number for number in time_columns(table) if number in contents.values and number not in others]
     fitting = [number for number in named if contents.values[number].size == contents.usual_length] or named
     if fitting:
         guess = f"{listed([table.names[number] for number in fitting])} could be it" if len(fitting) > 1 else ""
         return _clock(table, contents, contents.columns[fitting[0]], guess)
+    if table.dt is not None and not time_columns(table):
+        duration = table.dt * max(0, contents.usual_length - 1)
+        return Clock(None, "", 1.0, "", table.dt, 0.0, 0, table.dt, 0, duration, "")
     free = [column for column in contents.columns if column.number not in others]
     rising = next((column for column in free if _seems_time(column, contents)), None)
     guess = "no column is called t, time or timestamp, and this one rises in equal steps"

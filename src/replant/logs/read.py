@@ -24,7 +24,7 @@ from replant.logs.sampling_time import (
     check_dt,
     check_unit,
     clock_of,
-    time_candidates,
+    time_columns,
     unit_in_seconds,
     unit_of_stamps,
 )
@@ -227,7 +227,7 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
 def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) -> tuple[str, StampUnit] | None:
     """Return the name of the time column and its unit, if that is guessed; None if it is stated."""
     table = log if isinstance(log, Table) else read_columns(log)
-    found = time_candidates(table.names) if time is None else [table.find(time)]
+    found = time_columns(table) if time is None else [table.find(time)]
     stamps = None if not found or found[0] in table.in_seconds else _first_stamps(table, found[0])
     if stamps is None:
         return None
@@ -286,10 +286,3 @@ def _find_time(table: Table, roles: dict[str, int]) -> int:
         raise LogError(f"{table.path}: {other} is called t, time or timestamp; {_GIVE_TIME}")
     names = listed([shown(table.names[number]) for number in candidates])
     raise LogError(f"{table.path}: several columns could be the time: {names}; {_GIVE_TIME}")
-
-
-def time_columns(table: Table) -> list[int]:
-    """Return the columns that may be the time: by their names, or, if no name tells, by what they hold."""
-    by_path = [name.replace("/", ".") for name in table.names]  # of HDF5, where t/s may also be t in s
-    named = {*time_candidates(table.names), *time_candidates(by_path)}
-    return sorted(named or table.in_seconds)

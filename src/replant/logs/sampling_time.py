@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
-from replant.logs.table import forget
+from replant.logs.table import Table, forget
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray, number
 from replant.numerics.limits import duration
@@ -37,6 +37,13 @@ _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time
 def time_candidates(names: Sequence[str]) -> list[int]:
     """Return the columns whose name is t, time or timestamp, in any case, with or without a unit; or millis, micros."""
     return [number for number, name in enumerate(names) if _TIME_NAME.fullmatch(name.strip())]
+
+
+def time_columns(table: Table) -> list[int]:
+    """Return the columns that may be the time: by their names, or, if no name tells, by what they hold."""
+    by_path = [name.replace("/", ".") for name in table.names]  # of HDF5, where t/s may also be t in s
+    named = {*time_candidates(table.names), *time_candidates(by_path)}
+    return sorted(named or table.in_seconds)
 
 
 def unit_in_seconds(name: str) -> float:

@@ -39,7 +39,7 @@ def as_json(found: Inspection) -> dict[str, Any]:
         "complete": found.contents.whole,
         "columns": [_column(column, found) for column in found.contents.columns],
         "clock": None if clock is None else {
-            "column": clock.column.name,
+            "column": None if clock.column is None else clock.column.name,
             "guess": clock.guess or None,
             "unit_in_seconds": clock.unit,
             "unit_doubt": clock.doubt or None,
@@ -206,8 +206,9 @@ def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
         remedy = ": put the sampling time in s in place of --dt 1, which counts time in samples"
         yield "Clock", f"{named}, and none rises in equal steps{remedy if command_of(found) else ''}"
         return
+    name = "Ts, a number in the file" if clock.column is None else clock.column.name
     if math.isnan(clock.dt):
-        yield "Clock", f"{clock.column.name}: no stamp is greater than the one before"
+        yield "Clock", f"{name}: no stamp is greater than the one before"
         return
     steady = clock.jitter <= STEADY * clock.dt
     jitter = "regular" if steady else f"jitter {interval(clock.jitter)} ({share(clock.jitter / clock.dt)})"
@@ -215,7 +216,7 @@ def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
     back = f"{_counted(clock.backward, 'stamp')} missing, repeated or going back"
     known = [f"dt {interval(clock.dt)}", duration(clock.duration), jitter]
     known += ([gaps] if clock.gaps else []) + ([back] if clock.backward else [])
-    yield "Clock", f"{clock.column.name}: {', '.join(known)}"
+    yield "Clock", f"{name}: {', '.join(known)}"
     if clock.guess:
         yield "", f"That this is the time is a guess: {clock.guess}."
     if clock.doubt:

@@ -233,7 +233,7 @@ def columns_drawn(found: Inspection) -> list[Column]:
     """Return the columns that are drawn: input, output and reference, then the others in the order of the file."""
     roles = found.roles
     first = [role.column for role in (roles.input, roles.output, roles.reference) if role is not None]
-    times = [found.clock.column] if found.clock is not None else []
+    times = [None if found.clock is None else found.clock.column]
     rest = [column for column in found.record if column.number in found.contents.values and column not in times]
     return [*first, *(column for column in rest if column not in first and not math.isnan(column.low))][:MOST]
 

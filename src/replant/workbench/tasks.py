@@ -53,11 +53,12 @@ def look(path: str, chosen: tuple[str, str, str]) -> dict[str, Any]:
     u, y, t = (each or None for each in chosen)
     found = inspect(path, input=u, output=y, time=t)
     told = as_json(found)
-    for column, given in zip(told["columns"], found.contents.columns, strict=True):
-        column["key"] = key_of(found.table, given) if given.name else str(given.number)
-        column["in_record"] = given in found.record and given.kind is not Kind.TEXT
+    for shown, given in zip(told["columns"], found.contents.columns, strict=True):
+        shown["key"] = key_of(found.table, given) if given.name else str(given.number)
+        shown["in_record"] = given in found.record and given.kind is not Kind.TEXT
     clock = found.clock
-    told["clock_number"] = None if clock is None or math.isnan(clock.dt) else clock.column.number
+    column = None if clock is None or math.isnan(clock.dt) else clock.column
+    told["clock_number"] = None if column is None else column.number
     told["findings"] = [list(each) for each in findings_of(found)]
     told["delay"] = found.delay
     told["doubts"] = [vars(each) for each in doubts(*_seen(found))]
@@ -68,7 +69,7 @@ def _seen(found: Inspection) -> tuple[FloatArray, FloatArray | None, FloatArray 
     """Return time in s from the first row, input and output, as far as they were looked at."""
     clock, values = found.clock, found.contents.values
     u, y = (None if role is None else values[role.column.number] for role in (found.roles.input, found.roles.output))
-    if clock is None or math.isnan(clock.dt) or clock.backward:
+    if clock is None or clock.column is None or math.isnan(clock.dt) or clock.backward:
         dt = 1.0 if clock is None or math.isnan(clock.dt) else clock.dt
         return dt * np.arange(found.rows, dtype=np.float64), u, y
     stamps = values[clock.column.number]

@@ -11,7 +11,9 @@ from replant.errors import LogError
 from replant.fitting.inspect import first_model, inspect, options_of
 from replant.logs.column_roles import role_by_name
 from replant.logs.columns import Column, Kind, describe
+from replant.logs.read import read_log
 from replant.model.transfer_function import TransferFunction
+from replant.report.log_as_text import as_json, findings_of
 from replant.signals import prbs, random_steps
 from support.cases import every
 
@@ -238,6 +240,44 @@ def test_milliseconds_since_1970_are_recognised_by_their_size(tmp_path: Path) ->
     assert found.clock is not None
     assert "milliseconds since 1970" in found.clock.doubt
     assert options_of(found)[-2:] == ("--dt", "0.02")
+
+
+def check_clock(path: Path, column: str | None, u: str = "u", y: str = "y") -> None:
+    """Check that a log is looked at with the clock that a fit takes, for sure and without a word of it."""
+    found, log = inspect(path), read_log(path, input=u, output=y)
+    assert found.clock is not None
+    assert (None if found.clock.column is None else found.clock.column.name) == column
+    assert (found.clock.guess, found.clock.problem) == ("", "")
+    assert found.clock.dt == pytest.approx(log.dt) == DT
+    assert options_of(found) == ("-i", u, "-o", y, "-p", "2")
+    name = column or "Ts, a number in the file"
+    assert dict(findings_of(found))["Clock"] == f"{name}: dt 20 ms, 59.98 s, regular"
+    assert as_json(found)["clock"]["column"] == column
+
+
+def test_a_column_of_dates_is_the_clock_whatever_its_name(tmp_path: Path) -> None:
+    signals, path = open_loop(), tmp_path / "log.csv"
+    rows = enumerate(zip(signals["u"], signals["y"], strict=True))
+    lines = [f"2024-05-01 10:00:{row / 50:06.3f},{u:.9g},{y:.9g}\n" for row, (u, y) in rows]
+    path.write_text("date,u,y\n" + "".join(lines), encoding="utf-8")
+    check_clock(path, "date")
+
+
+def test_a_number_called_ts_is_the_clock(tmp_path: Path) -> None:
+    signals, path = open_loop(), tmp_path / "log.npz"
+    np.savez(path, u=signals["u"], y=signals["y"], Ts=DT)
+    check_clock(path, None)
+
+
+def test_a_time_in_a_group_of_an_hdf5_file_is_the_clock(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    signals, path = open_loop(), tmp_path / "log.h5"
+    with h5py.File(path, "w") as file:
+        for name, signal in signals.items():
+            file[f"rig/{name}"] = signal
+        file["rig/time"] = file["rig/t"][()]
+        del file["rig/t"]
+    check_clock(path, "rig/time", "rig/u", "rig/y")
 
 
 def test_jitter_and_gaps_are_measured(tmp_path: Path) -> None:
