@@ -29,6 +29,14 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
+def test_what_is_left_out_of_a_log_is_said(capsys, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("# time,u,y,P,I\n" + "".join(f"{k},{k % 7},{k % 5}\n" for k in range(50)), encoding="utf-8")
+    _, _, err = call(capsys, "look", path)
+    why = "line 1 has 5 names for 3 columns, and is left out; the columns are called 0, 1, 2"
+    assert err == f"replant: note: {path}: {why}\n"
+
+
 def test_the_last_line_is_a_command_that_runs(capsys, log: Path) -> None:
     code, out, err = call(capsys, "look", log)
     assert (code, err) == (0, "")

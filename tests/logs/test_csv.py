@@ -367,6 +367,29 @@ def test_a_title_above_the_names_is_left_out_and_said(tmp_path: Path) -> None:
     assert table.column("y").tolist() == [2.0, 4.0, 6.0, 8.0]
 
 
+def test_a_header_with_more_names_than_columns_is_left_out_and_said(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("# rig 7\n# time,control output,temp,P,I\n0,1,2\n1,3,4\n2,5,6\n")
+    table = read_columns(path)
+    assert table.names == ("0", "1", "2")
+    why = "line 2 has 5 names for 3 columns, and is left out"
+    assert table.notes == (f"{path}: {why}; the columns are called 0, 1, 2",)
+    for key in ("control output", "Control Output"):
+        with pytest.raises(LogError, match=rf"no column 'control output': {why}; there are: 0, 1, 2$"):
+            table.column(key)
+
+
+@pytest.mark.parametrize(
+    ("comment", "row"),
+    [("# rig 7, 3 May, 12 V, no load", "0,1,2"), ("# a, b", "0,1,2"), ("# what we did on the day", "0 1 2")],
+)
+def test_a_comment_that_is_no_header_is_passed_over(tmp_path: Path, comment: str, row: str) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(f"{comment}\n{row}\n{row}\n")
+    table = read_columns(path)
+    assert (table.names, table.notes) == (("0", "1", "2"), ())
+
+
 @pytest.mark.parametrize("above", ["t,u\n", "0,1\n", "t u y\n"])
 def test_a_short_line_above_numbers_is_no_title(tmp_path: Path, above: str) -> None:
     path = tmp_path / "log.csv"

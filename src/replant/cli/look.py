@@ -22,7 +22,7 @@ from replant.cli.deliver import (
     whole_log,
     write_errors_reported,
 )
-from replant.cli.notes import progress_bar
+from replant.cli.notes import note, progress_bar
 from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
 from replant.cli.run_fit_compare_options import log_options, open_log
 from replant.errors import InvalidArgumentError, ModelFileError
@@ -63,6 +63,8 @@ def look_command(
     reference; and the delay between input and output.  What is guessed is called a guess.
     """
     found = inspect(log, input=input_column, output=output_column, time=time_column)
+    for left_out in found.table.notes:
+        note(left_out)
     make_folder(out)
     path = None
     if out is not None:

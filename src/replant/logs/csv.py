@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
-from replant.logs.table import Table
+from replant.logs.table import Table, listed
 from replant.logs.text_cells import (
     MISSING,
     CellError,
@@ -137,6 +137,13 @@ def read(path: Path) -> Table:
         first, last = layout.title[0], layout.title[-1]
         lines = f"line {first} is" if first == last else f"lines {first} to {last} are"
         notes.append(f"{path}: {lines} above the names, and left out")
+    left_out: dict[str, str] = {}
+    if layout.unused:
+        counts = f"{len(layout.unused)} names for {len(layout.names)} columns"
+        why = f"line {layout.unused_line} has {counts}, and is left out"
+        there = listed(layout.names)
+        notes.append(f"{path}: {why}; the columns are called {there}")
+        left_out = {name: f"no column {shown(name)}: {why}; there are: {there}" for name in layout.unused}
     cut = cut_line(path, layout)
     if cut:
         layout = replace(layout, is_cut=True)
@@ -154,6 +161,7 @@ def read(path: Path) -> Table:
         origins={n: form.origin for n, form in layout.stamps.items() if form.origin is not None},
         approximate_rows=_approximate_rows(path),
         notes=tuple(notes),
+        left_out=left_out,
     )
 
 

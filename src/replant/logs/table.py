@@ -200,7 +200,7 @@ class Table:
                 raise LogError(f"{self.path}: column {shown(key)} could be any of {names}; choose it by its number")
         if key.strip().isdecimal() and len(key) < LONGEST_NUMBER:
             return self._number(int(key))
-        reason = self.left_out.get(key.strip())
+        reason = next((why for name, why in self.left_out.items() if _folded(name) == _folded(key)), None)
         if reason is not None:
             raise LogError(f"{self.path}: {reason}")
         near = sorted(self.names, key=lambda name: -_likeness(key, name))

@@ -110,6 +110,8 @@ class Layout:
     mark: DecimalMark | None = None
     marks: Mapping[int, DecimalMark] = field(default_factory=dict)  # of columns with another one
     is_cut: bool = False
+    unused: tuple[str, ...] = ()  # the names in a comment that has more of them than there are columns
+    unused_line: int = 0
 
 
 def is_data(line: str) -> bool:
@@ -140,8 +142,15 @@ def sniff(path: Path) -> Layout:
     units = units_in(below[0][1]) if len(below) > 1 and len(below[0][1]) <= len(first) + 1 else None
     others = [cells for _, cells in below[units is not None :]]
     if not _is_header(path, number, first, others):
-        names = _commented_names(comment, delimiter, first, others)
-        return with_content(Layout(names, delimiter, None, number, encoding), [(number, first), *below])
+        numbered = _names([str(column) if cell else "" for column, cell in enumerate(first)], others)
+        at, text = comment
+        found = _commented_names(text, delimiter)
+        layout = Layout(numbered, delimiter, None, number, encoding)
+        if len(found) == len(numbered):
+            layout = replace(layout, names=found)
+        elif len(found) > len(numbered) and delimiter is not None:  # blanks stand between the words of any comment
+            layout = replace(layout, unused=found, unused_line=at)
+        return with_content(layout, [(number, first), *below])
     if len(rows) == 1:
         raise LogError(f"{path}: only a header (line {number}) and no row of data; record some samples first")
     names = _names(first, others)
@@ -175,9 +184,9 @@ def too_long_error(path: Path, number: int) -> LogError:
     )
 
 
-def _sample(path: Path, encoding: str) -> tuple[str | None, list[tuple[int, str]]]:
+def _sample(path: Path, encoding: str) -> tuple[tuple[int, str], list[tuple[int, str]]]:
     """Return the last comment before the first row, and the first rows: at least two, and more while they are short."""
-    comment: str | None = None
+    comment = 0, ""
     rows: list[tuple[int, str]] = []
     characters = 0
     for number, line in islice(_significant(lines_of(path, encoding)), _SAMPLE_ROWS):
@@ -187,7 +196,7 @@ def _sample(path: Path, encoding: str) -> tuple[str | None, list[tuple[int, str]
             if len(rows) > 1 and characters > _SAMPLE_CHARACTERS:
                 break
         elif not rows:
-            comment = line
+            comment = number, line
     return comment, rows
 
 
@@ -307,14 +316,9 @@ def _names(header: Sequence[str], rows: Sequence[Sequence[str]]) -> tuple[str, .
     return tuple(name or str(number) for number, name in enumerate(header[:width]))
 
 
-def _commented_names(
-    comment: str | None, delimiter: str | None, first: Sequence[str], others: Sequence[Sequence[str]]
-) -> tuple[str, ...]:
-    """Return the names in the last comment before the data, if it has one per column, as numpy.savetxt writes them."""
-    numbered = _names([str(column) if cell else "" for column, cell in enumerate(first)], others)
-    text = comment.strip().lstrip("".join(COMMENT_MARKS)).strip() if comment else ""
-    names = split_or_none(text, delimiter) if text else None
-    if names is None or len(names) != len(numbered):
-        return numbered
+def _commented_names(comment: str, delimiter: str | None) -> tuple[str, ...]:
+    """Return the names in the last comment before the data, as numpy.savetxt writes them; none if it has others."""
+    text = comment.strip().lstrip("".join(COMMENT_MARKS)).strip()
+    names = (split_or_none(text, delimiter) if text else None) or []
     fit = all(name[:1].isalpha() and len(name) <= LONGEST_NAME and not is_number(name, None) for name in names)
-    return tuple(names) if fit else numbered
+    return tuple(names) if fit else ()
