@@ -146,3 +146,21 @@ def test_a_band_that_is_none_is_refused_in_a_line(
         main(["fit", str(log), *OPTIONS, "--band", band])
     assert stop.value.code == 2
     assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["run", "fit"])
+def test_the_rest_put_before_a_log_is_counted_nowhere(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, command: str
+) -> None:
+    u = prbs(3000, hold=20, bits=9)
+    y = PLANT.simulate(u - u[0], DT) + 0.01 * np.random.default_rng(0).standard_normal(u.size)
+    log = tmp_path / "log.csv"
+    log.write_text("t,u,y\n" + "".join(f"{DT * k:.2f},{u[k]},{y[k]:.6f}\n" for k in range(u.size)))
+    answer, notes = model_of(capsys, command, log, "--x0", "rest")
+    rejected = answer["rejected"]
+    assert isinstance(rejected, dict)
+    assert (answer["samples"], sum(rejected.values())) == (3000, 0)
+    assert "from rest: 3,000 samples at the first input are put before the record\n" in notes
+    main([command, str(log), *OPTIONS[:-1], "--x0", "rest"])
+    said = capsys.readouterr().out
+    assert "Record   3,000 samples, dt 10 ms, 30 s\nSamples  3,000\n" in said

@@ -69,3 +69,36 @@ def test_a_dead_time_does_not_hide_the_rest() -> None:
     assert found.transfer_function.dc_gain == pytest.approx(2.0, abs=4.0 * found.uncertainty.dc_gain_std)
     assert found.uncertainty.dc_gain_std < 0.05
     assert found.one_step > 80.0
+
+
+@every("several", [False, True])
+def test_the_rest_is_no_part_of_the_record_that_is_counted(several: bool) -> None:
+    """What is put before is neither a sample nor a rejected one, nor does the record last longer for it."""
+    log = step_test(0, 5)
+    pump = np.where(np.arange(150) // 30 % 2 == 0, 0.0, 1.0)
+    y = log.output + G.simulate(pump, DT)
+    y[100] = np.nan
+    log = rp.Log(log.input, y, DT, others={"pump": pump}, more_inputs=("pump",)) if several else rp.Log(pump, y, DT)
+    poles = (1, 1) if several else 1
+    longer = rp.from_rest(log)
+    assert (longer.rest, len(longer), longer.duration) == (150, 300, log.duration)
+    for identify, reason in ((rp.fit, "not finite"), (rp.run, "no output")):
+        found, plain = (identify(each, poles=poles) for each in (longer, log))
+        assert found.rejected[reason] == plain.rejected[reason] == 1
+        assert found.samples == plain.samples == (149 if identify is rp.fit else 150)
+        assert found.model.provenance.samples == found.samples
+        assert dict(found.model.rejected) == found.rejected
+    found = rp.fit([longer, longer], poles=poles)
+    assert (found.samples, found.rejected["not finite"]) == (298, 2)
+
+
+def test_the_rest_is_that_of_the_new_clock() -> None:
+    log = step_test(0, 5)
+    t = DT * np.arange(150) + 0.1 * DT * (np.arange(150) % 2)
+    longer = rp.from_rest(rp.Log(log.input, log.output, DT, t))
+    assert longer.stamps is not None
+    assert longer.duration == pytest.approx(t[-1] - t[0] + DT)
+    finer = rp.resample(longer, 0.5 * DT)
+    assert (finer.rest, len(finer) - finer.rest) == (300, 299)
+    assert rp.decimate(rp.from_rest(log), 2).rest == 65
+    assert rp.from_rest(rp.from_rest(log)).rest == 450

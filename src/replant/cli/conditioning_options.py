@@ -182,7 +182,7 @@ def conditioned(log: Log | None, options: dict[str, Any]) -> Log:
             log = from_rest(log)
         except InvalidArgumentError as error:
             raise InvalidArgumentError(f"--x0 {REST}: {error}") from None
-        note(f"from rest: as many samples at the first input are put before the record, now {len(log):,}")
+        note(f"from rest: {log.rest:,} samples at the first input are put before the record")
     return log
 
 

@@ -181,7 +181,7 @@ def deliver(
     if as_json:
         echo_json(result_as_json(result) | (more or {}), validations)
     else:
-        record = record_line(len(log), log.dt, log.duration)
+        record = record_line(len(log) - log.rest, log.dt, log.duration)
         print_result(Console(), result, record=record, lead="" if step is None else step.words)
         if result.settings is not None:
             click.echo(f"\nSettings chosen from the data; in Python:\n{identifier_as_python(result.settings)}")

@@ -89,7 +89,7 @@ def run_command(as_json: bool, out: Path | None, full_trace: Path | None, startu
     if shown is not None:
         log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
     assert log is not None
-    result = judged_by_log(result, log)
+    result = judged_by_log(result, log).without_rest(log.rest)
     if full_trace is not None and not as_json:
         click.echo(f"wrote {full_trace}")
     if structures and not as_json:

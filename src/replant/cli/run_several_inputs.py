@@ -153,7 +153,7 @@ def _print(rows: Sequence[RowFit], records: Sequence[list[Log]], searches: Seque
         if searches:
             console.print(f"\nStructures for {row.model.output_name}", highlight=False, markup=False, style="bold")
             print_candidates(console, searches[number])
-        samples, seconds = sum(map(len, logs)), sum(each.duration for each in logs)
+        samples, seconds = sum(len(each) - each.rest for each in logs), sum(each.duration for each in logs)
         print_row(console, row.model, record=record_line(samples, logs[0].dt, seconds))
 
 
@@ -198,5 +198,5 @@ def as_one(logs: list[Log]) -> Log:
     return Log(
         all_of.u, all_of.y, all_of.dt, all_of.t, all_of.input_name, all_of.output_name, Path(all_of.source),
         reference=all_of.reference, reference_name=all_of.reference_name, irregular=True, input_hold=all_of.input_hold,
-        others=all_of.others, more_inputs=all_of.more_inputs, more_references=all_of.more_references,
+        others=all_of.others, more_inputs=all_of.more_inputs, more_references=all_of.more_references, rest=all_of.rest,
     )  # fmt: skip

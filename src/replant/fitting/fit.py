@@ -23,6 +23,7 @@ from replant.fitting.rows_of_outputs import are_rows, samples_of_outputs, solved
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.several_outputs import MatrixFit
 from replant.kernels.schema import Doubt
+from replant.logs.log import without_rest
 from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import Preprocess, accepted, screen
@@ -179,6 +180,7 @@ def fit_samples(
     if r is not None:
         y = np.where(np.isfinite(r), y, np.nan)
     usable, rejected = screen(preprocess.map_input(u), y)
+    rejected = without_rest(rejected, "not finite", given.rest)
     check_length(int(usable.sum()), structure)
     check_delay(structure.delay, dt, u.size, stamps)
     preprocess = preprocess.resolve(u, y)

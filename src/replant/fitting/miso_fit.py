@@ -17,6 +17,7 @@ from replant.fitting.model_fields import Provenance, unnamed
 from replant.fitting.parted_record import solve_parted_row
 from replant.fitting.samples import Samples
 from replant.kernels.schema import Doubt
+from replant.logs.log import without_rest
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import accepted, screen
 from replant.model.structure import Structure
@@ -190,7 +191,7 @@ def fit_row(given: Samples, poles: Any, zeros: Any = 0, delay: Any = 0.0) -> Row
     ]
     verdict = judged(row, row.record, found.point, found.noise, found.covariance, others)
     made = Provenance("srivc", given.source, given.sha256, row.count)
-    rejected = screen(np.abs(columns).max(axis=1), output)[1]
+    rejected = without_rest(screen(np.abs(columns).max(axis=1), output)[1], "not finite", given.rest)
     fitted = row_fit(solution, ready, output, dt, verdict, made, rejected, given.output_name)
     return replace(fitted, loads=np.flatnonzero(ready.used)[list(loads)])
 

@@ -48,6 +48,7 @@ class Samples:
     reference_name: str = ""
     more_inputs: tuple[str, ...] = ()  # names of those of ``others`` that are inputs too
     more_references: tuple[str, ...] = ()  # those that are references too
+    rest: int = 0  # samples that `from_rest` put before the logs, which are none of theirs
 
     @classmethod
     def of(
@@ -79,7 +80,7 @@ class Samples:
             return cls(
                 u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
                 u.input_hold, u.sha256, u.others, reference_name=u.reference_name, more_inputs=u.more_inputs,
-                more_references=u.more_references,
+                more_references=u.more_references, rest=u.rest,
             )  # fmt: skip
         if y is None or dt is None:
             raise ArgumentTypeError("give a Log, or input u, output y and sampling time dt: fit(u, y, dt, poles=2)")
@@ -120,6 +121,7 @@ class Samples:
             first.input_hold, others=others, more_inputs=first.more_inputs,
             begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
             reference_name=first.reference_name, more_references=first.more_references,
+            rest=sum(log.rest for log in logs),
         )  # fmt: skip
 
     @property

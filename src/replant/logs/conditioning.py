@@ -78,7 +78,7 @@ def from_rest(log: Log) -> Log:
     time = log.time
     if time is not None:
         time = np.concatenate([time[0] + log.dt * np.arange(-count, 0), time])
-    return changed(log, held, output, time=time)
+    return changed(log, held, output, time=time, rest=log.rest + count)
 
 
 HALF_LENGTH = 10  # half the length of the filter: its edge is then 0.13 new rates wide [new sampling times]
@@ -197,7 +197,7 @@ def decimate(log: Log, factor: int) -> Log:
     time = None if log.time is None else log.time[half : log.input.size - half : factor]
     return changed(
         log, lambda signal: thinned(centred(signal)), thinned(log.output),
-        dt=log.dt * factor, time=time, input_hold="foh",
+        dt=log.dt * factor, time=time, input_hold="foh", rest=len(range(half, log.rest, factor)),
     )  # fmt: skip
 
 
@@ -279,7 +279,8 @@ def resample(log: Log, dt: float) -> Log:
     def interpolated(signal: FloatArray) -> FloatArray:
         return np.asarray(np.where(missing, np.nan, np.interp(grid, t, accepted(signal)[0])))
 
-    return changed(log, averaged, interpolated(log.output), dt=dt, time=grid, irregular=False, earlier=0)
+    rest = int(np.searchsorted(grid, t[log.rest])) if log.rest else 0
+    return changed(log, averaged, interpolated(log.output), dt=dt, time=grid, irregular=False, earlier=0, rest=rest)
 
 
 def _clock(log: Log) -> FloatArray:

@@ -62,6 +62,9 @@ class Log:
         Further columns of the same rows.  The verdict of `fit` names one that explains what the model leaves.
     more_inputs, more_references : tuple of str
         Names of those of ``others`` that are inputs or references too, see `inputs` and `references`.
+    rest : int
+        Number of samples at the beginning that `from_rest` put before the record: `duration` and the counts of samples
+        in a result are those of the record alone.
 
     Examples
     --------
@@ -88,6 +91,7 @@ class Log:
     others: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
     more_inputs: tuple[str, ...] = ()
     more_references: tuple[str, ...] = ()
+    rest: int = 0
 
     def __post_init__(self) -> None:
         for name in ("input", "output", "time", "reference"):
@@ -116,6 +120,7 @@ class Log:
                 keep(self, name, finite)
         object.__setattr__(self, "path", Path(file_path("path", self.path)))
         keep(self, "earlier", whole, 0, 2**62)
+        keep(self, "rest", whole, 0, self.input.size)
         if self.irregular is not None:
             keep(self, "irregular", truth)
         keep(self, "input_hold", one_of, ("zoh", "foh"))
@@ -184,9 +189,9 @@ class Log:
     def duration(self) -> float:
         """Duration in s: from the first sample to the last, and one sampling time for the last one."""
         if self.stamps is None:
-            return len(self) * self.dt
+            return (len(self) - self.rest) * self.dt
         first = 0.0 if self.earlier else float(self.stamps[0])  # of a part, the time counts from the record's begin
-        return float(self.stamps[-1]) - first + self.dt
+        return float(self.stamps[-1]) - first + self.dt - self.rest * self.dt
 
     def to_pandas(self) -> Any:
         """Return a `pandas.DataFrame` of the signals, under their names in the file, over time in s.
@@ -241,6 +246,11 @@ class Log:
 def unused(others: Mapping[str, NDArray[np.float64]], *used: tuple[str, ...]) -> dict[str, NDArray[np.float64]]:
     """Return those of further columns that are not among some names."""
     return {name: signal for name, signal in others.items() if not any(name in names for names in used)}
+
+
+def without_rest(rejected: Mapping[str, int], reason: str, rest: int) -> dict[str, int]:
+    """Return counts of rejected samples without those that `from_rest` put before a log, which went by a reason."""
+    return {name: max(0, count - rest) if name == reason else count for name, count in rejected.items()}
 
 
 def check_one_reference(count: int) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from replant.estimation.simulation.left_out import NONE, flags_of, joined, stret
 from replant.fitting import model_notation
 from replant.fitting.fit_result import FitResult
 from replant.fitting.model import Model
+from replant.logs.log import without_rest
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import screen
 from replant.model.structure import Structure
@@ -213,6 +214,13 @@ class Result:
     clock: Clock | None = None
     weights: tuple[tuple[Structure, float], ...] = ()
     leads: tuple[Lead, ...] = ()
+
+    def without_rest(self, rest: int) -> Result:
+        """Return the result with the counts of the record alone, before which `from_rest` put ``rest`` samples."""
+        samples, rejected = self.samples - rest, without_rest(self.rejected, "no output", rest)
+        made = replace(self.model.provenance, samples=samples)
+        model = replace(self.model, rejected=tuple(rejected.items()), provenance=made)
+        return replace(self, model=model, samples=samples, rejected=rejected)
 
     def clock_of(self, dt: float) -> Clock:
         """Return the clock of the record, whose sampling time is ``dt`` s."""

@@ -139,6 +139,7 @@ def run(
     if r is not None and r.size != u.size:
         raise InvalidArgumentError(f"reference must have one value for each of {u.size} samples, got {r.size}")
     result = run_online(request, u, y, reference=r, t=stamps, structures=structures)
+    result = result.without_rest(given.rest)
     return replace(result, model=result.model.of_log(given.input_name, given.output_name, given.source, given.sha256))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from replant.fitting.miso_fit import RowFit, check_numbers, columns_of, structur
 from replant.fitting.miso_model import evaluated
 from replant.fitting.miso_references import references_of
 from replant.fitting.samples import Samples
+from replant.logs.log import without_rest
 from replant.numerics.arguments import vector
 from replant.numerics.limits import increasing
 from replant.online.miso_identifier import RowIdentifier
@@ -63,6 +65,9 @@ def run_row(
     found = ident.fit_of_newest(others)
     newest = ident.model if found is None else found.model
     model = newest.of_log(names, given.output_name, given.source, given.sha256)
+    rejected = without_rest(dict(model.rejected), "no output", given.rest)
+    made = replace(model.provenance, samples=model.provenance.samples - given.rest)
+    model = replace(model, rejected=tuple(rejected.items()), provenance=made)
     none, missing = np.zeros(0, np.int64), np.flatnonzero(~np.isfinite(y))
     began, *loads = (int(taken[each]) for each in ident.begins)
     ready = RowRecord.of(u, y, given.dt, t, given.input_hold, (began, *loads))
