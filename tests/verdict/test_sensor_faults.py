@@ -51,6 +51,20 @@ def test_a_plant_at_rest_is_no_stuck_sensor() -> None:
     assert stuck_finding(y, y, 1e-13, resolved, DT * np.arange(4000)) == []
 
 
+def test_a_motor_at_rest_is_no_sensor_at_its_limit() -> None:
+    """No value lies between its rest and its speed, but a few of its start: nothing tells what a model is to be there.
+
+    So it is where the model errs at the start only, as it does without the dead time.
+    """
+    turning = np.repeat([10.2, 10.9, 11.6, 16.7], [8, 63, 121, 1])
+    y = np.concatenate([np.zeros(100), [7.3, 8.7, 9.5, 9.5, 9.5], turning])
+    modelled = np.concatenate([np.full(100, -0.003), [8.0, 10.4, 11.8, 11.0, 11.2], np.full(turning.size, 11.3)])
+    assert saturation_finding(y, modelled) == []
+    rise = np.round(10.0 * G1.simulate(np.ones(300), 0.02), 1)
+    late = np.concatenate([np.zeros(8), rise[:-8]])
+    assert saturation_finding(late, 10.0 * G1.simulate(np.ones(300), 0.02)) == []
+
+
 @every("noisy", [True, False])
 @every("failure", ["stuck", "saturated"])
 def test_a_failed_sensor_is(failure: str, noisy: bool) -> None:

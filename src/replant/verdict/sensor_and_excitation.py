@@ -131,7 +131,8 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -
     """Return a finding if the output stays at an end of its scale while the model's output goes beyond.
 
     How far the model should be there follows from how it goes with the output elsewhere.  Where an output turns round,
-    however coarse its scale, the model is as far; where it is cut off, the model is farther out than rounding explains.
+    however coarse its scale, the model is as far; where it is cut off, the model is farther out than rounding explains,
+    and leaves the scale.
     """
     values, counts = np.unique(y, return_counts=True)
     tied = values[counts >= MANY]
@@ -144,14 +145,19 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -
             continue
         # by the output, not the other way round: what is cut off then changes nothing of what is left
         usual = np.polynomial.Polynomial.fit(y[inside], modelled[inside], power)
-        beyond = outwards * float(np.mean(modelled[there]) - usual(end[0]))
+        # past the values that it is fitted to the curve says nothing: the model is as far off there as at their end
+        nearest = outwards * float((outwards * y[inside]).max())
+        past_end = outwards * (modelled[there] - end[0])
+        beyond, farthest = float(past_end.mean()) - outwards * (float(usual(nearest)) - nearest), float(past_end.max())
         visits = int(np.count_nonzero(np.diff(there, prepend=False) & there))
         chance = MOVED_SIGMAS * robust_std(modelled[inside] - usual(y[inside])) / math.sqrt(visits)
-        if beyond > max(chance, 0.5 * usual_step(y), ROUNDING * float(y.std())):  # a rounded output is half a step off
+        least = max(chance, 0.5 * usual_step(y), ROUNDING * float(y.std()))  # a rounded output is half a step off
+        # a model that errs inside of the scale, as of another dead time, never leaves it
+        if min(beyond, farthest) > least:
             share = (
                 f"{percent(float(there.mean()))} of the newest {y.size} samples lie exactly at an extreme of the output"
             )
-            far = f"the model's output {beyond * unit:.3g} beyond: a sensor at its limit"
+            far = f"the model's output goes up to {farthest * unit:.3g} beyond: a sensor at its limit"
             return [Finding("inconsistent", f"{share}, and {far}")]
     return []
 
