@@ -70,6 +70,16 @@ def test_what_is_made_from_output_or_input_is_no_cause(made, poles: int) -> None
     assert named(log_of(u, y, 1.0, other=made(u, y)), poles) == ()
 
 
+@every("seed", [5, 6, 10])
+def test_a_slow_effect_explains_no_more_than_the_residual_holds(seed: int) -> None:
+    """The plant integrates with a lag and the model has one pole: most of what is left is the input's."""
+    u, p = binary(seed, 300, 25), binary(seed + 50, 300, 40)
+    noise = 0.001 * np.random.default_rng(seed).standard_normal(300)
+    y = rp.TransferFunction([1.0], [1.0, 0.1, 0.0]).simulate(u + p, 0.1) + noise
+    (pump,) = named(log_of(u, y, 0.1, pump=p), delay=0.0)
+    assert 0.1 < pump.left < 0.5
+
+
 def test_a_second_sensor_of_the_same_cause_is_not_named_beside_it() -> None:
     u, p, y = heated(3)
     second = PUMP.simulate(p, 1.0) + 0.1 * np.random.default_rng(9).standard_normal(u.size)

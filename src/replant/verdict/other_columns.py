@@ -26,6 +26,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import MATTERS
 from replant.numerics.linear_algebra import combined, quiet
+from replant.numerics.projections import without
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.estimate_tests import without_longer
 from replant.verdict.evidence import Evidence, Runs
@@ -48,7 +49,7 @@ class OtherColumn:
     @property
     def reason(self) -> str:
         """What is said of it."""
-        told = f"column {self.name} explains {percent(min(self.left, 1.0))} of what is left"
+        told = f"column {self.name} explains {percent(self.left)} of what is left"
         if self.bias > MATTERS:
             return f"{told}, and moves with the input, so that its effect is in the coefficients"
         return f"{told}: it moves the output, too; record with it held still"
@@ -100,8 +101,11 @@ def _chosen(evidence: Evidence, run: ModelRun, causes: dict[str, ModelRun], *, c
             columns = dynamics(evidence, by_x)
             explained = _explained(residual, error, columns)
             part = explained.beside(evidence, error, y)
-            if part.is_sure and part.power > MATTERS:
-                sure.append((part.power, name, columns, combined(columns, explained.weights)))
+            if not (part.is_sure and part.power > MATTERS):
+                continue
+            size = min(part.power, _explicable(residual, error, columns) / power_of(evidence, y))
+            if size > MATTERS:
+                sure.append((size, name, columns, combined(columns, explained.weights)))
         if not sure:
             break
         sure.sort(key=lambda each: -each[0])
@@ -140,6 +144,17 @@ def _explained(residual: Residual, error: FloatArray, columns: FloatArray) -> Ex
     for _ in range(REFINED):
         found = residual.beside(error, combined(columns, found.weights)).explained(columns)
     return found
+
+
+def _explicable(residual: Residual, error: FloatArray, columns: FloatArray) -> float:
+    """Return the mean square of an error (K,) that columns (K, C) explain at most, beside the known ones.
+
+    The weights of whitened signals tell little of a slow effect in slow noise: it may come out larger than the error.
+    """
+    rows = residual.used
+    before = without(error[rows, None], residual.known[rows])
+    after = without(before, without(columns[rows], residual.known[rows]))
+    return float(np.mean(before**2) - np.mean(after**2))
 
 
 def _bias(evidence: Evidence, error: FloatArray, own: FloatArray, effect: FloatArray, y: FloatArray) -> float:
