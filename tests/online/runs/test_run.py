@@ -17,6 +17,7 @@ from replant.online.runs.run import run_online, run_source
 from replant.signals import prbs
 from replant.verdict import fit_percent
 from support.cases import every
+from support.loops import closed_loop
 
 DT = 0.05
 PLANT = rp.TransferFunction([3.0, 6.0], [1.0, 1.6, 4.0])
@@ -185,3 +186,19 @@ def test_what_is_left_out_does_not_depend_on_how_the_record_comes() -> None:
     )
     np.testing.assert_array_equal(flags_of(one.left_out, 0, u.size), flags_of(other.left_out, 0, u.size))
     assert one.left_out_over_time(DT)[-1, 1] == pytest.approx(4600 * DT)
+
+
+def test_the_output_of_a_model_that_would_run_away_is_predicted_as_by_a_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also over a record of many pieces, of which the last is a single sample, and with outputs missing."""
+    rng = np.random.default_rng(0)
+    r, noise = np.repeat(rng.uniform(-1.0, 1.0, 15), 40), 0.002 * rng.standard_normal(600)
+    u, y = closed_loop([1.0], [1.0, -0.1], (1.0, 0.0), 0.1, r, np.zeros(600), noise)
+    fitted, result = rp.fit(u, y, 0.1, rp.Structure(1)), run_online(Request(rp.Structure(1), 0.1), u, y)
+    assert result.simulation.how == fitted.simulation.how == "predicted from input and past output"
+    assert result.simulation.fit == pytest.approx(fitted.simulation.fit, abs=0.01)
+    monkeypatch.setattr(run, "FITTED", 200)
+    monkeypatch.setattr(run, "PIECE", 199)
+    y[300:305] = np.nan
+    pieces = run_online(Request(rp.Structure(1), 0.1), u, y)
+    assert pieces.simulation.is_prediction
+    assert pieces.simulation.fit == pytest.approx(fitted.simulation.fit, abs=0.2)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -236,11 +236,22 @@ def _lengths(columns: FloatArray) -> FloatArray:
     return np.where(lengths == 0.0, 1.0, lengths)
 
 
+class BatchRun(Protocol):
+    """A model beside a record, batch by batch."""
+
+    offset: float
+
+    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Take the next samples (K,); return the model's output (K,), and the measured one (K,)."""
+
+
 class Score:
     """Runs a model from the input alone, and keeps the sums that its fits to the measured output are made from."""
 
-    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
-        self._run = FittedRun(model, dt, input_hold)
+    def __init__(
+        self, model: TransferFunction, dt: float, input_hold: str = "zoh", run: BatchRun | None = None
+    ) -> None:
+        self._run = FittedRun(model, dt, input_hold) if run is None else run
         self._dt, self._last = dt, math.nan
         self._batches, self._failed = 0, False
         self._error, self._output = ErrorSums(), OutputSums()
@@ -260,9 +271,9 @@ class Score:
         with np.errstate(over="ignore", invalid="ignore"):
             modelled, y = self._run.take(u, y, t)
             self._batches += 1
-            self._failed = self._failed or not bool(np.isfinite(modelled).all())
+            known = np.asarray(np.isfinite(y))
+            self._failed = self._failed or not bool(np.isfinite(modelled[known]).all())
             if not self._failed:
-                known = np.asarray(np.isfinite(y))
                 self._output.take(y[known])
                 self._error.take(*_spread(np.where(known, y - modelled, 0.0), known, intervals, self._dt))
         return modelled

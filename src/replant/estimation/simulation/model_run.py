@@ -82,21 +82,37 @@ def model_output(
     span = dt * (u.size - 1) if t is None else float(t[-1] - t[0])
     if not runs_away(model.den, span):
         return simulate(model, u, y, dt, input_hold=input_hold, t=t)
-    kept = np.isfinite(u) & np.isfinite(y)
-    output = np.full(u.size, np.nan)
-    clock = dt * np.arange(u.size) if t is None else t
-    intervals = np.diff(clock[kept], prepend=clock[kept][:1] - dt)
-    if t is None and kept.all():
-        intervals = np.array([dt])
-    n, m = model.den.size - 1, model.num.size - 1
-    parameters = np.concatenate([model.den[1:], model.num])
-    structure = Structure(n, m, model.delay, feedthrough=n == m)
-    error = None
-    if kept.any():
-        error = prediction_error(structure, parameters, Record(u[kept], y[kept], intervals, input_hold), dt)
-    if error is not None:
-        output[kept] = y[kept] - error
+    output = PredictedRun(model, dt, input_hold).take(u, y, t)[0]
     return Simulation(output, 0.0, fit_percent(y, output), is_prediction=True)
+
+
+class PredictedRun:
+    """Predicts the output one step ahead, batch by batch, offset and initial state fitted to each."""
+
+    def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
+        self._model, self._dt, self._hold = model, dt, input_hold
+        self.offset = 0.0
+
+    def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
+        """Take the next samples (K,); return the model's output (K,), NaN where it has none, and the measured one."""
+        kept = np.isfinite(u) & np.isfinite(y)
+        output = np.full(u.size, np.nan)
+        clock = self._dt * np.arange(u.size) if t is None else t
+        intervals = np.diff(clock[kept], prepend=clock[kept][:1] - self._dt)
+        if t is None and kept.all():
+            intervals = np.array([self._dt])
+        model, error = self._model, None
+        n, m = model.den.size - 1, model.num.size - 1
+        parameters = np.concatenate([model.den[1:], model.num])
+        structure = Structure(n, m, model.delay, feedthrough=n == m)
+        if kept.sum() == 1:  # nothing is predicted from one sample
+            return output, output
+        if kept.any():
+            record = Record(u[kept], y[kept], intervals, self._hold)
+            error = prediction_error(structure, parameters, record, self._dt)
+        if error is not None:
+            output[kept] = y[kept] - error
+        return output, np.where(kept, y, np.nan)
 
 
 @quiet

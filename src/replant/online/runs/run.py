@@ -16,6 +16,7 @@ from replant.estimation.simulation.left_out import (
     flags_of,
     stretches_of,
 )
+from replant.estimation.simulation.model_run import PredictedRun, runs_away
 from replant.model.preprocess import screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
@@ -90,8 +91,11 @@ def run_source(
     dt = members[0].dt
     chunk = min(CHUNK, max(1, source.samples // BANDS))
     done, stamped = 0, _needs_stamps(request, source)
+    ends: list[float] = []  # the first stamp and the last
     for batch in batched(source.batches(), FITTED):
         u, y, r, t = _signals(batch, irregular=irregular)
+        if t is not None and t.size:
+            ends = [ends[0] if ends else float(t[0]), float(t[-1])]
         for start in range(0, u.size, chunk):
             piece = slice(start, start + chunk)
             regular = np.asarray(dt * np.arange(done, done + u[piece].size)) if stamped else None
@@ -115,7 +119,7 @@ def run_source(
     bridged.note()
     bridged.note_again()
     settings, verdict = identifier.settings, identifier.assess()
-    tested = _Tested(identifier, source.samples, newest)
+    tested = _Tested(identifier, source.samples, newest, ends[1] - ends[0] if ends else dt * (done - 1))
     for u, y, t in _pieces(source, irregular=irregular):
         tested.take(u, y, t, bridged.stretches)
         progress(TESTING, tested.record.samples)
@@ -237,10 +241,12 @@ def _stretches_among(accepted: BoolArray, doubted: BoolArray, first: int = 0) ->
 class _Tested:
     """The second pass: the model beside the record, its fits, and which samples they leave out."""
 
-    def __init__(self, identifier: Identifier, samples: int, newest: int | None) -> None:
+    def __init__(self, identifier: Identifier, samples: int, newest: int | None, span: float) -> None:
         settings, request = identifier.settings, identifier.request
         hold = settings.filter.input_hold if settings else "zoh"
-        self.score = Score(identifier.transfer_function, identifier.dt, hold)
+        model, dt = identifier.transfer_function, identifier.dt
+        self._predicts = runs_away(model.den, span)
+        self.score = Score(model, dt, hold, PredictedRun(model, dt, hold) if self._predicts else None)
         self.record, self.left_out = Recorder(samples, newest), [NONE]
         self.clock = ClockRecorder(identifier.dt, samples, samples if newest is None else KNOTS)
         self._preprocess, self._chosen = request.preprocess, settings.preprocess if settings else None
@@ -263,7 +269,8 @@ class _Tested:
     @property
     def simulation(self) -> Simulation:
         """Of the newest samples that are kept."""
-        return Simulation(self.record.output(self.score.shift), self.score.offset, self.score.simulated)
+        score = self.score
+        return Simulation(self.record.output(score.shift), score.offset, score.simulated, is_prediction=self._predicts)
 
 
 def _pieces(source: Source, *, irregular: bool) -> Iterator[tuple[FloatArray, FloatArray, FloatArray | None]]:
