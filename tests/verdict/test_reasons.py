@@ -167,6 +167,14 @@ def test_a_coarse_sensor_that_stands_still_while_the_model_moves_many_steps_is(s
 NEVER, RESTED = "the input is constant: move it", "the input has rested for the last"
 
 
+@pytest.mark.parametrize("level", [0.0, 1.5])
+def test_a_constant_input_is_named_where_no_model_is_found_too(level: float) -> None:
+    u, y = np.full(400, level), 3.0 + 0.01 * np.random.default_rng(1).standard_normal(400)
+    for attempt in (lambda: rp.fit(u, y, DT, poles=1, method="srivc"), lambda: rp.search(u, y, DT, poles=(1, 2))):
+        with pytest.raises(rp.ReplantError, match=NEVER):
+            attempt()
+
+
 def test_an_input_that_moved_before_has_rested() -> None:
     """For longer than samples are kept: 10,000."""
     u, y = noisy(1)

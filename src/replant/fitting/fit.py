@@ -32,6 +32,7 @@ from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import combined, quiet
 from replant.verdict import Simulation, fit_percent, simulate
+from replant.verdict.evidence import CONSTANT, is_constant
 
 METHODS = (AUTO, "srivc", "least_squares")
 
@@ -197,9 +198,9 @@ def fit_samples(
             whole = _with_record(_refined_result(raw, solution, rejected, use), raw, given, solution.record)
             return whole if given.begins or whole.reference is not None else _parted(whole, raw, solution, given)
         if method == "srivc" or stamps is not None:  # least squares needs a regular clock
-            raise InvalidArgumentError(
-                "srivc finds no model for this record: the input hardly moves, or the structure does not fit the plant"
-            )
+            why = "the input hardly moves, or the structure does not fit the plant"
+            why = CONSTANT if is_constant(raw.mapped[raw.known]) else why
+            raise InvalidArgumentError(f"srivc finds no model for this record: {why}")
     if stamps is not None:
         raise InvalidArgumentError(
             "least_squares needs a regular clock: use the method srivc, or give the sampling time (dt, --dt) and no "

@@ -31,6 +31,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import iterable, record, vector, whole
 from replant.numerics.limits import MOST_TRIED, dead_time, duration, increasing, several
 from replant.numerics.linear_algebra import chi2_quantile
+from replant.verdict.evidence import CONSTANT, is_constant
 
 
 @overload
@@ -204,7 +205,9 @@ class _Sweep:
         """The trial with the most evidence; its dead time that of the grid, unless another is paid for."""
         top = self._top
         if top is None:
-            raise InvalidArgumentError("no structure of the grid explains this record: does the input move the output?")
+            why = f" No, {CONSTANT}" if is_constant(self._evidence.record.u) else ""
+            asked = "does the input move the output?"
+            raise InvalidArgumentError(f"no structure of the grid explains this record: {asked}{why}")
         on_grid = max(self._of(_size(top.structure)), key=lambda trial: trial.evidence)
         paid = top.likelihood - on_grid.likelihood > 0.5 * math.log(self._evidence.record.u.size)
         return top if paid else on_grid

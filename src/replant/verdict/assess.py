@@ -38,7 +38,7 @@ from replant.verdict.estimate_tests import (
     movement_findings,
     uncertainty_findings,
 )
-from replant.verdict.evidence import FEWEST, LEAST_POWER, PER_COEFFICIENT, RESTING, Evidence, moving
+from replant.verdict.evidence import CONSTANT, FEWEST, LEAST_POWER, PER_COEFFICIENT, Evidence, is_constant, moving
 from replant.verdict.judge import POOREST_FIT, judge
 from replant.verdict.sensor_and_excitation import (
     REFUSED,
@@ -141,9 +141,9 @@ def assess_starting(
     if solved:
         reason = f"the present model is provisional: it is made from {solved} samples and tested on none"
         findings.append(Finding("converging", reason))
-    excited = bool(np.ptp(u) > RESTING * np.abs(u).max())
+    excited = not is_constant(u)
     if not excited:
-        findings.append(Finding("not excited", "the input is constant: move it"))
+        findings.append(Finding("not excited", CONSTANT))
     if u.size > 1:
         findings += clock_finding(float(np.median(kept.interval[1:])), request.dt)
     findings += level_finding(u[there], kept.output[there])
@@ -314,7 +314,7 @@ def _condition(state: State, size: int) -> float:
 
 def _of_input(state: State) -> list[Finding]:
     if not state.largest_power > 0.0:
-        return [Finding("not excited", "the input is constant: move it")]
+        return [Finding("not excited", CONSTANT)]
     if state.input_power < LEAST_POWER * state.largest_power:
         part = percent(state.input_power / state.largest_power)
         reason = f"the input hardly moves any more: its variance is {part} of its largest so far"

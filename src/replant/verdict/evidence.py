@@ -22,9 +22,15 @@ FEWEST = 100  # samples held out below which one column explains as much as MATT
 PER_COEFFICIENT = 10  # samples held out for each, else a model explains a tenth of the noise by chance [samples]
 LEAST_POWER = 0.01 * MATTERS  # variance of the newest input below which it rests [part of the largest it has been]
 RESTED = 2500  # rest after which it is noted whether the model is trusted: half of the way between reviews [samples]
+CONSTANT = "the input is constant: move it"
 RESTING = 1e-12  # movement that is rounding of float64, some thousand times its precision [part of the largest value]
 ROUNDING = 1e-6  # what is rounding of a log: its numbers have six digits and more [part of a signal]
 UNSTABLE_SIGMAS = 3.0  # of a pole right of the axis, where an integrator's may be by chance [standard deviations]
+
+
+def is_constant(u: FloatArray) -> bool:
+    """Return whether an input (K,) moves by rounding at the most."""
+    return u.size > 0 and float(np.ptp(u)) <= RESTING * float(np.abs(u).max())
 
 
 @dataclass(frozen=True, eq=False)

@@ -33,7 +33,7 @@ from replant.numerics.linear_algebra import quiet, roots
 from replant.numerics.robust import robust_std
 from replant.verdict import sensor_and_excitation
 from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
-from replant.verdict.evidence import LEAST_POWER, RESTING, Evidence, Runs
+from replant.verdict.evidence import CONSTANT, LEAST_POWER, RESTING, Evidence, Runs, is_constant
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
 from replant.verdict.loop_tests import COLOURED, Loop, Reference, unexplained_by_reference
 from replant.verdict.score_test import NEGLIGIBLE, unexplained, unexplained_before
@@ -118,8 +118,8 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
     if evidence.usual_interval:
         findings += sensor_and_excitation.clock_finding(evidence.usual_interval, evidence.dt)
     u, whole = evidence.record.u, evidence.record.joined.u
-    if np.ptp(whole) <= RESTING * np.abs(whole).max():
-        reason = "the input is constant: move it"
+    if is_constant(whole):
+        reason = CONSTANT
         if evidence.largest_power > (RESTING * float(np.abs(u).max())) ** 2:
             reason = sensor_and_excitation.rested(evidence.seconds(evidence.samples))
         return [*findings, Finding("not excited", reason)]
