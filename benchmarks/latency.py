@@ -85,16 +85,18 @@ def growth(calls: int = 100_000) -> int:
 
 def verdict(repetitions: int = 21) -> dict[str, float]:
     """Return how long a verdict takes in ms, and its ratio to learning as many samples, in turn; processor times."""
-    u, y = next(chunks(STRUCTURE, 2 * KEPT, 1))
+    # one record: a joint would be taken for a change of the plant, and looked into
+    u, y = next(chunks(STRUCTURE, (repetitions + 2) * KEPT, 1))
     identifier = rp.Identifier(STRUCTURE, DT)
-    identifier.update_many(u, y)
+    identifier.update_many(u[: 2 * KEPT], y[: 2 * KEPT])
     identifier.assess()
     times = np.empty((repetitions, 2))
     for k in range(repetitions):
+        part = slice((k + 2) * KEPT, (k + 3) * KEPT)
         begun = time.thread_time_ns()
         identifier.assess()
         middle = time.thread_time_ns()
-        identifier.update_many(u[:KEPT], y[:KEPT])
+        identifier.update_many(u[part], y[part])
         times[k] = middle - begun, time.thread_time_ns() - middle
     return {"milliseconds": float(np.median(times[:, 0])) / 1e6, "ratio": float(np.median(times[:, 0] / times[:, 1]))}
 
