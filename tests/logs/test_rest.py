@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -101,4 +103,5 @@ def test_the_rest_is_that_of_the_new_clock() -> None:
     finer = rp.resample(longer, 0.5 * DT)
     assert (finer.rest, len(finer) - finer.rest) == (300, 299)
     assert rp.decimate(rp.from_rest(log), 2).rest == 65
+    assert [rp.resample(replace(log, rest=rest), log.dt / 2).rest for rest in (0, len(log))] == [0, 299]
     assert rp.from_rest(rp.from_rest(log)).rest == 450

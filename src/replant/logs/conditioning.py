@@ -279,7 +279,7 @@ def resample(log: Log, dt: float) -> Log:
     def interpolated(signal: FloatArray) -> FloatArray:
         return np.asarray(np.where(missing, np.nan, np.interp(grid, t, accepted(signal)[0])))
 
-    rest = int(np.searchsorted(grid, t[log.rest])) if log.rest else 0
+    rest = int(np.searchsorted(grid, t[log.rest])) if log.rest < t.size else grid.size
     return changed(log, averaged, interpolated(log.output), dt=dt, time=grid, irregular=False, earlier=0, rest=rest)
 
 
