@@ -156,7 +156,7 @@ def dispersion_of(
         both = triangle_of(both)
         directions, values, _ = np.linalg.svd(both[:, :-1], full_matrices=False)
         told = directions[:, values > WEAKEST * values[0]] if values[0] > 0.0 else directions[:, :0]
-        explained += float(np.sum((products(told, both[:, -1])) ** 2))
+        explained += sum_of_squares(products(told, both[:, -1]))
         ranks += told.shape[1]
     if not (ranks and variance > 0.0):
         return 1.0, math.inf

@@ -298,7 +298,7 @@ class Problem:
                 direction = solve(products(zeta, companion), products(zeta, white))
                 if direction is None:
                     continue
-                moved = float(sum_of_squares(combined(zeta, direction))) / variance
+                moved = sum_of_squares(combined(zeta, direction)) / variance
                 better = self._damped(model, direction, cost, limit, own=False)
                 if better is not None:
                     break
