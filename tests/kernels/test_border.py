@@ -276,7 +276,8 @@ def test_what_is_only_read_may_lie_in_steps() -> None:
 def test_a_step_takes_four_numbers_once_its_gate_is_open() -> None:
     identifier = rp.Identifier(rp.Structure(1), 0.1, filter=rp.StateVariableFilter(1.0), scaling=None, optimizer="adam")
     state: State = identifier._state.copy()
-    step, gate = native.library().step(fixed_filter.step.name, state.arrays)
+    library = native.library()
+    step, gate = library.step(library.table(fixed_filter.step.name, state.arrays), state.arrays)
     with pytest.raises(Attention):
         step(1.0, 1.0, np.nan, np.nan)
     gate[0] = native.OPEN

@@ -174,26 +174,31 @@ class Library:
         """Return a kernel."""
         return self._new(self._library.replant_call_definition(), self._numbers[name], None)  # type: ignore[no-any-return]
 
-    def step(self, name: str, arrays: tuple[np.ndarray, ...]) -> tuple[Callable[..., float], np.ndarray]:
-        """Return a function of (u, y, t, r) that takes one sample by a step kernel, and its gate (1,), shut.
+    @functools.cache  # noqa: B019 - there is one library
+    def _step_number(self, name: str) -> int:
+        return int(self._library.replant_step_number(name.encode()))
+
+    def table(self, name: str, arrays: tuple[np.ndarray, ...]) -> bytearray:
+        """Return the addresses and shapes of a state's arrays, for `step`.
 
         A call with five arrays takes longer than most steps: their types and shapes are looked up each time.  The
-        arrays of a state do not move, so a table of their addresses replaces them.
+        arrays of a state do not move, so a table replaces them.
         """
-        room = bytearray(8 * SIZE)
-        table: np.ndarray[Any, np.dtype[np.int64]] = np.frombuffer(room, np.int64)
         numbers: list[int] = []
         for place, array in enumerate(arrays):
             kind = np.float64 if place else np.int64
             if array.dtype != kind or not (array.flags.c_contiguous and array.flags.writeable):
                 raise ValueError(f"{name}: array {place} of the state is not {kind.__name__}, contiguous and writable")
-            numbers += [array.ctypes.data, *array.shape]
-        number = self._library.replant_step_number(name.encode())
+            numbers += [array.__array_interface__["data"][0], *array.shape]
+        number = self._step_number(name)
         if number < 0 or len(numbers) != GATE:
             raise ValueError(f"{name} is no step kernel, or these are not the arrays of a state")
-        table[:] = [*numbers, SHUT, number]
-        call = self._new(self._library.replant_step_definition(), (room, Attention, *arrays), None)
-        return call, table[GATE : GATE + 1]
+        return bytearray(np.array([*numbers, SHUT, number], np.int64).tobytes())
+
+    def step(self, table: bytearray, arrays: tuple[np.ndarray, ...]) -> tuple[Callable[..., float], np.ndarray]:
+        """Return a function of (u, y, t, r) that takes one sample by a step kernel, and its gate (1,), shut."""
+        call = self._new(self._library.replant_step_definition(), (table, Attention, *arrays), None)
+        return call, np.frombuffer(table, np.int64)[GATE : GATE + 1]
 
 
 def library() -> Library:

@@ -8,9 +8,10 @@ who computes does not matter, so the bits do not depend on how fast the machine 
 A ring that is full loses its oldest samples meanwhile, m - n of them: the second Python does not get these.  All that
 it gets is then still kept at m, and the copy of the numbers at n is all that a checkpoint has to hold beside.
 
-Nothing of this may take longer than a part of a sample at 1 kHz, so each step has an update of its own.  From half of
-the lag on it is looked whether the result is there: the new state is then made ready beside the one in use (`CatchUp`),
-so that at m one takes the place of the other.
+Nothing of this may take longer than a tenth of a sample at 1 kHz, where Python that has not run for a while takes
+several times as long as at once, and large memory is given and taken back in as long.  So each step has an update of
+its own.  From a third of the lag on it is looked whether the result is there: the new state is then made ready beside
+the one in use (`CatchUp`), so that at m one takes the place of the other.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ import pickle
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,17 +35,31 @@ from replant.numerics.arguments import FloatArray
 from replant.online import second_process
 from replant.online.catch_up import CatchUp
 from replant.online.revision import revise
-from replant.online.second_process import DONE, FAILED, PENDING, Place, Worker, fits, read, rows_of, views, write
+from replant.online.second_process import (
+    DONE,
+    FAILED,
+    PENDING,
+    Place,
+    Worker,
+    fits,
+    note,
+    noted,
+    read,
+    rows_of,
+    view_of,
+    views,
+    write,
+)
 
 PART = 0.05  # of the record: what comes later by so much hardly adds to the delay that a growing record has [ratio]
 LEAST = 20  # samples until a result is taken up, at least: at 1 kHz what a short record takes to solve [samples]
 SLICE = 512  # raw samples copied in one update: some 10 us [samples]
-LOOKS = 256  # looks whether the result is there, in twice the time that they are spread over, at the most [count]
-LEARNED = 8  # samples learned again in one update, but for those that have come since the last: some 10 us [samples]
+LEARNED = 9  # samples learned again in one update: some 10 us [samples]
 LOOK = 2e-4  # time between two looks whether the result is there, where it is waited for [s]
 
 #: What a look into the record may write without that the estimate changes.
 PLANNED = State.look_at, State.trusted_at, State.undecided
+WROTE_NOTHING, WROTE_NUMBERS, WROTE_ALL = range(3)  # what of a job the second Python can read
 NUMBERS = STATE_ARRAYS[:-1]  # the arrays of a state but for the raw samples
 
 
@@ -74,6 +90,58 @@ def outcome(state: State, settings: Settings, due: int, most: int) -> Outcome:
     return Outcome(State(after.ints, after.reals, after.banks, after.buffer, kept), same, due)
 
 
+@dataclass(frozen=True)
+class Schedule:
+    """When what is done for a job; it follows from the samples alone."""
+
+    begun: int  # accepted samples at which it was due
+    until: int  # at which the result is taken up
+    rows: int  # raw samples that the ring has room for
+    shapes: list[tuple[int, ...]]  # of the raw samples kept for it, and of the numbers
+
+    @classmethod
+    def of(cls, numbers: State, rows: int) -> Schedule:
+        """Return that of a job, of the numbers as they were."""
+        begun, ahead = numbers.samples, lag(numbers, rows)
+        kept = min(begun, rows - ahead), numbers.recent.shape[1]
+        return cls(begun, begun + ahead, rows, [kept, *(array.shape for array in numbers.arrays[:-1])])
+
+    @property
+    def ahead(self) -> int:
+        """Samples until the result is taken up."""
+        return self.until - self.begun
+
+    @property
+    def room(self) -> int:
+        """Rows of the ring that nothing is written to meanwhile."""
+        return self.rows - self.ahead
+
+    @property
+    def kept(self) -> int:
+        """Raw samples that it gets."""
+        return self.shapes[0][0]
+
+    @cached_property
+    def looks_from(self) -> int:
+        """From when on it is looked at each sample whether the result is there: what runs often runs fast."""
+        return min(self.begun + max(self.ahead // 3, self.steps), self.until)
+
+    @cached_property
+    def slice(self) -> int:
+        """Raw samples copied in one update."""
+        return max(SLICE, -(-self.kept // max(self.ahead // 2, 1)))
+
+    @cached_property
+    def steps(self) -> int:
+        """Updates until the second Python has all; five are for what is no slice of the raw samples."""
+        return -(-self.kept // self.slice) + 5
+
+    def next_stop(self, now: int) -> int:
+        """Return at how many samples there is something to do, or the result is to be taken up."""
+        rests = self.begun + self.steps <= now < self.looks_from
+        return self.looks_from if rests else min(now + 1, self.until)
+
+
 class Job:
     """What is due at a count of samples, and where it stands.
 
@@ -81,8 +149,6 @@ class Job:
     ----------
     numbers : State
         As it was, without raw samples.
-    until : int
-        Accepted samples at which the result is taken up.
     place : Place or None
         The memory shared with the second Python.
     """
@@ -90,19 +156,11 @@ class Job:
     def __init__(self, numbers: State, rows: int) -> None:
         self.numbers = numbers
         self.place: Place | None = None
+        self._rows, self._fits, self._copied, self._written = rows, False, 0, WROTE_NOTHING
         self._sent: tuple[Worker, Place] | None = None
-        self._copied, self._written, self._rows = 0, False, rows
-        self._numbers: list[Any] | None = None
+        self._numbers: list[Any] = []
         self._found: Outcome | None = None
         self._ahead: CatchUp | None = None
-        ahead = lag(numbers, rows)
-        self.begun, self.until = numbers.samples, numbers.samples + ahead
-        self.room = rows - ahead  # rows that nothing is written to meanwhile
-        self.kept = min(self.begun, self.room)
-        self._slice = max(SLICE, -(-self.kept // max(ahead // 2, 1)))
-        self._steps = -(-self.kept // self._slice) + 3  # the memory, slices, the numbers, the word to begin
-        self._half, self._pace = self.begun + ahead // 2, max(ahead // LOOKS, 1)
-        self._learned = self._pace + ahead // LOOKS + LEARNED
 
     @classmethod
     def of(cls, state: State) -> Job:
@@ -113,42 +171,54 @@ class Job:
     def __reduce__(self) -> tuple[Any, ...]:
         return Job, (self.numbers.copy(), self._rows)
 
-    def next_stop(self, now: int) -> int:
-        """Return at how many samples there is something to do for it, or the result is to be taken up."""
-        if now - self.begun < self._steps:
-            return min(now + 1, self.until)
-        passed = max(now - self._half, -1) // self._pace  # in the second half of the time the result may be there
-        return min(self._half + (passed + 1) * self._pace, self.until)
+    @cached_property
+    def schedule(self) -> Schedule:
+        """When what is done for it; made in an update of its own."""
+        return Schedule.of(self.numbers, self._rows)
+
+    def take_place(self, place: Place) -> None:
+        """Take memory for what is sent; where it has no room for that, nothing is."""
+        self.place, self._fits = place, fits(place.buffer, self.schedule.shapes)
 
     def go_on(self, state: State, settings: Settings, due: int, most: int) -> bool:
         """Do what is next for the second Python to begin; return whether there was something left."""
-        worker, shapes = second_process.worker(), self._shapes
-        if self._sent is not None or worker is None or self.place is None or not fits(self.place.buffer, shapes):
+        if self._sent is not None:
             return False
-        if self._copied < self.kept:
-            until = min(self._copied + self._slice, self.kept)
+        worker, shapes, kept = second_process.worker(), self.schedule.shapes, self.schedule.kept
+        if worker is None or self.place is None or not self._fits:
+            return False
+        if self._copied < kept:
+            until = min(self._copied + self.schedule.slice, kept)
             rows_of(self.place.buffer, shapes[0])[self._copied : until] = self._raw(state, self._copied, until)
             self._copied = until
-            return True
-        if not self._written:
+        elif self._written == WROTE_NOTHING:
             for view, array in zip(views(self.place.buffer, shapes)[1:], self.numbers.arrays[:-1], strict=True):
                 view[:] = array
+            self._written = WROTE_NUMBERS
+        elif self._written == WROTE_NUMBERS:
             text = pickle.dumps((shapes, self.place.told(settings, text_of), due, most))
-            self._written = write(self.place.buffer, shapes, text)
-            return self._written
-        self.place.buffer[0] = PENDING
-        worker.send(self.place)
-        self._sent = worker, self.place
-        return False
+            if not write(self.place.buffer, shapes, text):
+                return False
+            self._written = WROTE_ALL
+        else:
+            self.place.buffer[0] = PENDING
+            worker.send(self.place)
+            self._sent = worker, self.place
+            return False
+        return True
 
-    def look(self, state: State, settings: Settings, *, regular: bool) -> None:
+    def look(self, state: State, settings: Settings, spare: FloatArray, *, regular: bool) -> None:
         """Where the result is there, let a new state catch up with some of the samples that have come since."""
-        if self._found is None:
-            if self._is_there:
+        found, ahead = self._found, self._ahead
+        if found is None:
+            if self._is_there and state.samples > self.schedule.looks_from + 1:
                 self._receive()
-        elif self.needs_new(self._found, state):
-            ahead, self._ahead = self._ahead_of(self._found, state, regular=regular), None  # interrupted: begun again
-            ahead.go_on(self._raw_of(self._found), state, settings, self._slice, self._learned)
+        elif ahead is None or ahead.regular != regular:
+            if self.needs_new(found, state):
+                self._ahead = CatchUp(found.state, spare, regular=regular)
+        else:
+            self._ahead = None  # interrupted: begun again
+            ahead.go_on(self._raw_of(found), state, settings, self.schedule.slice, LEARNED)
             self._ahead = ahead
 
     def needs_new(self, found: Outcome, state: State) -> bool:
@@ -157,16 +227,16 @@ class Job:
 
     def caught_up(self, found: Outcome, old: State, settings: Settings, *, regular: bool) -> CatchUp:
         """Return the state found, after it has learned what came meanwhile, to take the place of ``old``."""
-        ahead, self._ahead = self._ahead_of(found, old, regular=regular), None
+        ahead, self._ahead = self._ahead, None
+        if ahead is None or ahead.regular != regular:
+            ahead = CatchUp(found.state, NOTHING, regular=regular)
         ahead.finish(self._raw_of(found), old, settings)
         return ahead
 
-    def _ahead_of(self, found: Outcome, old: State, *, regular: bool) -> CatchUp:
-        ahead = self._ahead
-        return CatchUp(found.state, old, regular=regular) if ahead is None or ahead.regular != regular else ahead
-
     def wait(self) -> bool:
         """Wait for the result, if it is coming; return whether it was not there."""
+        if self._found is not None:
+            return False
         if self._sent is None or not self._sent[1].is_mine:
             self._sent = None
             return True
@@ -180,40 +250,36 @@ class Job:
         """Return the result, from the second Python or computed here; ``state``: as it is at ``until``."""
         while self._found is None and self._is_there:
             self._receive()
-        return self._found or outcome(self._whole(self._raw(state, 0, self.kept)), settings, due, most)
+        return self._found or outcome(self._whole(self._raw(state, 0, self.schedule.kept)), settings, due, most)
 
     @property
     def _is_there(self) -> bool:
         return self._sent is not None and self._sent[1].is_mine and self._sent[1].buffer[0] == DONE
 
     def _receive(self) -> None:
-        """Read a part of the result that is there: its numbers, then the rest."""
+        """Read a part of the result that is there: an array of its numbers, or what goes with them."""
         assert self._sent is not None
-        buffer = self._sent[1].buffer
-        if self._numbers is None:
-            self._numbers = [view.copy() for view in views(buffer, self._shapes)[1:]]
+        buffer, shapes, there = self._sent[1].buffer, self.schedule.shapes, len(self._numbers)
+        if there + 1 < len(shapes):
+            self._numbers.append(view_of(buffer, shapes, there + 1).copy())
         else:
-            self._found = Outcome(state_of(self._numbers, self.numbers.recent), *pickle.loads(read(buffer)))
+            only_planned, due = noted(buffer)
+            self._found = Outcome(state_of(self._numbers, self.numbers.recent), bool(only_planned), due)
 
     def _raw_of(self, found: Outcome) -> FloatArray:
         """Return the raw samples of a result; those in shared memory for a moment, so that this can be closed."""
         if found is not self._found:
             return found.state.recent
         assert self._sent is not None
-        return rows_of(self._sent[1].buffer, self._shapes[0])
-
-    @property
-    def _shapes(self) -> list[tuple[int, ...]]:
-        columns = self.numbers.recent.shape[1]
-        return [(self.kept, columns), *(array.shape for array in self.numbers.arrays[:-1])]
+        return rows_of(self._sent[1].buffer, self.schedule.shapes[0])
 
     def _raw(self, state: State, begin: int, end: int) -> FloatArray:
         """Return some of the raw samples kept for it, from a later state."""
-        first = self.begun - self.kept
-        return np.take(state.recent, np.arange(first + begin, first + end) % len(state.recent), axis=0)
+        first = self.schedule.begun - self.schedule.kept
+        return np.take(state.recent, np.arange(first + begin, first + end), axis=0, mode="wrap")
 
     def _whole(self, rows: FloatArray) -> State:
-        return _whole(self.numbers.copy().arrays[:-1], rows, self.room)
+        return _whole(self.numbers.copy().arrays[:-1], rows, self.schedule.room)
 
 
 def text_of(settings: Settings) -> bytes:
@@ -262,7 +328,7 @@ def _answer(buffer: memoryview) -> int:
         found = outcome(_whole(numbers, rows, room), settings, due, most)
         for view, result in zip(shared, (found.state.recent, *found.state.arrays[:-1]), strict=True):
             view[:] = result
-        write(buffer, shapes, pickle.dumps((found.only_planned, found.due)))
+        note(buffer, found.only_planned, found.due)
     except Exception:  # whatever it is: who asks computes it, and meets it
         return FAILED
     return DONE

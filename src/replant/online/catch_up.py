@@ -10,80 +10,102 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from replant.estimation.engine.state import NOTHING, REGULAR, State, Step, bound_step, step_kernels
+from replant.estimation.engine.state import NOTHING, REGULAR, State, Step, bound, check, step_kernels
+from replant.kernels.native import Kernel, library
 from replant.kernels.schema import BELIEVED, INPUT, OUTPUT, REFERENCE, STEP, Alarm, Doubt
+from replant.kernels.slot_tables import Real
 from replant.online.change_response import first_look
 
 if TYPE_CHECKING:
     from replant.estimation.settings import Settings
     from replant.numerics.arguments import FloatArray, IntArray
 
-#: What a new state has from the one that took the samples meanwhile: what these left beside the ring.
+#: What a new state has from the one that took the samples meanwhile: what these left beside the ring; and what is done
+#: to samples before they are kept, which it takes from there.
 MEANWHILE = (
     *(State.not_finite, State.too_large, State.not_later, State.too_dense, State.time_leaps, State.too_coarse),
     *(State.input_leaps, State.no_reference, State.last_time, State.earlier_stamps, State.earlier_time),
     *(State.held_at, State.held_input, State.held_output, State.held_time, State.held_reference),
+    *(State.square_input, State.input_offset, State.output_offset),
 )
+IN_REALS = [slot.index for slot in MEANWHILE if isinstance(slot, Real)]
+IN_INTS = [slot.index for slot in MEANWHILE if not isinstance(slot, Real)]
 
 
 class CatchUp:
-    """A new state with a ring of its own, that follows the one in use.
+    """A new state with a ring of its own, ``spare`` where that fits, that follows the one in use.
+
+    Each part of it is done in an update of its own: code that has not run for long takes many times as long.
 
     Attributes
     ----------
     state : State
         The new one.
+    kernels : tuple or None
+        That for single samples and that for many, when it has come so far.
     bound : tuple or None
-        Its kernel for single samples and the gate of that, when it has come so far.
+        The one for single samples, bound to the state, and the gate of that.
     regular : bool
         Whether the samples have no time stamps.
     """
 
-    def __init__(self, found: State, old: State, *, regular: bool) -> None:
-        self.regular = regular
+    def __init__(self, found: State, spare: FloatArray, *, regular: bool) -> None:
+        self.regular, self._spare = regular, spare
+        self.kernels: tuple[Kernel, Kernel] | None = None
         self.bound: tuple[Step, IntArray] | None = None
         self._begun, self._copied, self._learned = found.samples, 0, 0
-        ring = np.zeros(old.recent.shape)  # not `zeros_like`, which would have the system give every page at once
-        self.state = State(found.ints.copy(), found.reals.copy(), found.banks.copy(), found.buffer.copy(), ring)
-        self.state.recent_size, self.state.recent_head = len(ring), found.samples % len(ring)
-        self.state.square_input, self.state.attention_at = old.square_input, 0
+        self._table, self._is_awake = bytearray(), False
+        self.state = State(found.ints.copy(), found.reals.copy(), found.banks.copy(), found.buffer.copy(), NOTHING)
 
     def go_on(self, kept: FloatArray, old: State, settings: Settings, rows: int, samples: int) -> None:
-        """Copy some of the raw samples that were looked into, ``kept``; then learn some of those since."""
-        if self._copied == len(kept) and self.bound is None:
-            self.bound = bound_step(self.state, step_kernels(self.state, regular=self.regular)[0], settings.preprocess)
-            return
-        if self._copied == len(kept):
-            self._learn(old, settings, samples)
-            return
-        some, ring = kept[self._copied : self._copied + rows], self.state.recent
-        first = self._begun - len(kept) + self._copied
-        ring[np.arange(first, first + len(some)) % len(ring)] = some
-        self._copied += len(some)
+        """Do what is next: copy some raw samples looked into, ``kept``, bind, or learn some of those since."""
+        new = self.state
+        if new.recent is NOTHING:
+            self._make_ring(old)
+        elif self._copied < len(kept):
+            some, first = kept[self._copied : self._copied + rows], self._begun - len(kept) + self._copied
+            new.recent[np.arange(first, first + len(some)) % len(new.recent)] = some
+            self._copied += len(some)
+        elif self.kernels is None:
+            check(new)
+            self.kernels = step_kernels(new, regular=self.regular)
+        elif not self._table:
+            self._table = library().table(self.kernels[0].name, new.arrays)
+        elif self.bound is None:
+            self.bound = bound(new, self._table, settings.preprocess)
+        else:
+            self._learn(old, settings, samples if self._is_awake else 0)
+            self._is_awake = True
 
     def finish(self, kept: FloatArray, old: State, settings: Settings) -> None:
         """Learn all samples that the other state, whose place this one takes, has taken."""
-        if self._copied < len(kept):
+        while self.state.recent is NOTHING or self._copied < len(kept):
             self.go_on(kept, old, settings, len(kept), 0)
         self._learn(old, settings, old.samples)
-        self.state.take_over(old, *MEANWHILE)
+        self.state.reals[IN_REALS], self.state.ints[IN_INTS] = old.reals[IN_REALS], old.ints[IN_INTS]
+
+    def _make_ring(self, old: State) -> None:
+        # to make a large ring, and to give it back, takes longer than a sample at 1 kHz; what the spare one holds of
+        # older samples is overwritten, since more have come
+        new, ring = self.state, self._spare if self._spare.shape == old.recent.shape else np.zeros(old.recent.shape)
+        new.recent, new.recent_size, new.recent_head = ring, len(ring), self._begun % len(ring)
+        new.attention_at, new.square_input, new.input_offset, new.output_offset = 0, False, 0.0, 0.0
 
     def _learn(self, old: State, settings: Settings, samples: int) -> None:
         new, first = self.state, self._begun + self._learned
-        again = old.recent[np.arange(first, min(first + samples, old.samples)) % len(old.recent)]
-        u, y = again[:, INPUT].copy(), again[:, OUTPUT].copy()
+        again = np.take(old.recent, np.arange(first, min(first + samples, old.samples)), axis=0, mode="wrap").T.copy()
+        u, y = again[INPUT], again[OUTPUT]
         if old.examines_output:
-            y[again[:, -2 if old.has_reference else -1] == Doubt.MISSING] = math.nan
-        stamps = REGULAR if self.regular else _sums(new.last_time, again[:, STEP])
-        r = again[:, REFERENCE].copy() if old.has_reference else NOTHING
-        _, steps = step_kernels(new, regular=self.regular)
+            y[again[-2 if old.has_reference else -1] == Doubt.MISSING] = math.nan
+        stamps = REGULAR if self.regular else _sums(new.last_time, again[STEP])
+        r = again[REFERENCE] if old.has_reference else NOTHING
+        _, steps = self.kernels or step_kernels(new, regular=self.regular)
         taken, errors = 0, np.empty(u.size)
-        with new.without_preprocessing():
-            while taken < u.size:
-                new.attention, new.held_at = False, BELIEVED  # leaps among them have been judged
-                rest = u[taken:], y[taken:], stamps[taken:], r[taken:]
-                taken += steps(*new.arrays, *rest, errors[taken:], np.empty((u.size - taken, 0)))
-                note_alarm(new, settings)
+        while taken < u.size:
+            new.attention, new.held_at = False, BELIEVED  # leaps among them have been judged
+            rest = u[taken:], y[taken:], stamps[taken:], r[taken:]
+            taken += steps(*new.arrays, *rest, errors[taken:], np.empty((u.size - taken, 0)))
+            note_alarm(new, settings)
         self._learned += taken
 
 

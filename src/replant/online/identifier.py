@@ -43,6 +43,7 @@ NAN, INFINITE = math.nan, math.inf  # naN and infinity, looked up at every sampl
 # attributes that others lead to
 DERIVED = {
     "_begun_with", "_forced_waits", "_gate", "_kernel", "_mapped", "_place", "_solved", "_step", "_steps", "_turn",
+    "_wakes_at", "_spare",
 }  # fmt: skip
 # some 10 ms, beside which a call of the kernel, some 10 us, does not count
 PIECE = 8192  # updates of the estimate after which Ctrl-C is answered while a chunk is taken [updates]
@@ -295,11 +296,12 @@ class Identifier(Lifecycle):
     def __setstate__(self, attributes: dict[str, Any]) -> None:
         self.__dict__.update(attributes)
         self._turn, self._solved, self._begun_with = Turn(), {}, NAN
+        self._spare, self._wakes_at = NOTHING, 0
         self._work_on(self._state, regular=self._regular)
         if self._background:
             self._start_background()
             if self._job is not None and self._settings is not None:
-                self._job.place = self._place
+                self._job.take_place(self._made_place())
                 while self._job.go_on(self._state, self._settings, self._resolve_at, self._most):
                     pass
 

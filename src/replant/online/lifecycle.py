@@ -10,7 +10,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.dimensions import collects_at_most
-from replant.estimation.engine.state import State, Step, step_kernels
+from replant.estimation.engine.state import NOTHING, State, Step, step_kernels
 from replant.estimation.settings import LONGEST_STARTUP
 from replant.kernels.native import OPEN, SHUT, Kernel
 from replant.kernels.schema import BELIEVED, Alarm, Attention
@@ -58,10 +58,12 @@ class Lifecycle(Estimate):
     _job: background.Job | None = None  # what that is doing
     _place: second_process.Place | None = None  # the memory shared with it
     _forced_waits = 0
+    _spare: FloatArray  # the ring of a state that was in use before
+    _wakes_at: int  # accepted samples at which nothing is due yet but soon
 
     def _begin_again(self) -> None:
         self._drop_job()
-        self._settings = None
+        self._settings, self._spare, self._wakes_at = None, NOTHING, 0
         self._solved, self._begun_with = {}, math.nan
         self._dropped = self._resolve_at = 0
         self._regular = True
@@ -77,9 +79,9 @@ class Lifecycle(Estimate):
         if self._hold:
             self._plan()
 
-    def _work_on(self, state: State, *, regular: bool) -> None:
+    def _work_on(self, state: State, *, regular: bool, kernels: tuple[Kernel, Kernel] | None = None) -> None:
         """Go on with a state: choose its step kernels; those for a regular clock serve until the first time stamp."""
-        kernel, steps = step_kernels(state, regular=regular)
+        kernel, steps = kernels or step_kernels(state, regular=regular)
         vars(self).update(
             _state=state, _regular=regular, _kernel=kernel, _steps=steps, _step=in_turn, _gate=NO_GATE,
             _mapped=callable(self._request.preprocess.input_map),
@@ -197,6 +199,10 @@ class Lifecycle(Estimate):
         self._state.attention_at = self._next_stop()
         self._state.attention = False  # last: interrupted, this is done again
 
+    def _come_back(self) -> None:
+        self._state.attention_at = self._state.samples + 1
+        self._state.attention = False  # last, as in `_plan`
+
     def _next_stop(self) -> int:
         state, now = self._state, self._state.samples
         if self._settings is None:
@@ -205,11 +211,17 @@ class Lifecycle(Estimate):
             missing = min(self._hold, next_provisional(self._request, there)) - there
             return min(now + max(missing, 1), max(state.recent_size, now + 1))
         if self._job is not None:
-            return self._job.next_stop(now)
+            if now == self._job.numbers.samples:
+                return now + 1
+            self._wakes_at = self._job.schedule.looks_from
+            return self._job.schedule.next_stop(now)
         dues = [now + 1 if 0 < due <= now else due for due in (self._resolve_at, state.look_at)]
         self._resolve_at, state.look_at = dues
         dues.append(state.room_until(self._most))
-        return min((due for due in dues if due), default=0)
+        first = min((due for due in dues if due), default=0)
+        # in the background twice before, too: code that has not run for long takes 60 us to begin, and then 5
+        self._wakes_at = first - 2 if self._background else 0
+        return max(self._wakes_at, now + 1) if self._background and first else first
 
     def _attend_in_background(self) -> None:
         """Do what is due, as `_attend`, without a copy of the state: begin a job, go on with it, or take it up.
@@ -218,23 +230,31 @@ class Lifecycle(Estimate):
         """
         state, settings = self._state, self._settings
         assert settings is not None
+        if state.samples == self._wakes_at:
+            self._come_back()
+            return
         note_alarm(state, settings)
         if self._job is None:
             if state.samples in (self._resolve_at, state.look_at):
                 self._job = background.Job.of(state)
-        elif state.samples >= self._job.until:
+        elif state.samples >= self._job.schedule.until:
             self._take_up(self._job)
+            return
+        elif state.samples == self._job.schedule.begun + 1:
+            pass  # to make the schedule takes an update of its own
         elif self._job.place is None:
-            self._job.place = self._made_place()
+            self._job.take_place(self._made_place())
         elif not self._job.go_on(state, settings, self._resolve_at, self._most):
-            self._job.look(state, settings, regular=self._regular)
+            self._job.look(state, settings, self._spare, regular=self._regular)
         self._plan()
 
     def _take_up(self, job: background.Job) -> None:
         """Go on with what a job has led to."""
         state, settings = self._state, self._settings
         assert settings is not None
-        self._forced_waits += job.wait()
+        if job.wait():
+            self._forced_waits += 1
+            second_process.start(wait=False)  # where it has ended
         found = job.outcome(state, settings, self._resolve_at, self._most)
         if job.needs_new(found, state):
             draft = self._but()  # as in `_as_one`, where nothing is written to the state in use
@@ -245,15 +265,17 @@ class Lifecycle(Estimate):
             if getattr(found.state, slot.name) != getattr(job.numbers, slot.name):
                 setattr(state, slot.name, getattr(found.state, slot.name))
         vars(self).update(_job=None, _resolve_at=found.due)
+        self._plan()
 
     def _go_on_from(self, job: background.Job, found: background.Outcome) -> None:
         assert self._settings is not None
         ahead = job.caught_up(found, self._state, self._settings, regular=self._regular)
-        self._work_on(ahead.state, regular=self._regular)
+        self._spare = self._state.recent
+        self._work_on(ahead.state, regular=self._regular, kernels=ahead.kernels)
         if ahead.bound is not None:
             self._step, self._gate = ahead.bound
         self._job, self._resolve_at = None, found.due
-        self._plan()
+        self._come_back()  # to plan what is next
 
     def _drop_job(self) -> None:
         """Forget what is being computed: what was due then is due again."""
@@ -262,10 +284,9 @@ class Lifecycle(Estimate):
             self._plan()
 
     def _made_place(self) -> second_process.Place:
-        """Start the second process, and make memory shared with it, where there is none that nothing is written to."""
+        """Make memory shared with the second Python, where there is none that nothing is written to."""
         if self._place is None or not self._place.is_mine or self._place.is_busy:
             self._place = second_process.Place(self._request.history)
-        second_process.start(wait=False)
         return self._place
 
     @property

@@ -9,6 +9,7 @@ import contextlib
 import math
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
@@ -31,7 +32,7 @@ except ImportError:  # a Python that was built without
 
 # what is called with the folders to import from; these at the end, so that no module of the user hides one of Python
 BEGIN = "import sys; sys.path += sys.argv[1:]; from replant.online.background import serve; serve()"
-PREFIX = 24  # before the arrays: whether there is a result, where the text is, and how long [bytes]
+PREFIX = 24  # before the arrays: whether there is a result, and two numbers, of the text or of the result [bytes]
 NUMBERS_ROOM = 2**18  # room for the numbers of a state, and the text; a state of ten poles takes half [bytes]
 FREE, PENDING, DONE, FAILED = range(4)
 Shapes = Sequence[tuple[int, ...]]
@@ -94,15 +95,26 @@ def write(buffer: memoryview, shapes: Shapes, text: bytes) -> bool:
     at = PREFIX + 8 * sum(math.prod(shape) for shape in shapes)
     if at + len(text) > len(buffer):
         return False
-    buffer[8:PREFIX] = np.array([at, len(text)]).tobytes()
+    note(buffer, at, len(text))
     buffer[at : at + len(text)] = text
     return True
 
 
 def read(buffer: memoryview) -> bytes:
     """Return what goes with the arrays."""
-    at, length = np.frombuffer(buffer[8:PREFIX], np.int64).tolist()
+    at, length = noted(buffer)
     return bytes(buffer[at : at + length])
+
+
+def note(buffer: memoryview, one: int, other: int) -> None:
+    """Write two numbers before the arrays."""
+    buffer[8:PREFIX] = struct.pack("qq", one, other)
+
+
+def noted(buffer: memoryview) -> tuple[int, int]:
+    """Return the two numbers before the arrays."""
+    one, other = struct.unpack("qq", buffer[8:PREFIX])
+    return one, other
 
 
 def fits(buffer: memoryview, shapes: Shapes) -> bool:
@@ -117,11 +129,13 @@ def rows_of(buffer: memoryview, shape: tuple[int, ...]) -> FloatArray:
 
 def views(buffer: memoryview, shapes: Shapes) -> list[Any]:
     """Return the arrays in shared memory: raw samples, oldest first, then the numbers."""
-    found, at = [], PREFIX
-    for shape, kind in zip(shapes, (np.float64, np.int64, *(np.float64,) * (len(shapes) - 2)), strict=True):
-        found.append(np.frombuffer(buffer, kind, math.prod(shape), at).reshape(shape))
-        at += 8 * math.prod(shape)
-    return found
+    return [view_of(buffer, shapes, place) for place in range(len(shapes))]
+
+
+def view_of(buffer: memoryview, shapes: Shapes, place: int) -> Any:
+    """Return one of them; the second is of integers."""
+    at, kind = PREFIX + 8 * sum(math.prod(shape) for shape in shapes[:place]), np.int64 if place == 1 else np.float64
+    return np.frombuffer(buffer, kind, math.prod(shapes[place]), at).reshape(shapes[place])
 
 
 # --- the second Python

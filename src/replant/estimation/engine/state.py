@@ -314,12 +314,21 @@ def bound_step(state: State, kernel: Kernel, preprocess: Preprocess) -> tuple[St
     Where the input map is a Python function, which no kernel can call, it is called first.  As long as the gate is
     shut, as it is at first, the function raises Attention and takes nothing (see `replant.kernels.native`).
     """
+    check(state)  # a step looks at nothing by itself; kernels that take many samples look each time
+    return bound(state, library().table(kernel.name, state.arrays), preprocess)
+
+
+def check(state: State) -> None:
+    """Raise ValueError where the arrays are not as long as their own numbers say."""
     from replant.kernels.step.soundness import is_sound
 
-    # a step looks at nothing by itself; kernels that take many samples look each time
     if not is_sound(*state.arrays):
         raise ValueError("the state is damaged: its arrays are not as long as its own numbers say")
-    call, gate = library().step(kernel.name, state.arrays)
+
+
+def bound(state: State, table: bytearray, preprocess: Preprocess) -> tuple[Step, IntArray]:
+    """Return what `bound_step` does, of a state that was checked, and the table of its arrays."""
+    call, gate = library().step(table, state.arrays)
     if callable(preprocess.input_map):
         return lambda u, y, t, r: call(float(preprocess.call_map(np.array([u]))[0]), y, t, r), gate
     return call, gate

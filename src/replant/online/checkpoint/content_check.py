@@ -143,10 +143,11 @@ def check_state(
 
 def check_job(job: Job, state: State) -> None:
     """Check that a job began before this state, and is waited for."""
-    stops = job.next_stop(state.samples), job.until  # the second of files of before there were looks
-    if not (state.examines_output and job.begun <= state.samples <= job.until and len(state.recent) > 1):
+    when = job.schedule
+    if not (state.examines_output and when.begun <= state.samples <= when.until and len(state.recent) > 1):
         raise DamagedCheckpointError("its pending job belongs to other samples")
-    if not (state.attention or (state.attention_at in stops and state.samples < job.until)):
+    waits = state.attention_at == when.next_stop(state.samples) and state.samples < when.until
+    if not (state.attention or waits):
         raise DamagedCheckpointError("it does not wait for its pending job")
 
 
@@ -194,7 +195,10 @@ def _check_due(state: State, resolve_at: int, most: int, *, has_job: bool) -> No
         raise DamagedCheckpointError("it waits for a sample that has passed")
     if room := state.room_until(most):
         dues.append(room)
-    if state.attention_at != min(dues, default=0) or (dues and not state.examines_output):
+    first = min(dues, default=0)
+    # in the background two updates before, too, and one after what was pending
+    stops = first, first - 1, first - 2, state.samples + 1
+    if state.attention_at not in stops or (dues and not state.examines_output):
         raise DamagedCheckpointError("it does not wait for the sample at which something is due")
 
 
