@@ -244,7 +244,7 @@ ORDERS = ("-p", "1,1", "--delay", "0,0.3")
 
 
 @pytest.mark.usefixtures("unrendered")
-@pytest.mark.parametrize("command", ["fit", "run"])
+@every("command", ["fit", "run"], quick=1)
 def test_each_input_has_a_reference(capsys: Any, followed: Path, tmp_path: Path, command: str) -> None:
     log = rp.read_log(followed, input=["Q1", "Q2"], output="T1", reference=["r1", "r2"])
     direct = getattr(rp, command)(log, poles=(1, 1), delay=(0.0, 0.3)).model

@@ -86,6 +86,7 @@ def test_what_a_range_does_not_take_is_one_line(
     assert words in err
 
 
+@pytest.mark.slow
 def test_run_in_python_takes_the_structures_of_a_range(capsys: pytest.CaptureFixture[str], log: Path) -> None:
     run(log, "-p", "1:3", "--json")
     typed = json.loads(capsys.readouterr().out)

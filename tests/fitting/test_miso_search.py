@@ -102,6 +102,7 @@ def test_a_noise_model_takes_no_wrong_structure_for_noise(noise: float) -> None:
         assert [(each.poles, each.zeros, each.delay) for each in best.model.structures] == [(1, 0, 0.0), (2, 0, 0.3)]
 
 
+@pytest.mark.slow
 def test_drift_leaves_a_search_the_structures() -> None:
     """What a model without a noise model leaves of a drift tells little of structures."""
     generator = np.random.default_rng(1)

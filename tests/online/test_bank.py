@@ -228,6 +228,7 @@ def test_an_outlier_of_any_size_counts_for_nobody(size: float, places: tuple[int
         assert bank.structure.poles == 2
 
 
+@pytest.mark.slow
 def test_an_outlier_beside_a_change_of_the_lead_leaves_it() -> None:
     u = prbs(4000, hold=8)
     y = np.concatenate([PLANTS[2].simulate(u[:2000], DT), PLANTS[1].simulate(u[2000:], DT)])

@@ -142,6 +142,7 @@ def test_a_change_raises_an_alarm(seed: int) -> None:
     assert ident.assess().status != "trusted" or abs(ident.begins[-1] - at) <= 10
 
 
+@pytest.mark.slow
 def test_an_alarm_within_a_chunk_is_one_of_single_samples() -> None:
     u, y = doubled(3, 700, 850)
     whole, pieces, single = (rp.Identifier(poles=(2, 1), delay=(0.0, 0.3), dt=DT) for _ in range(3))
@@ -157,6 +158,7 @@ def test_an_alarm_within_a_chunk_is_one_of_single_samples() -> None:
     np.testing.assert_array_equal(trace.parameters, np.array(estimates))
 
 
+@pytest.mark.slow
 def test_larger_noise_is_an_alarm_until_no_change_explains_it() -> None:
     u, at = inputs(4)[:3500], 2000
     noise = np.random.default_rng(4).standard_normal(3500) * np.where(np.arange(3500) < at, 0.2, 0.5)
@@ -202,7 +204,7 @@ def test_a_record_without_a_change_is_not_parted(seed: int) -> None:
     assert not any("load" in reason or "changed" in reason for reason in fitted.verdict.reasons)
 
 
-@pytest.mark.parametrize("supposition", [Supposition.LOAD, Supposition.PLANT])
+@every("supposition", [Supposition.LOAD, Supposition.PLANT], quick=1)
 def test_the_end_takes_back_a_change_that_was_none(supposition: Supposition, monkeypatch: pytest.MonkeyPatch) -> None:
     u = inputs(7)
     y, claims = noisy(7, answer(u), 0.0), iter([Change(supposition, 400, 50.0)])
@@ -223,6 +225,7 @@ def test_the_end_keeps_a_change_that_was_one() -> None:
     assert ident.begins == begins != (0,)
 
 
+@pytest.mark.slow
 def test_the_end_finds_a_load_that_was_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(miso_state, "find_change", lambda *_: None)
     u = inputs(9)

@@ -60,6 +60,7 @@ def test_a_sample_that_is_left_out_takes_its_time(seed: int) -> None:
     assert found.verdict.status == fitted.verdict.status
 
 
+@pytest.mark.slow
 def test_another_column_is_named_as_by_fit() -> None:
     third = toggling(8, samples=1200)[:, 0]
     y = Y + rp.TransferFunction([1.0], [1.0, 1.0]).simulate(third.copy(), DT) * np.std(Y)
