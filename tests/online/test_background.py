@@ -134,6 +134,18 @@ def test_saved_and_continued_equals_not_interrupted(
     assert ident.to_bytes() == whole.to_bytes()
 
 
+@pytest.mark.parametrize("history", [100, 200])
+def test_a_short_history_is_saved_and_continued(record: tuple[np.ndarray, np.ndarray], history: int) -> None:
+    """The second Python gets fewer raw samples than are kept: what is laid out does not follow from these."""
+    (u, y), whole, ident = record, identifier(history=history), identifier(history=history)
+    whole.update_many(u, y)
+    for k in range(0, SAMPLES, 50):
+        ident.update_many(u[k : k + 50], y[k : k + 50])
+        ident = rp.Identifier.from_bytes(ident.to_bytes())
+    assert ident.to_bytes() == whole.to_bytes()
+    assert ident.parameters == pytest.approx([0.8, 3.0], rel=0.05)
+
+
 class StoppedError(Exception):
     """Stands for Ctrl-C."""
 

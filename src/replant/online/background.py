@@ -124,7 +124,7 @@ class Schedule:
     @cached_property
     def looks_from(self) -> int:
         """From when on it is looked at each sample whether the result is there: what runs often runs fast."""
-        return min(self.begun + max(self.ahead // 3, self.steps), self.until)
+        return min(self.begun + max(self.ahead // 3, self.steps), self.until - 1)
 
     @cached_property
     def slice(self) -> int:

@@ -158,7 +158,7 @@ def _write_path(state: State, settings: Settings, refined: Refined, rate: FloatA
 
 def restart(old: State, settings: Settings, refined: Refined, record: Record, origin: int) -> State:
     """Return a state that begins at a refined estimate and goes on at the newest sample of ``old``."""
-    new = State.of_settings(settings, len(old.recent))
+    new = State.of_settings(settings, len(old.recent), old.path_size)  # in the background a part of the raw samples
     initialize(new, settings, refined, record)
     stamps = REGULAR
     if record.intervals.size > 1:

@@ -43,7 +43,7 @@ class Dimensions:
         keep(self, "reference", truth)
 
     @classmethod
-    def of_settings(cls, settings: Settings, recent: int) -> Dimensions:
+    def of_settings(cls, settings: Settings, recent: int, path: int | None = None) -> Dimensions:
         """Return those of an identifier with these settings that has room for so many raw samples."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
         refined = settings.filter.follows_estimate
@@ -60,7 +60,7 @@ class Dimensions:
             companions=settings.instruments or refined,
             guarded=optimizer.keeps_covariance,
             reference=settings.reference,
-            path=ROOM if recent >= FEWEST_JUDGED else 0,
+            path=path if path is not None else ROOM if recent >= FEWEST_JUDGED else 0,
         )
 
     @classmethod

@@ -152,21 +152,21 @@ class State(StateArrays):
         self.sigma[:], self.unit[:] = sigma, output_scale / sigma
 
     @classmethod
-    def of_settings(cls, settings: Settings, recent: int) -> State:
+    def of_settings(cls, settings: Settings, recent: int, path: int | None = None) -> State:
         """Return the arrays of an identifier with these settings, before its first sample."""
-        state = cls.laid_out(settings, recent)
+        state = cls.laid_out(settings, recent, path)
         if settings.filter.fixed:
             state.fix_filter(settings.structure, settings.dt, settings.filter.fixed)
         return state
 
     @classmethod
-    def laid_out(cls, settings: Settings, recent: int) -> State:
+    def laid_out(cls, settings: Settings, recent: int, path: int | None = None) -> State:
         """Return the same without the fixed filter's numbers: nothing compiled has run yet."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
         entries = entries_of(structure, refined=settings.filter.follows_estimate)
         sigma = np.ones(entries)
         sigma[: structure.size] = settings.scaling.sigmas(structure)
-        state = cls.empty(Dimensions.of_settings(settings, recent))
+        state = cls.empty(Dimensions.of_settings(settings, recent, path))
         state.describe(
             structure, settings.dt, state_filter=settings.filter.fixed, input_hold=settings.filter.input_hold,
             instruments=settings.instruments,
