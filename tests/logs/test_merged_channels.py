@@ -143,6 +143,14 @@ def test_with_a_time_given_the_rasters_must_be_equal() -> None:
         on_one_clock(found, {"input": 2, "output": 0}, is_timed=True)
 
 
+def test_several_inputs_are_merged_as_one_is() -> None:
+    found = table(y=signal([0, 1, 2], [5, 6, 7]), u=signal([0, 2], [1, 2]), v=signal([0, 1, 2], [3, 4, 5]))
+    log = open_recording(found, input=["u", "v"], output="y").held
+    assert log is not None
+    np.testing.assert_array_equal(log.inputs, [[1, 3], [1, 4], [2, 5]])
+    assert (log.input_names, log.dt) == (("u", "v"), 1.0)
+
+
 @every("time", [{"time": "clock"}, {"dt": 1.0}], ids=["column", "sampling time"])
 def test_a_log_that_is_opened_with_its_time_is_not_merged(time: dict[str, Any]) -> None:
     stamps = [0, 1, 2, 3]

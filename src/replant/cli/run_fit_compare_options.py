@@ -30,7 +30,7 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import AUTO, Request, filter_for
 from replant.fitting.inspect import with_others
-from replant.logs import Log, Recording, doubtful_unit, open_recording, open_several, stamped_interval
+from replant.logs import Log, Recording, doubtful_unit, open_recording, stamped_interval
 from replant.logs.log import check_one_reference
 from replant.logs.sampling_time import COARSE
 from replant.model.preprocess import Preprocess
@@ -248,7 +248,7 @@ def preprocess_of(options: dict[str, Any]) -> Preprocess:
 
 def read(options: dict[str, Any]) -> Log:
     """Read the log that the options name."""
-    recording = open_several(options["log"], **_columns(options), most_held=sys.maxsize)
+    recording = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
     _note(options, recording)
     log = conditioned(with_others(recording).held, options)
     return replace(log, input_hold=input_hold_of(options))

@@ -27,7 +27,7 @@ from replant.fitting.samples import Samples
 from replant.fleet.catalogue import is_parquet
 from replant.fleet.job import Job, Piece, Rig, Task, printable
 from replant.fleet.store import FAILED, Movement, Row, cells_of
-from replant.logs import Log, Recording, Table, open_several, read_columns
+from replant.logs import Log, Recording, Table, open_recording, read_columns
 from replant.logs.arrow import first_stamp, read_row_groups
 from replant.logs.recording import MOST_HELD, joined
 from replant.logs.sampling_time import time_columns
@@ -177,7 +177,7 @@ def opened(rig: Rig, job: Job) -> Recording:
     """Open the record of a rig; one of several files is joined in the order of their first time stamps."""
     if rig.problem:
         raise LogError(rig.problem)
-    return open_several(
+    return open_recording(
         _table(rig, job), input=job.input, output=job.output, time=job.time, dt=job.dt, reference=job.reference,
         begin=job.begin, end=job.end, most_held=sys.maxsize if job.method == "fit" or job.several else MOST_HELD,
     )  # fmt: skip

@@ -5,7 +5,6 @@ from replant.logs.log import Log
 from replant.logs.read import (
     doubtful_unit,
     open_recording,
-    open_several,
     read_log,
     stamped_interval,
 )
@@ -18,7 +17,6 @@ __all__ = [
     "Table",
     "doubtful_unit",
     "open_recording",
-    "open_several",
     "read_columns",
     "read_log",
     "stamped_interval",

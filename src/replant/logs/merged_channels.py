@@ -133,7 +133,7 @@ def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tupl
 
 
 def merged(table: Table, roles: Mapping[str, int]) -> Table:
-    """Return a table with the time, and the columns of ``roles`` at common stamps; see `merge_rasters`."""
+    """Return a table with the time, and the columns of ``roles`` at common stamps; see `merge`."""
     assert table.stamps is not None
     columns = table.columns(list(roles.values()))
     signals = {}

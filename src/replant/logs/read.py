@@ -33,7 +33,7 @@ from replant.numerics.arguments import iterable
 from replant.numerics.limits import file_path
 
 FIRST = 1 << 16  # stamps of a log that its unit of time is told from [samples]
-_ROLES = "an input", "the output", "a reference"
+_ROLES = {"input": "an input", "output": "the output", "reference": "a reference"}
 _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
 
 
@@ -62,8 +62,7 @@ def read_log(
         bag; or ``-``, standard input.
     input, output : str or int
         The columns, by name (a unit at its end may be left out) or 0-based number; of several inputs a list.  In .mat
-        and .npz files also ``udat[:,0]`` and ``logs.udat[:,0]``.  Columns with stamps of their own are merged, see
-        `merge_rasters`.
+        and .npz files also ``udat[:,0]`` and ``logs.udat[:,0]``.  Columns with stamps of their own are merged.
     time : str or int, optional
         The column of time stamps: dates, clock times, or numbers in seconds or the unit that its name states
         (``t [ms]``).  They must increase; the stamps of an irregular clock count, see `Log.stamps`.
@@ -102,46 +101,12 @@ def read_log(
     (0.1, array([0.  , 0.5 , 0.75]))
     """
     columns: dict[str, Any] = {"input": input, "output": output, "time": time, "dt": dt, "reference": reference}
-    recording = open_several(file_path("path", path), **columns, begin=begin, end=end, most_held=sys.maxsize)
+    recording = open_recording(file_path("path", path), **columns, begin=begin, end=end, most_held=sys.maxsize)
     for note in recording.table.notes:
         warnings.warn(note, stacklevel=2)
     log = recording.held
     assert log is not None
     return replace(log, sha256=digest(recording.path))
-
-
-def open_several(path: str | os.PathLike[str] | Table, *, input: Any, reference: Any = None, **more: Any) -> Recording:  # noqa: A002
-    """Open a log of one or several inputs and references, see `open_recording`; of several all of it is held."""
-    first, *inputs = _each("input", input)
-    one, *references = (None,) if reference is None else _each("reference", reference)
-    recording = open_recording(path, input=first, reference=one, **more)
-    log, table = recording.held, recording.table
-    if not inputs and not references:
-        return recording
-    assert log is not None
-    numbers = [table.find(key) for key in (*inputs, *references)]
-    taken = {table.names[column]: role for column, role in zip(recording.columns, _ROLES, strict=False)}
-    for place, number in enumerate(numbers):
-        name, role = table.names[number], "an input" if place < len(inputs) else "a reference"
-        if name in taken:
-            both = f"{role} twice" if taken[name] == role else f"{taken[name]} and {role}"
-            raise LogError(f"{table.path}: column {shown(name)} is {both}: name each column once")
-        if number in table.in_seconds:
-            what = role.split()[1]
-            raise LogError(
-                f"{table.path}: column {shown(name)} holds dates or times, no samples; choose another {what}"
-            )
-        taken[name] = role
-    signals = {table.names[number]: signal for number, signal in zip(numbers, table.columns(numbers), strict=True)}
-    for name, signal in signals.items():
-        if signal.size != log.input.size:
-            raise LogError(
-                f"{table.path}: column {shown(name)} has {signal.size:,} rows and {shown(log.input_name)} "
-                f"{log.input.size:,}: all need one clock; resample them (merge_rasters)"
-            )
-    names = tuple(signals)
-    log = replace(log, others=signals, more_inputs=names[: len(inputs)], more_references=names[len(inputs) :])
-    return replace(recording, held=log)
 
 
 def _each(role: str, given: Any) -> list[Any]:
@@ -155,25 +120,26 @@ def _each(role: str, given: Any) -> list[Any]:
 def open_recording(
     path: str | os.PathLike[str] | Table,
     *,
-    input: str | int,  # noqa: A002 - the field's word
+    input: str | int | Sequence[str | int],  # noqa: A002 - the field's word
     output: str | int,
     time: str | int | None = None,
     dt: float | None = None,
-    reference: str | int | None = None,
+    reference: str | int | Sequence[str | int] | None = None,
     begin: float | None = None,
     end: float | None = None,
     most_held: int = MOST_HELD,
     progress: Callable[[int, int], None] = lambda rows, about: None,
 ) -> Recording:
-    """Check a recorded log from its first row to its last, and open it for passes over its samples."""
+    """Check a recorded log from its first row to its last, and open it for passes over its samples.
+
+    Of several inputs or references all samples are held in memory, as `Log.others`.
+    """
     if time is not None and dt is not None:
         raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
     step = None if dt is None else check_dt(dt)
+    keys = _signals(_each("input", input), output, [] if reference is None else _each("reference", reference))
     table = path if isinstance(path, Table) else read_columns(path)
-    roles = {"input": table.find(input), "output": table.find(output)}
-    if reference is not None:
-        roles["reference"] = table.find(reference)
-    signals = list(roles)
+    roles = {role: table.find(key) for role, key in keys.items()}
     if time is not None:
         roles["time"] = table.find(time)
     _check_distinct(table, roles)
@@ -196,12 +162,31 @@ def open_recording(
             unit = unit_in_seconds(table.names[number])
         step = float(f"{clock.interval * unit:.12g}")
     assert step is not None
-    columns = tuple(roles[role] for role in signals)
+    columns = tuple(roles[role] for role in keys if role in _ROLES)
+    others = dict(zip([role for role in keys if role not in _ROLES], arrays[len(columns) : len(keys)], strict=True))
+    arrays = [*arrays[: len(columns)], *arrays[len(keys) :]]
     complete = all(np.isfinite(part).all() for parts in in_parts(arrays[: len(columns)]) for part in parts)
     recording = Recording(
         table, columns, arrays, step, stamped, rows, complete, None, begin, end, clock.irregularity, unit
     )
-    return replace(recording, held=recording.newest(*arrays[:2])) if rows <= most_held else recording
+    if rows > most_held and not others:
+        return recording
+    names = {role: table.names[roles[role]] for role in others}
+    log = replace(
+        recording.newest(*arrays[:2]),
+        others={names[role]: signal for role, signal in others.items()},
+        more_inputs=tuple(name for role, name in names.items() if role.startswith("input")),
+        more_references=tuple(name for role, name in names.items() if role.startswith("reference")),
+    )
+    return replace(recording, held=log)
+
+
+def _signals(inputs: list[Any], output: str | int, references: list[Any]) -> dict[str, Any]:
+    """Return the column of each role, further inputs and references as "input 2" and so on behind the first ones."""
+    keys = {"input": inputs[0], "output": output} | dict(zip(["reference"], references, strict=False))
+    for kind, several in (("input", inputs), ("reference", references)):
+        keys |= {f"{kind} {place}": key for place, key in enumerate(several[1:], 2)}
+    return keys
 
 
 def _part(table: Table, time: int | None, dt: float | None, between: tuple[float, float]) -> Table:
@@ -261,16 +246,19 @@ def _rows_of(table: Table, roles: dict[str, int], arrays: Sequence[NDArray[np.fl
 def _check_distinct(table: Table, roles: dict[str, int]) -> None:
     chosen: dict[int, str] = {}
     for role, number in roles.items():
-        if number in chosen:
+        name, kind = shown(table.names[number]), role.split()[0]
+        before = chosen.setdefault(number, role)
+        if before != role and {before, role} <= {*_ROLES, "time"}:
             raise LogError(
-                f"{table.path}: {chosen[number]} and {role} are the same column {shown(table.names[number])}; "
-                "choose two different columns"
+                f"{table.path}: {before} and {role} are the same column {name}; choose two different columns"
             )
-        chosen[number] = role
+        if before != role:
+            was, is_now = (_ROLES.get(each.split()[0], each) for each in (before, role))
+            both = f"{was} twice" if was == is_now else f"{was} and {is_now}"
+            raise LogError(f"{table.path}: column {name} is {both}: name each column once")
         if role != "time" and number in table.in_seconds:
             raise LogError(
-                f"{table.path}: column {shown(table.names[number])} holds dates or times, no samples; choose "
-                f"another column as the {role}"
+                f"{table.path}: column {name} holds dates or times, no samples; choose another column as the {kind}"
             )
 
 
