@@ -137,16 +137,9 @@ class Inbox:
         return self._size
 
     def _append(self, batch: Batch, done: int, count: int) -> None:
-        start = (self._head + self._size) % self._capacity
-        first = min(count, self._capacity - start)
+        places = (self._head + self._size + np.arange(count)) % self._capacity
         for name, ring in self._ring.items():
-            if name == "arrived":
-                ring[start : start + first] = ring[: count - first] = batch.arrived
-            else:
-                column = getattr(batch, name)
-                ring[start : start + first] = column[done : done + first]
-                if first < count:
-                    ring[: count - first] = column[done + first : done + count]
+            ring[places] = batch.arrived if name == "arrived" else getattr(batch, name)[done : done + count]
         self._size += count
 
     def _remove(self, count: int) -> None:
