@@ -156,13 +156,11 @@ class Progress:
 
     def with_counters(self, counters: Mapping[str, int]) -> dict[str, int | float | str]:
         """Return the entries that a checkpoint stores besides the identifier."""
-        entries: dict[str, int | float | str] = {"taken": self.taken, "at": self.at, "offset": self.offset}
-        if self.sequence is not None:
-            entries["sequence"] = self.sequence
-        if self.candidate is not None:
-            entries["candidate"] = self.candidate
-        if self.alone:
-            entries["alone"] = 1
+        state: dict[str, int | float | str | None] = {
+            name: getattr(self, name) for name in ("taken", "at", "offset", "sequence", "candidate")
+        }
+        entries = {name: value for name, value in state.items() if value is not None}
+        entries |= {"alone": 1} if self.alone else {}
         return entries | {COUNTER + name: count for name, count in self.counted(counters).items()}
 
     @classmethod
