@@ -21,7 +21,7 @@ from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
 from replant.online.running_model import NewestSamples, model_of, newest_of_row, newest_samples
-from replant.plotting.diagrams import mirrored
+from replant.plotting.diagrams import with_conjugates
 from replant.plotting.numbers import mapped_label, true_parameters
 from replant.plotting.over_time import thin
 from replant.verdict import Verdict, simulate
@@ -288,18 +288,12 @@ def _roots(model: TransferFunction, uncertainty: Uncertainty | None) -> dict[str
         covariance = np.zeros((0, 2, 2))
         gain = math.nan
         return {"poles": nothing, "pole_covariance": covariance, "zeros": nothing, "dc_gain": gain, "dc_gain_std": gain}
-    poles, covariances = [], []
     with np.errstate(all="ignore"):
-        for uncertain in uncertainty.modes:
-            poles.append(uncertain.mode.pole)
-            covariances.append(uncertain.covariance)
-            if uncertain.mode.pole.imag:  # a complex mode stands for a pair of poles
-                poles.append(uncertain.mode.pole.conjugate())
-                covariances.append(mirrored(uncertain.covariance))
+        roots = with_conjugates([(each.mode.pole, each.covariance) for each in uncertainty.modes])
         gain_std = uncertainty.dc_gain_std
     return {
-        "poles": np.array(poles, np.complex128),
-        "pole_covariance": np.array(covariances).reshape(-1, 2, 2),
+        "poles": np.array([pole for pole, _ in roots], np.complex128),
+        "pole_covariance": np.array([covariance for _, covariance in roots]).reshape(-1, 2, 2),
         "zeros": model.zeros,
         "dc_gain": float(model.dc_gain),
         "dc_gain_std": gain_std,

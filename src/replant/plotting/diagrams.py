@@ -231,8 +231,13 @@ def mirrored(covariance: FloatArray) -> FloatArray:
 
 
 def with_conjugates(regions: Regions) -> Regions:
-    """Return regions with those of the conjugate roots."""
-    return [*regions, *((root.conjugate(), mirrored(covariance)) for root, covariance in regions if root.imag)]
+    """Return regions, each complex one followed by that of the conjugate root."""
+    found = []
+    for root, covariance in regions:
+        found.append((root, covariance))
+        if root.imag:
+            found.append((root.conjugate(), mirrored(covariance)))
+    return found
 
 
 def _show_roots(axis: Any, roots: ComplexArray) -> None:
