@@ -12,9 +12,9 @@ import click
 from replant.cli.conditioning_options import seconds_of
 from replant.cli.option_types import Choice, Parsed, column_option, flag, numbers_of, path_option, structure_options
 from replant.cli.run_fit_compare_options import BIAS, FEEDTHROUGH, INPUT_MAP, OPTIMIZER, preprocess_of, structure_of
-from replant.errors import InvalidArgumentError
+from replant.errors import InvalidArgumentError, needs
 from replant.estimation.settings import Request
-from replant.live.dashboard.server import libraries_needed
+from replant.live.dashboard.server import PAGES_NEED
 from replant.live.judge_process import DashboardAddress
 from replant.live.progress import Asked, Limits
 from replant.live.session import run
@@ -228,6 +228,6 @@ def open_command(logs: tuple[Path, ...], place: str) -> None:
     LOG is a recorded log (csv, mat, parquet and more), the folder of a live session's --record, or a session that the
     page has saved (.workbench).  Without one, the session that was open last is opened again.  Ctrl-C ends it.
     """
-    with libraries_needed():
+    with needs(PAGES_NEED, "live"):
         from replant.workbench.app import start
     start(logs, *address_of("--at", place))

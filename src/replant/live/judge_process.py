@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING
 
-from replant.errors import ReplantError
+from replant.errors import ReplantError, needs
 from replant.live.make_view import EstimateHistory, make_view
 from replant.live.outputs.message import Notices
 from replant.live.progress import Identification
@@ -186,10 +186,10 @@ class _Observing:
         if time.monotonic() < self._serve_again:
             return
         self._serve_again = time.monotonic() + AGAIN
-        from replant.live.dashboard.server import libraries_needed, serve
+        from replant.live.dashboard.server import PAGES_NEED, serve
 
         try:
-            with libraries_needed():
+            with needs(PAGES_NEED, "live"):
                 from replant.live.dashboard.app import Hub
             self._hub = self._hub or Hub(
                 command=lambda name: self._send(Told("command", name)),

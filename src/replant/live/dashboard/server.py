@@ -6,13 +6,11 @@ import asyncio
 import ipaddress
 import socket
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from types import TracebackType
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import quote
 
-from replant.errors import InvalidArgumentError, MissingDependencyError, ReplantError, shown
+from replant.errors import InvalidArgumentError, ReplantError, needs, shown
 from replant.numerics.operating_system import Worker
 
 if TYPE_CHECKING:
@@ -22,6 +20,7 @@ if TYPE_CHECKING:
 
 GRACE = 1.0  # time that browsers get to say goodbye [s]
 LEFT_BEHIND = 10.0  # time after which a server that does not end is waited for no longer [s]
+PAGES_NEED = "the dashboard needs starlette, uvicorn and websockets"
 S = TypeVar("S", bound=socket.socket)
 _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
@@ -80,20 +79,9 @@ class Dashboard:
         """Return the dashboard."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Stop serving."""
         self.stop()
-
-
-@contextmanager
-def libraries_needed() -> Iterator[None]:
-    """Have imports of what serves a page say what to install."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise MissingDependencyError(f"the dashboard needs {error.name}: pip install 'replant[live]'") from None
 
 
 def serve(
@@ -105,7 +93,7 @@ def serve(
 ) -> Dashboard:
     """Serve the dashboard of ``hub``, or another ``application``, from a thread; return when the server is ready."""
     _check(host, port, token)
-    with libraries_needed():
+    with needs(PAGES_NEED, "live"):
         import uvicorn
 
         from replant.live.dashboard.app import create_app
