@@ -33,7 +33,7 @@ WORDS = [
     (_plain("rig\n\x1b[31m7 é"), "rig??[31m7 é"),
     (looped("demo"), "demo?loop=pi"),
     (looped("demo?speed=max"), "demo?speed=max&loop=pi"),
-    (demo_of("demo")[1].input, "voltage [kV]"),
+    (demo_of("demo")[1].inputs, ("voltage [kV]",)),
     (demo_of("demo?loop=pi")[1].output, "speed [rad/s]"),
     (demo_of("log.csv"), None),
     (demo_of("demo.csv"), None),

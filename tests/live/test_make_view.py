@@ -10,7 +10,8 @@ import pytest
 import replant as rp
 from replant.live.make_view import POINTS, EstimateHistory, make_view
 from replant.live.outputs.message import UNKNOWN
-from replant.live.view import SessionInfo, SignalNames, View
+from replant.live.streams import Signals
+from replant.live.view import SessionInfo, View
 from replant.verdict import simulate
 from support.cases import every
 from support.live_fakes import DT, PLANT, REQUEST, record
@@ -239,7 +240,7 @@ def test_the_newest_part_of_a_long_window_can_be_looked_at_alone() -> None:
 
 def test_the_mapped_input_is_named() -> None:
     squared = rp.Identifier(rp.Structure(1), DT, preprocess=rp.Preprocess("square"))
-    view = make_view(squared, SessionInfo(), EstimateHistory(2), signals=SignalNames("voltage [kV]", "way [mm]"))
+    view = make_view(squared, SessionInfo(), EstimateHistory(2), signals=Signals(("voltage [kV]",), "way [mm]"))
     assert (view.input_label, view.output_label) == ("voltage² [kV²]", "way [mm]")
     assert viewed(20).input_label == "input"
 

@@ -10,7 +10,7 @@ import numpy as np
 import replant as rp
 from replant.live.make_view import EstimateHistory, make_view
 from replant.live.streams import Signals
-from replant.live.view import SessionInfo, SignalNames, View
+from replant.live.view import SessionInfo, View
 from support.rows import ASKED, DT, FAST, SLOW, noisy, row_of, toggling
 
 HEATERS = Signals(("Q1", "Q2"), "T1")
@@ -41,7 +41,7 @@ def learned() -> Any:
 def seen() -> View:
     """Return the view of what took the record."""
     identifier = learned()
-    info, names = SessionInfo(at=float(T[-1]), source="fake://", source_state="connected"), SignalNames("Q1", "T1")
+    info, names = SessionInfo(at=float(T[-1]), source="fake://", source_state="connected"), Signals(("Q1",), "T1")
     found = make_view(identifier, info, EstimateHistory(5), signals=names)
     assert identifier.to_bytes() == learned().to_bytes(), "looking changed the identifier"
     return found

@@ -19,7 +19,7 @@ from replant.live.judge_process import DashboardAddress
 from replant.live.progress import Asked, Limits
 from replant.live.session import run
 from replant.live.streams import UY, Signals
-from replant.live.view import UNNAMED, SignalNames
+from replant.live.view import UNNAMED
 from replant.numerics.operating_system import one_line
 from replant.online.miso_identifier import RowIdentifier
 from replant.rigs import Rig, deap_rig, motor_rig
@@ -130,7 +130,7 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
         options["input_map"] = rig.input_map
     page, token = options["dashboard"], _token(options)
     columns = _signals(options)
-    names = UNNAMED if columns == UY else SignalNames(columns.inputs[0], columns.output)
+    names = UNNAMED if columns == UY else columns
     trusted = run(
         source,
         _request(options),
@@ -152,14 +152,14 @@ def looped(source: str) -> str:
     return source if LOOP in source else f"{source}{'&' if '?' in source else '?'}{LOOP}"
 
 
-def demo_of(source: str) -> tuple[Rig, SignalNames] | None:
+def demo_of(source: str) -> tuple[Rig, Signals] | None:
     """Return the simulated rig whose address the source is, and the names of its signals; None if it is none."""
     name, _, options = source.partition("?")
     if name != DEMO:
         return None
     if LOOP in options.split("&"):
-        return motor_rig(), SignalNames("voltage [V]", "speed [rad/s]")
-    return deap_rig(), SignalNames("voltage [kV]", "displacement [mm]")
+        return motor_rig(), Signals(("voltage [V]",), "speed [rad/s]")
+    return deap_rig(), Signals(("voltage [kV]",), "displacement [mm]")
 
 
 def _token(options: dict[str, Any]) -> str | None:

@@ -17,7 +17,8 @@ from replant.errors import ReplantError, needs
 from replant.live.make_view import EstimateHistory, make_view
 from replant.live.outputs.message import Notices
 from replant.live.progress import Identification
-from replant.live.view import UNNAMED, Rows, SessionInfo, SignalNames, View
+from replant.live.streams import Signals
+from replant.live.view import UNNAMED, Rows, SessionInfo, View
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.operating_system import one_line, refusal
 from replant.online.identifier import Identifier
@@ -48,7 +49,7 @@ class ObserverOptions:
     dashboard: DashboardAddress | None = None
     terminal: bool = False  # whether to write the status to standard error
     truth: TransferFunction | None = None  # the true plant of a simulated rig, shown beside the estimate
-    signals: SignalNames = UNNAMED  # names of input and output
+    signals: Signals = UNNAMED  # names of input and output
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,8 @@ from replant.fitting.model_json import as_object
 from replant.fitting.responses import SETTLED, Bode, StepResponse, frequencies, time_of
 from replant.live import view
 from replant.live.progress import Identification
-from replant.live.view import UNNAMED, Rows, SessionInfo, SignalNames, View, Window
+from replant.live.streams import Signals
+from replant.live.view import UNNAMED, Rows, SessionInfo, View, Window
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
@@ -172,7 +173,7 @@ class _Seen(NamedTuple):
     model: dict[str, Any]  # to be kept
 
 
-def _seen(identifier: Identifier, finite: bool, at: float, signals: SignalNames) -> _Seen:
+def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> _Seen:
     model, newest, verdict = identifier.transfer_function, newest_samples(identifier), identifier.assess()
     preprocess = identifier.request.preprocess
     output, fit = np.full(newest.output.size, np.nan), math.nan
@@ -184,7 +185,7 @@ def _seen(identifier: Identifier, finite: bool, at: float, signals: SignalNames)
             )  # fmt: skip
         output, fit = run.output, run.fit
     return _Seen(
-        (mapped_label(signals.input, preprocess.input_map),),
+        (mapped_label(signals.inputs[0], preprocess.input_map),),
         (identifier.structure,),
         (model,),
         (identifier.uncertainty,),
@@ -197,7 +198,7 @@ def _seen(identifier: Identifier, finite: bool, at: float, signals: SignalNames)
     )
 
 
-def _seen_row(identifier: RowIdentifier, finite: bool, signals: SignalNames) -> _Seen:
+def _seen_row(identifier: RowIdentifier, finite: bool, signals: Signals) -> _Seen:
     found, labels = identifier.fit_of_newest() if finite else None, identifier.request.input_names
     newest, of_each = newest_of_row(identifier, found), (identifier.transfer_functions, identifier.uncertainty)
     if found is None:
@@ -215,7 +216,7 @@ def make_view(
     history: EstimateHistory,
     *,
     truth: TransferFunction | None = None,
-    signals: SignalNames = UNNAMED,
+    signals: Signals = UNNAMED,
 ) -> View:
     """Return the view of an identifier, and append its row to ``history``."""
     known = identifier.has_model

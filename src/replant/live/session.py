@@ -32,7 +32,7 @@ from replant.live.progress import (
 )
 from replant.live.streams import UY, Batch, Signals, Source, open_source
 from replant.live.terminal_status import print_summary
-from replant.live.view import UNNAMED, SessionInfo, SignalNames, View
+from replant.live.view import UNNAMED, SessionInfo, View
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import refusal
@@ -307,7 +307,7 @@ def run(
     dashboard: DashboardAddress | None = None,
     truth: TransferFunction | None = None,
     columns: Signals = UY,
-    signals: SignalNames = UNNAMED,
+    signals: Signals = UNNAMED,
     ttl: float | None = None,
     background: bool = False,
 ) -> bool:

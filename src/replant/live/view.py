@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.live.outputs.message import UNKNOWN
+from replant.live.streams import Signals
 from replant.numerics.arguments import FloatArray
 
 
@@ -29,15 +30,8 @@ class SessionInfo:
     silence: float = 0.0  # seconds since a sample was accepted, once the time to live is over; else 0
 
 
-@dataclass(frozen=True)
-class SignalNames:
-    """Names of a rig's signals, with their units in brackets where known; of the input before its map."""
-
-    input: str = "input"
-    output: str = "output"
-
-
-UNNAMED = SignalNames()
+#: Names of a rig's signals, with their units in brackets where known; of the input before its map.
+UNNAMED = Signals(("input",), "output")
 
 
 @dataclass(frozen=True, eq=False)
