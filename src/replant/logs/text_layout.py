@@ -7,7 +7,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import islice
 from pathlib import Path
 
 from replant.errors import LogError
@@ -188,35 +187,17 @@ def _sample(path: Path, encoding: str) -> tuple[tuple[int, str], list[tuple[int,
     """Return the last comment before the first row, and the first rows: at least two, and more while they are short."""
     comment = 0, ""
     rows: list[tuple[int, str]] = []
-    characters = 0
-    for number, line in islice(_significant(lines_of(path, encoding)), _SAMPLE_ROWS):
-        if is_data(line):
+    characters = last = 0
+    for number, line in lines_of(path, encoding):
+        is_enough = len(rows) == _SAMPLE_ROWS or (len(rows) > 1 and characters > _SAMPLE_CHARACTERS)
+        if is_enough or number > last + MOST_LINES_ABOVE:
+            break
+        if is_data(line) and not _EXCEL_HINT.fullmatch(line.strip()):
             rows.append((number, line))
-            characters += len(line)
-            if len(rows) > 1 and characters > _SAMPLE_CHARACTERS:
-                break
-        elif not rows:
+            characters, last = characters + len(line), number
+        elif line.strip() and not rows and not is_data(line):
             comment = number, line
     return comment, rows
-
-
-def _significant(lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
-    """Yield the rows; before each row, also the last of the comments that precede it."""
-    comment: tuple[int, str] | None = None
-    last = 0
-    for number, line in lines:
-        if number > last + MOST_LINES_ABOVE:
-            return
-        if _EXCEL_HINT.fullmatch(line.strip()):
-            continue
-        if is_data(line):
-            if comment:
-                yield comment
-                comment = None
-            last = number
-            yield number, line
-        elif line.strip():
-            comment = number, line
 
 
 def _encoding(path: Path) -> str:
