@@ -24,7 +24,7 @@ from replant.cli.deliver import (
 )
 from replant.cli.notes import note, progress_bar
 from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
-from replant.cli.run_fit_compare_options import log_options, open_log
+from replant.cli.run_fit_compare_options import compare_options, open_log
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.examples import NAMES, path_of
 from replant.fitting.inspect import inspect
@@ -246,9 +246,7 @@ def _print(comparison: ModelComparison) -> None:
 
 
 @click.command(name="compare")
-@log_options(
-    several="replant compare takes one log, or saved models and a log", otherwise=compare_models, is_kept=False
-)
+@compare_options(compare_models)
 @click.option(
     "--optimizer",
     "methods",

@@ -17,12 +17,12 @@ from replant.cli.run_fit_compare_options import (
     OPTIMIZER,
     are_ranges,
     check_one_input,
-    log_options,
+    fit_options,
     preprocess_of,
     read_several,
     recording_of,
     request_of,
-    search_options,
+    run_options,
     structure_of,
     structures_of,
 )
@@ -45,7 +45,7 @@ from replant.report.python_programs import fit_as_python
 
 
 @click.command(name="run")
-@log_options("replant run takes one log, in one pass; replant fit makes one model of several", inputs=True)
+@run_options
 @OPTIMIZER
 @click.option("--startup", type=int, metavar="N", help="Number of samples for the first model.  [default: a tenth]")
 @path_option("--full-trace", "FILE", "Write the estimate after each sample (.parquet).")
@@ -126,7 +126,7 @@ def _run(
 
 
 @click.command(name="fit")
-@search_options
+@fit_options
 @click.option("--method", type=Choice(METHODS), default="auto", show_default=True, help="Method of the fit.")
 @keeping_options
 def fit_command(as_json: bool, out: Path | None, method: str, **options: Any) -> None:

@@ -74,15 +74,10 @@ _OF_REFERENCE = "Column of the reference, where a controller makes the input: th
 _REFERENCE = column_option("reference", f"{_OF_REFERENCE}.")
 _REFERENCES = column_option("reference", f"{_OF_REFERENCE}; of several inputs once for each reference.", several=True)
 _STRUCTURE = structure_options("Number of poles.", "Number of zeros.  [default: 0]", "Dead time in s.  [default: 0]")
-_OF_INPUTS = structure_options(
-    "Number of poles; of several inputs of each: 2,1.",
-    "Number of zeros, likewise.  [default: 0]",
-    "Dead time in s, likewise.  [default: 0]",
-)
+_LIKEWISE = "Number of zeros, likewise.  [default: 0]", "Dead time in s, likewise.  [default: 0]"
+_OF_INPUTS = structure_options("Number of poles; of several inputs of each: 2,1.", *_LIKEWISE)
 _EACH = structure_options(
-    "Number of poles, or a range such as 1:4, which learn side by side; of several inputs of each: 2,1.",
-    "Number of zeros, likewise.  [default: 0]",
-    "Dead time in s, likewise.  [default: 0]",
+    "Number of poles, or a range such as 1:4, which learn side by side; of several inputs of each: 2,1.", *_LIKEWISE
 )
 _STRUCTURES = structure_options(
     "Number of poles, or a range such as 1:4; of several inputs a number or a range for each, as in 2,1 or 1:3,1:2.",
@@ -114,58 +109,50 @@ _CONDITION = group(INPUT_HOLD, *CONDITIONING)
 _STRETCHES = group(*STRETCHES)
 
 
-def log_options(
-    several: str,
-    otherwise: Callable[[dict[str, Any]], bool] = lambda given: False,
-    *,
-    is_kept: bool = True,
-    inputs: bool = False,
+def checked_options(
+    *options: Option, several: str = "", otherwise: Callable[[dict[str, Any]], bool] = lambda given: False
 ) -> Option:
-    """Return a decorator with the options that `run`, `fit` and `compare` share, for one structure and one log."""
-    stretches = (_STRETCHES,) if is_kept else ()
-    several_of = (_INPUTS, _OUTPUTS, _REFERENCES)
-    columns, structure = (several_of, _EACH) if inputs else ((_INPUT, _OUTPUT, _REFERENCE), _STRUCTURE)
-    options = group(_LOGS, *columns, structure, _CONDITION, *stretches, _REST, _OUT)
-    return lambda command: options(_checked(command, several, otherwise))
+    """Return a decorator that adds options to a command, which looks at them before it runs.
 
+    Several logs are refused in the words of ``several``, if there are any; ``otherwise`` may do the command's work.
+    """
 
-def search_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the same options, where poles, zeros and dead time may be ranges, of any logs."""
-    decorated: Callable[..., Any] = group(
-        _LOGS, _INPUTS, _OUTPUTS, _REFERENCES, _STRUCTURES, _CONDITION, _STRETCHES, _REST, _OUT
-    )(_checked(command))
+    def decorated(command: Callable[..., Any]) -> Any:
+        @functools.wraps(command)
+        def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:
+            if quiet and progress:
+                raise click.UsageError("--quiet and --progress: give one of them")
+            click.get_current_context().meta.update({QUIET: quiet, ASKED: progress})
+            if isinstance(given.get("logs"), tuple):
+                if otherwise(given):
+                    return None
+                if several and len(given["logs"]) > 1:
+                    raise click.UsageError(several)
+                given["log"] = given["logs"][0]
+            check_complete(given)
+            return command(**given)
+
+        return group(*options)(checked)
+
     return decorated
 
 
-def fleet_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Decorate a click command with the same options for a fleet, whose logs are many, and its results a folder."""
-    options = group(click.argument("logs"), _INPUTS, _OUTPUT, _REFERENCES, _OF_INPUTS, _REST, OPTIMIZER)
-    decorated: Callable[..., Any] = options(_checked(command))
-    return decorated
+_COLUMNS = _LOGS, _INPUTS, _OUTPUTS, _REFERENCES
+_REST_OF_LOGS = _CONDITION, _STRETCHES, _REST, _OUT
+run_options = checked_options(
+    *_COLUMNS, _EACH, *_REST_OF_LOGS,
+    several="replant run takes one log, in one pass; replant fit makes one model of several",
+)  # fmt: skip
+fit_options = checked_options(*_COLUMNS, _STRUCTURES, *_REST_OF_LOGS)
+#: Those of a fleet, whose logs are many, and its results a folder.
+fleet_options = checked_options(click.argument("logs"), _INPUTS, _OUTPUT, _REFERENCES, _OF_INPUTS, _REST, OPTIMIZER)
 
 
-def _checked(
-    command: Callable[..., Any],
-    several: str = "",
-    otherwise: Callable[[dict[str, Any]], bool] = lambda given: False,
-) -> Callable[..., Any]:
-    """Return a command that looks at its options first."""
-
-    @functools.wraps(command)
-    def checked(*, quiet: bool, progress: bool, **given: Any) -> Any:
-        if quiet and progress:
-            raise click.UsageError("--quiet and --progress: give one of them")
-        click.get_current_context().meta.update({QUIET: quiet, ASKED: progress})
-        if isinstance(given.get("logs"), tuple):
-            if otherwise(given):
-                return None
-            if several and len(given["logs"]) > 1:
-                raise click.UsageError(several)
-            given["log"] = given["logs"][0]
-        check_complete(given)
-        return command(**given)
-
-    return checked
+def compare_options(otherwise: Callable[[dict[str, Any]], bool]) -> Option:
+    """Return the decorator of a command with one structure and one log, unless ``otherwise`` does its work."""
+    several = "replant compare takes one log, or saved models and a log"
+    columns = _LOGS, _INPUT, _OUTPUT, _REFERENCE
+    return checked_options(*columns, _STRUCTURE, _CONDITION, _REST, _OUT, several=several, otherwise=otherwise)
 
 
 def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
