@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -189,38 +189,32 @@ def demo_command(out: Path, full: bool) -> None:
     u = deap_voltage(SAMPLES, seed=VOLTAGE)
     y = rig.measure(u)
     console.print("A dielectric elastomer actuator, simulated: squared voltage in kV to displacement in mm.")
-    results = _identify(rig, u, y, console)
+    results = _identify(rig, u, y)
     print_result(console, results[DEFAULT], truth=rig.plant)
     _print_beside(console, results, true_parameters(rig.plant))
     for path in _write(out, results[DEFAULT], rig, u, y):
         click.echo(f"wrote {path}")
 
 
-def _identify(rig: Rig, u: FloatArray, y: FloatArray, console: Any) -> dict[str, Result]:
+def _identify(rig: Rig, u: FloatArray, y: FloatArray) -> dict[str, Result]:
     """Run both methods over the record, with a progress bar."""
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
     article = {
         "filter": StateVariableFilter(cutoff=20.0),
         "optimizer": AMSGrad(step_size=3e-5),
         "replay": Replay(capacity=SAMPLES),
     }
     chosen: dict[str, dict[str, Any]] = {DEFAULT: {}, ARTICLE: article}
-    columns = (
-        TextColumn("{task.description:21}"), BarColumn(), TextColumn("{task.completed:,.0f} samples"),
-        TimeElapsedColumn(),
-    )  # fmt: skip
     results = {}
-    with Progress(*columns, console=console) as progress:
+    with progress_bar(rate=True) as bar:
         for name, settings in chosen.items():
+            task = bar.add_task(name, total=u.size)
             request = Request(STRUCTURE, rig.dt, preprocess=rig.preprocess, **settings)
-            results[name] = run_online(request, u, y, _counter(progress, name, u.size))
+
+            def show(done: int, task: Any = task) -> None:
+                bar.update(task, completed=done)
+
+            results[name] = run_online(request, u, y, show)
     return results
-
-
-def _counter(progress: Any, name: str, total: int) -> Callable[[int], None]:
-    task = progress.add_task(name, total=total)
-    return lambda done: progress.update(task, completed=done)
 
 
 def _print_beside(console: Any, results: Mapping[str, Result], true: Sequence[float]) -> None:
