@@ -86,10 +86,7 @@ class Opened:
             self._tell(READY)
         except CancelledError:
             pass
-        except ReplantError as error:
-            self.error = str(error)
-            self._tell(BROKEN)
-        except OSError as error:
+        except (ReplantError, OSError) as error:
             self.error = one_line(error)
             self._tell(BROKEN)
         except Exception as error:
