@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replant.workbench.samples import BUCKET, CancelledError, Clock, Column, Samples, doubts, levels_of
+from replant.workbench.samples import BUCKET, CancelledError, Clock, Column, Samples, buckets_of, doubts
 from replant.workbench.tasks import thinned
 from support.cases import every
 
 
 def column(values: np.ndarray) -> Column:
-    return Column(values, levels_of(values))
+    return Column(values, buckets_of(values))
 
 
 @every("rows", [0, 1, BUCKET - 1, BUCKET, 5 * BUCKET + 3, 200_003])

@@ -1,7 +1,7 @@
 """The samples of a log as the page draws them, and stretches of it that may be left out.
 
 A column is written to a file as it is read, so that a log of any length takes little memory.  Beside it stand the
-least and the greatest value of each `BUCKET` samples, and of `FACTOR` of these, and so on.
+least and the greatest value of each `BUCKET` samples, of which a curve over much of the log is made.
 """
 
 from __future__ import annotations
@@ -77,10 +77,10 @@ def _end(t: FloatArray, row: int) -> float:
 
 
 BUCKET = 64  # samples of which least and greatest value are kept [count]
-FACTOR = 8  # buckets that the next level joins [count]
+FEWEST = 4  # buckets for each point of a curve, below which the samples themselves are joined [count]
 CHUNK = 1 << 20  # samples of which the buckets are made at once [count]
 
-Level = tuple[FloatArray, FloatArray]
+Extremes = tuple[FloatArray, FloatArray]
 
 
 class CancelledError(Exception):
@@ -89,22 +89,17 @@ class CancelledError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """One column: a file of float64, and the levels of its least and greatest values."""
+    """One column: a file of float64, and least and greatest value of each `BUCKET` of its samples."""
 
     values: FloatArray
-    levels: tuple[Level, ...]
+    buckets: Extremes
 
     def between(self, first: int, last: int, points: int) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return places (N,) and least and greatest values (N,) of the samples [first, last), at most ``points``."""
-        size = 1
-        level: Level = (self.values, self.values)
-        for found in self.levels:
-            if (last - first) / points < size * FACTOR * (BUCKET if size == 1 else 1) / 2:
-                break
-            level, size = found, size * (BUCKET if size == 1 else FACTOR)
+        size = BUCKET if last - first >= FEWEST * BUCKET * points else 1
         rows = slice(first // size, -(-last // size))
-        low = level[0][rows]
-        high = low if size == 1 else level[1][rows]
+        low = self.values[rows] if size == 1 else self.buckets[0][rows]
+        high = low if size == 1 else self.buckets[1][rows]
         joined = max(1, -(-low.size // points))
         low, high = joined_extremes(low, high, joined)
         places = first // size * size + size * joined * np.arange(low.size, dtype=np.float64)
@@ -113,7 +108,7 @@ class Column:
         return places, low, high
 
 
-def joined_extremes(low: FloatArray, high: FloatArray, count: int) -> Level:
+def joined_extremes(low: FloatArray, high: FloatArray, count: int) -> Extremes:
     """Return least and greatest values of each ``count`` entries; NaN where all of them are."""
     if count == 1 or not low.size:
         return low, high
@@ -121,19 +116,15 @@ def joined_extremes(low: FloatArray, high: FloatArray, count: int) -> Level:
     return np.fmin.reduceat(low, edges), np.fmax.reduceat(high, edges)
 
 
-def levels_of(values: FloatArray) -> tuple[Level, ...]:
-    """Return the levels of a column (K,), from that of `BUCKET` samples to the coarsest."""
-    parts = []
+def buckets_of(values: FloatArray) -> Extremes:
+    """Return least and greatest value of each `BUCKET` samples of a column (K,)."""
+    parts = [(np.empty(0), np.empty(0))]
     for first in range(0, values.size, CHUNK):
         chunk = np.asarray(values[first : first + CHUNK])
         chunk = np.where(np.isfinite(chunk), chunk, np.nan)
         parts.append(joined_extremes(chunk, chunk, BUCKET))
-    if not parts:
-        return ()
-    found = [(np.concatenate([low for low, _ in parts]), np.concatenate([high for _, high in parts]))]
-    while found[-1][0].size > 2 * FACTOR:
-        found.append(joined_extremes(*found[-1], FACTOR))
-    return tuple(found)
+    low, high = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return low, high
 
 
 class Samples:
@@ -163,7 +154,7 @@ class Samples:
         if not any(values.size for values in arrays):
             raise LogError(f"{self.path}: there are no rows; record the log again")
         for number, values in zip(wanted, arrays, strict=True):
-            self.columns[number] = Column(values, levels_of(values))
+            self.columns[number] = Column(values, buckets_of(values))
         self.rows = max(column.values.size for column in self.columns.values())
 
     def drawn(self, shown: Sequence[int], clock: Clock, between: tuple[float, float], points: int) -> dict[str, Any]:
