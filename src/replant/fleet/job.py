@@ -6,7 +6,7 @@ import contextlib
 import hashlib
 import re
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -315,16 +315,10 @@ def work_of(rig: Rig) -> int:
 
 def planned(job: Job, rigs: Sequence[Rig]) -> list[Task]:
     """Return the tasks for rigs, which are sorted by name; those with the most work first."""
-    share = min(LARGEST, sum(map(work_of, rigs)) / FEWEST)
-    tasks = [Task(job, tuple(group)) for group in _grouped(rigs, share)]
-    return sorted(tasks, key=lambda task: -task.work)
-
-
-def _grouped(rigs: Iterable[Rig], share: float) -> list[list[Rig]]:
+    share, before = min(LARGEST, sum(map(work_of, rigs)) / FEWEST), 0
     groups: dict[int, list[Rig]] = {}
-    before = 0
     for rig in rigs:
         work = work_of(rig)
         groups.setdefault(int((before + work / 2) // share), []).append(rig)
         before += work
-    return list(groups.values())
+    return sorted((Task(job, tuple(group)) for group in groups.values()), key=lambda task: -task.work)
