@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
 from replant.logs.table import Table, listed
-
-FloatArray = NDArray[np.float64]
+from replant.numerics.arguments import FloatArray
 
 ROUNDING = 4.0  # difference of equal stamps, as 3 * 0.1 and 0.3 [spacings of float64 at the latest stamp]
 
