@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from replant import errors
 from replant.errors import LogError, ReplantError
 from replant.logs.table import Table
+from replant.numerics.operating_system import end_process
 
 MEMORY = 128 << 20  # for any file, beside the libraries: with these and the caller below 300 MB [bytes]
 SECONDS = 9  # processor time that it may take for any file [s]
@@ -158,7 +159,7 @@ class _Process:
                 f"{path}: {self._parser.kind} is read by a second Python, and {sys.executable} did not start "
                 f"({reason}); save the signals as CSV"
             ) from error
-        self.end = weakref.finalize(self, _end, self._process, os.getpid())
+        self.end = weakref.finalize(self, end_process, self._process, os.getpid())
         try:
             self.about = self._answer()
         except BaseException:
@@ -250,17 +251,6 @@ class _Process:
                 f"{path}: the file is damaged: {parser.library}'s reader crashed on it ({name}); {parser.remedy}"
             )
         return LogError(f"{path}: the process that reads it was ended ({name}); free some memory, and try again")
-
-
-def _end(process: subprocess.Popen[bytes], owner: int) -> None:
-    if os.getpid() != owner:  # a fork has no part in it
-        return
-    process.kill()
-    for pipe in (process.stdin, process.stdout):
-        assert pipe is not None
-        with contextlib.suppress(OSError):  # a request that was not sent
-            pipe.close()
-    process.wait()
 
 
 # --- the process that reads

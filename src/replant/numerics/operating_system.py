@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import subprocess
     from pathlib import Path
 
 #: By these libraries learn, when they are loaded, how many threads linear algebra may have.
@@ -91,6 +92,18 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             new.unlink(missing_ok=True)
+
+
+def end_process(process: subprocess.Popen[bytes], owner: int) -> None:
+    """End a process that ``owner`` started, and close its pipes; a fork of the owner leaves it alone."""
+    if os.getpid() != owner:
+        return
+    process.kill()
+    for pipe in (process.stdin, process.stdout):
+        assert pipe is not None
+        with contextlib.suppress(OSError):  # a request that was not sent
+            pipe.close()
+    process.wait()
 
 
 START_TIMEOUT = 60.0  # time within which a thread that was started must have begun: it needs microseconds [s]

@@ -23,7 +23,7 @@ import numpy as np
 
 from replant.errors import SystemRefusedError
 from replant.numerics.arguments import FloatArray
-from replant.numerics.operating_system import THREADS
+from replant.numerics.operating_system import THREADS, end_process
 
 try:
     from multiprocessing.shared_memory import SharedMemory
@@ -160,7 +160,7 @@ class Worker:
             raise SystemRefusedError(
                 f"background=True needs a second Python, and {sys.executable} did not start ({error.strerror or error})"
             ) from error
-        self._end = weakref.finalize(self, _end, self._process, self._owner)
+        self._end = weakref.finalize(self, end_process, self._process, self._owner)
         self._is_ready = False
 
     def lives(self) -> bool:
@@ -207,16 +207,6 @@ def start(*, wait: bool = True) -> None:
             _worker = Worker()
         if wait:
             _worker.wait()
-
-
-def _end(process: subprocess.Popen[bytes], owner: int) -> None:
-    if os.getpid() != owner:
-        return
-    process.kill()
-    process.wait()
-    for pipe in (process.stdin, process.stdout):
-        if pipe is not None:
-            pipe.close()
 
 
 def _begin_child() -> None:
