@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -27,29 +28,45 @@ from replant.signals import random_steps, white_noise
 REPLAYED = 1 << 12  # samples handed over at once at the most [samples]
 
 
-class ReplaySource(Source):
-    """A log as a stream, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
+class Played(Source):
+    """A record that is played: its samples come when their time has come, at a speed."""
 
-    def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float = math.inf) -> None:
+    def __init__(self, name: str, speed: float) -> None:
         super().__init__(name, waits=True, capacity=4 * REPLAYED)
-        self._record = record
-        self._elapsed = elapsed
         self._pace = Pace(speed)
+
+    @abstractmethod
+    def _blocks(self, last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
+        """Return blocks of the record with their times in s; they may begin behind the number of the last sample."""
 
     def _read(self) -> None:
         self._connected()
-        last = self._numbering.last
-        assert self._record.sequence is not None
-        at = 0 if last is None else int(np.searchsorted(self._record.sequence, last, side="right"))
-        start = float(self._elapsed[at]) if at < len(self._record) else 0.0
-        while at < len(self._record) and not self._stop.requested:
-            due = int(np.searchsorted(self._elapsed, start + self._pace.elapsed(), side="right"))
-            end = min(due, at + REPLAYED)
-            if end > at:
-                self._deliver(replace(self._record.select(slice(at, end)), arrived=time.monotonic()))
-                at = end
-            else:
-                self._pace.wait(self._stop, float(self._elapsed[at]) - start)
+        last, start = self._numbering.last, math.nan
+        for block, times in self._blocks(last):
+            assert block.sequence is not None
+            at = 0 if last is None else int(np.searchsorted(block.sequence, last, side="right"))
+            start = float(times[at]) if math.isnan(start) and at < len(block) else start
+            while at < len(block):
+                if self._stop.requested:
+                    return
+                due = int(np.searchsorted(times, start + self._pace.elapsed(), side="right"))
+                end = min(due, at + REPLAYED)
+                if end > at:
+                    self._deliver(replace(block.select(slice(at, end)), arrived=time.monotonic()))
+                    at = end
+                else:
+                    self._pace.wait(self._stop, float(times[at]) - start)
+
+
+class ReplaySource(Played):
+    """A log as a stream, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
+
+    def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float = math.inf) -> None:
+        super().__init__(name, speed)
+        self._record = record, elapsed
+
+    def _blocks(self, last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
+        yield self._record
 
 
 def open_replay(address: Address, columns: Columns, signals: Signals) -> ReplaySource:
@@ -184,7 +201,6 @@ def _one_block(rig: Rig, r: FloatArray, state: FloatArray, draw: int) -> tuple[F
 
 
 BLOCK = 1 << 16  # samples simulated at once: input and noise follow from seed and number [samples]
-PART = 1 << 12  # samples handed over at once at the most [samples]
 LONGEST_STEP = 4000  # longest step of the voltage: the slow mode is seen within seconds [samples]
 FLUTTER = 0.2  # of the voltage, up and down: the input never rests, and meets the resonance at 12 Hz [kV]
 FLUTTER_HOLD = 20  # samples that each value of it lasts [samples]
@@ -192,42 +208,23 @@ FLUTTER_HOLD = 20  # samples that each value of it lasts [samples]
 LOOPS = "none", "pi"
 
 
-class DemoSource(Source):
+class DemoSource(Played):
     """The rig of `deap_rig`, driven by `demo_voltage`: 1 kHz, numbered; equal seeds give equal samples."""
 
     def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
-        super().__init__(address.name, waits=True, capacity=4 * PART)
+        super().__init__(address.name, speed_of(address, 1.0))
         address.allow("speed", "seed", "loop")
         self._looped = address.one_of("loop", LOOPS, "none") == "pi"
-        self._pace = Pace(speed_of(address, 1.0))
         self._seed = address.whole("seed", 0, least=0)
 
-    def _read(self) -> None:
-        self._connected()
-        dt = motor_rig().dt if self._looped else deap_rig().dt
-        last = self._numbering.last
+    def _blocks(self, last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
         at = 0 if last is None else max(last + 1, 0)
-        start = at
-        for first, u, y, *others in self._blocks(at):
-            beyond = first + u.size
-            while at < beyond:
-                if self._stop.requested:
-                    return
-                end = int(min(start + self._pace.elapsed() / dt + 1.0, at + PART, beyond))
-                if end > at:
-                    sequence = np.arange(at, end)
-                    chosen = slice(at - first, end - first)
-                    t, r = np.asarray(sequence * dt), [signal[chosen] for signal in others]
-                    self._deliver(Batch(u[chosen], y[chosen], t, sequence, time.monotonic(), *r))
-                    at = end
-                else:
-                    self._pace.wait(self._stop, (at - start) * dt)
-
-    def _blocks(self, at: int) -> Iterator[Any]:
-        """Return the blocks from the one that holds sample ``at`` on."""
-        if self._looped:
-            return controlled(self._seed, at // _LOOP_BLOCK)
-        return simulated(self._seed, at // BLOCK)
+        made: Any = controlled(self._seed, at // _LOOP_BLOCK) if self._looped else simulated(self._seed, at // BLOCK)
+        dt = motor_rig().dt if self._looped else deap_rig().dt
+        for first, u, y, *reference in made:
+            sequence = np.arange(first, first + u.size)
+            t = np.asarray(sequence * dt)
+            yield Batch(u, y, t, sequence, 0.0, *reference), t
 
 
 def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray]]:
