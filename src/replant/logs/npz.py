@@ -191,14 +191,10 @@ def _blocks_of(file: zipfile.ZipFile, signal: _Signal) -> Iterator[NDArray[np.fl
         for begin in range(0, signal.rows, rows):
             count = min(rows, signal.rows - begin)
             length = ((count - 1) * signal.step + 1) * width
-            items = np.frombuffer(_read_exactly(content, length), signal.array.dtype)
+            read = content.read(length)
+            if len(read) != length:
+                raise ValueError(f"it ends {length - len(read):,} bytes before its array")
+            items = np.frombuffer(read, signal.array.dtype)
             if begin + count < signal.rows:
                 content.seek((signal.step - 1) * width, 1)
             yield np.array(items[:: signal.step], np.float64)
-
-
-def _read_exactly(content: IO[bytes], length: int) -> bytes:
-    read = content.read(length)
-    if len(read) != length:
-        raise ValueError(f"it ends {length - len(read):,} bytes before its array")
-    return read
