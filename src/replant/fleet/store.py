@@ -226,11 +226,6 @@ class Movement:
     output_held: float = math.nan  # longest stretch over which the output is constant to the bit [part of the record]
     more_input_stds: tuple[float, ...] = ()  # of further inputs
 
-    @property
-    def input_stds(self) -> tuple[float, ...]:
-        """Of all inputs."""
-        return self.input_std, *self.more_input_stds
-
 
 @dataclass(frozen=True, eq=False)
 class Row:
@@ -277,7 +272,8 @@ def schema(shape: Shape) -> Any:
 
 def _cells(row: Row, shape: Shape) -> dict[str, Any]:
     """Return the cells of a row by column; a figure that is not known is left out."""
-    moved = zip(branches_of(shape), row.movement.input_stds, strict=False)  # a rig that failed has none
+    stds = row.movement.input_std, *row.movement.more_input_stds
+    moved = zip(branches_of(shape), stds, strict=False)  # a rig that failed has none
     numbers = {"begin": row.begin, "end": row.end, **{f"input_std{end}": std for (_, end, _), std in moved}}
     numbers |= {"output_std": row.movement.output_std, "output_held": row.movement.output_held}
     cells: dict[str, Any] = {
