@@ -161,6 +161,7 @@ _VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "small gain": {"color": VERMILION, "lw": 1.0, "ls": (0, (6, 1.5, 1, 1.5))},
     "very small gain": {"color": NAVY, "lw": 1.2},
 }
+_LABELS = {name: name if name == "no buffer" else f"buffer, {name}" for name in GAINS}
 _LIMIT = {"color": "#555555", "ls": (0, (1, 1.5)), "lw": 1.0}
 
 
@@ -202,7 +203,7 @@ def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
         for i, (axis, coefficient) in enumerate(zip(column, true, strict=True)):
             runs = [(variant, actuator.row(method, variant, filters)) for variant in GAINS]
             goal = float(actuator.goals[filters][i])
-            drawn = [(_label(variant), (row.curves or {})[coefficient], _VARIANTS[variant]) for variant, row in runs]
+            drawn = [(_LABELS[variant], (row.curves or {})[coefficient], _VARIANTS[variant]) for variant, row in runs]
             draw_panel(axis, drawn, true[coefficient])
             if abs(goal / true[coefficient] - 1.0) > TOLD_APART:
                 axis.axhline(goal, label="least squares, normalised", **_LIMIT)
@@ -214,10 +215,6 @@ def draw_transients(name: str, actuator: Actuator, filters: str = "gbt") -> Any:
     title = f"Figure {name[3:]}: transients on the actuator, {_NAMES[filters]} (some overshoots are cut off)"
     legend_above(canvas, title, 2)
     return canvas
-
-
-def _label(variant: str) -> str:
-    return variant if variant == "no buffer" else f"buffer, {variant}"
 
 
 def _limit(panels: Any, true: float) -> None:
