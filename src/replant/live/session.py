@@ -31,7 +31,7 @@ from replant.live.progress import (
     stop_on_signals,
 )
 from replant.live.streams import UY, Batch, Signals, Source, open_source
-from replant.live.terminal_status import print_summary
+from replant.live.terminal_status import render
 from replant.live.view import UNNAMED, SessionInfo, View
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
@@ -318,6 +318,8 @@ def run(
     ``record``, and the state is saved in the file ``checkpoint`` every so many seconds.  The ``truth`` of a simulated
     rig is shown beside the estimate.  With ``background`` a second process solves the record again.
     """
+    from rich.console import Console
+
     limit_heap_growth()
     progress, identifier, messages = _load_checkpoint(checkpoint, request, background=background)
     resumed = identifier is not None
@@ -355,7 +357,7 @@ def run(
             waited = f"{waits:,} times a sample waited for the second process"
             observer.show(f"replant: {waited}: the record is solved again more slowly than samples come")
     view = observer.last or make_view(session.identifier, session.info, EstimateHistory(len(session.identifier.names)))
-    print_summary(view, truth, to_stderr="-" in sinks)
+    Console(stderr="-" in sinks).print(render(view, truth, running=False))
     return reached
 
 

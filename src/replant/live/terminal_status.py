@@ -78,13 +78,6 @@ class TerminalStatus:
                 self._live.stop()
 
 
-def print_summary(view: View, truth: TransferFunction | None = None, *, to_stderr: bool = False) -> None:
-    """Print the result at the end of a session."""
-    from rich.console import Console
-
-    Console(stderr=to_stderr).print(render(view, truth, running=False))
-
-
 def status_line(view: View) -> str:
     """Return a view in one line: time, samples, rate, losses, verdict and estimate."""
     figures = ", ".join(
