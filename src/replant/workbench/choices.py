@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, fields
 from itertools import chain
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from replant.errors import InvalidArgumentError, shown
 from replant.logs.conditioning import STEPS
@@ -25,8 +25,7 @@ _WHOLE = r"\d{1,3}"
 _SECONDS = r"(?:\d{1,9}(?:\.\d{0,12})?|\.\d{1,12})(?:e-?\d{1,2})?"
 
 
-@dataclass(frozen=True)
-class Stretch:
+class Stretch(NamedTuple):
     """A stretch of time in s from the first sample; without an end it goes on to the last."""
 
     begin: float
@@ -79,7 +78,7 @@ class Setup:
         if kind not in STRETCHES:
             raise InvalidArgumentError(f"a stretch is one of {', '.join(STRETCHES)}, not {shown(kind)}")
         left = [each for each in getattr(self, kind) if before is None or each != Stretch.of(before)]
-        return self.changed({kind: [(each.begin, each.end) for each in left] + ([] if after is None else [after])})
+        return self.changed({kind: [*left, *([] if after is None else [after])]})
 
     def check(self) -> None:
         """Raise where no model can be asked for yet."""

@@ -171,7 +171,7 @@ class Opened:
             "read": min(1.0, self.rows / self.about) if self.about and self.state == READING else None,
             "rows": self.samples.rows, "columns": columns, "findings": self.look.get("findings", []),
             "doubts": self.look.get("doubts", []),
-            "delay": self.look.get("delay"), "dt": (self.look.get("clock") or {}).get("dt"), "setup": of(self.setup),
+            "delay": self.look.get("delay"), "dt": (self.look.get("clock") or {}).get("dt"), "setup": vars(self.setup),
             "wish": vars(self.wish), "grown": self.has_changed, "version": self.modified,
         }  # fmt: skip
 
@@ -182,15 +182,7 @@ class Opened:
 
     def kept(self) -> dict[str, Any]:
         """Return the log for the file of a session."""
-        return {"name": self.name, "path": str(self.path), "setup": of(self.setup), "wish": vars(self.wish)}
-
-
-def of(setup: Setup) -> dict[str, Any]:
-    """Return a setup as `Setup.changed` takes it."""
-    stretches = {
-        name: [[each.begin, each.end] for each in getattr(setup, name)] for name in ("use", "leave_out", "validate_on")
-    }
-    return vars(setup) | stretches
+        return {"name": self.name, "path": str(self.path), "setup": vars(self.setup), "wish": vars(self.wish)}
 
 
 def guessed(setup: Setup, look: dict[str, Any]) -> Setup:
