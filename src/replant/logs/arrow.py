@@ -14,11 +14,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
 from replant.logs.parser_process import allow
-from replant.logs.table import Table, damage_as_log_error, needed, nth_row
+from replant.logs.table import Arrays, Table, damage_as_log_error, needed, nth_row
+from replant.numerics.arguments import FloatArray
 
 SUFFIXES = (".parquet", ".pq")
 CHECKED: dict[str, Any] = {"write_page_checksum": True}  # what pyarrow's writers are called with
@@ -121,15 +121,13 @@ def open_parquet(path: Path) -> Iterator[Any]:
         yield file
 
 
-def _blocks(parts: Sequence[RowGroups], columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks(parts: Sequence[RowGroups], columns: Sequence[int]) -> Iterator[Arrays]:
     origins: list[list[int]] = [[] for _ in columns]  # time stamps count from the first row of the first part
     for part in parts:
         yield from _blocks_of(part, columns, origins)
 
 
-def _blocks_of(
-    part: RowGroups, columns: Sequence[int], origins: Sequence[list[int]]
-) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks_of(part: RowGroups, columns: Sequence[int], origins: Sequence[list[int]]) -> Iterator[Arrays]:
     with open_parquet(part.path) as file:
         schema, groups, rows = file.schema_arrow, part.groups_of(file), 0
         for number in columns:
@@ -187,7 +185,7 @@ def _opened_ipc(path: Path) -> Iterator[Any]:
         yield ipc.open_file(file) if magic == _FILE_MAGIC else ipc.open_stream(file)
 
 
-def _blocks_of_ipc(path: Path, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks_of_ipc(path: Path, columns: Sequence[int]) -> Iterator[Arrays]:
     with _opened_ipc(path) as reader:
         for number in columns:
             _check_type(path, reader.schema.field(number))
@@ -218,7 +216,7 @@ def _check_type(path: Path, field: Any) -> None:
         )
 
 
-def _as_float(column: Any, origin: list[int]) -> NDArray[np.float64]:
+def _as_float(column: Any, origin: list[int]) -> FloatArray:
     """Convert numbers or time stamps to float64, a null to NaN; ``origin`` gets the first stamp of the file."""
     import pyarrow
     from pyarrow import types

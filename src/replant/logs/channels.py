@@ -20,13 +20,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
 from replant.logs.merged_channels import Channel, Signal, channel_table
 from replant.logs.parser_process import allow
-from replant.logs.table import DEFLATE_RATIO, Table, at_most, damage_as_log_error, needed
+from replant.logs.table import DEFLATE_RATIO, Arrays, Table, at_most, damage_as_log_error, needed
 from replant.logs.text_cells import with_units
+from replant.numerics.arguments import FloatArray
 
 TIME = 1  # kind of a group's master channel that is time; others are angle, distance and index [code]
 _MAGIC = (b"MDF     ", b"UnFinMF ")
@@ -151,12 +151,12 @@ def _signal_of_tdms(path: Path, place: _Place, clock: tuple[Any, float, float], 
     return Signal(np.asarray(begin + increment * np.arange(values.size), np.float64), values)
 
 
-def _blocks(path: Path, places: Sequence[_Place], numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks(path: Path, places: Sequence[_Place], numbers: Sequence[int]) -> Iterator[Arrays]:
     with _opened_of_tdms(path) as file:
         yield [_values(file, places[number], path.stat().st_size) for number in numbers]
 
 
-def _values(file: Any, place: _Place, size: int) -> NDArray[np.float64]:
+def _values(file: Any, place: _Place, size: int) -> FloatArray:
     group, name = place
     channel = file[group][name]
     allow(held=_TDMS_COPIES * 8 * min(len(channel), size))

@@ -15,10 +15,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
-from replant.logs.table import Table, listed
+from replant.logs.table import Arrays, Table, listed
 from replant.logs.text_cells import (
     MISSING,
     CellError,
@@ -44,6 +43,7 @@ from replant.logs.text_layout import (
     too_long_error,
 )
 from replant.logs.text_times import READ, checked_clocks
+from replant.numerics.arguments import FloatArray
 
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
 _DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
@@ -51,9 +51,7 @@ _DATE_REMEDY = f"convert dates and clock times to seconds, or give the sampling 
 _WORDS = {".": "decimal point", ",": "comma"}
 
 
-def parse_column(
-    path: Path, layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: int
-) -> NDArray[np.float64]:
+def parse_column(path: Path, layout: Layout, rows: Sequence[tuple[int, Sequence[str]]], column: int) -> FloatArray:
     """Turn the cells of one column into float64: numbers, or seconds since the first stamp of the log."""
     cells = [row[column] for _, row in rows]
     form = layout.stamps.get(column)
@@ -165,13 +163,13 @@ def read(path: Path) -> Table:
     )
 
 
-def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[Arrays]:
     blocks = (_parse(path, layout, text, first, columns) for first, text in _texts(path, layout))
     describe_row = partial(_line_of_row, path, layout)
     return checked_clocks(path, layout.names, layout.stamps, columns, describe_row, blocks)
 
 
-def _parse(path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> list[NDArray[np.float64]]:
+def _parse(path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> Arrays:
     """Turn the lines of a text into one array per chosen column; ``first`` is the number of its first line.
 
     Blank lines and comments are skipped; a missing cell is NaN.
@@ -250,7 +248,7 @@ def _line_of_row(path: Path, layout: Layout, row: int) -> str:
     return f"line {next(islice(numbers, row, None))}"
 
 
-def _parse_in_c(layout: Layout, text: str, columns: Sequence[int]) -> list[NDArray[np.float64]] | None:
+def _parse_in_c(layout: Layout, text: str, columns: Sequence[int]) -> Arrays | None:
     """Parse a block with NumPy; return None where it holds anything but full rows of numbers and missing cells."""
     width, delimiter = len(layout.names), layout.delimiter
     if any(column in layout.stamps for column in columns) or any(mark in text for mark in _ODD):
@@ -273,7 +271,7 @@ def _parse_in_c(layout: Layout, text: str, columns: Sequence[int]) -> list[NDArr
     return [table[:, at] for at in (columns if chosen is None else range(len(chosen)))]
 
 
-def _numbers(text: str, delimiter: str | None, chosen: Sequence[int] | None) -> NDArray[np.float64] | None:
+def _numbers(text: str, delimiter: str | None, chosen: Sequence[int] | None) -> FloatArray | None:
     try:
         return np.loadtxt(text.split("\n"), delimiter=delimiter, comments=None, ndmin=2, usecols=chosen)
     except ValueError:

@@ -20,12 +20,9 @@ from itertools import chain
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
-import numpy as np
-from numpy.typing import NDArray
-
 from replant.errors import LogError, MissingDependencyError
 from replant.logs import arrow, channels, parser_process
-from replant.logs.table import Table, damage_as_log_error, listed, needed, open_zip, unreadable_error
+from replant.logs.table import Arrays, Table, damage_as_log_error, listed, needed, open_zip, unreadable_error
 
 STANDARD_INPUT = Path("-")  # what stands for standard input
 _KINDS = {".gz": "gzip file", ".zip": "zip archive", ".zst": "Zstandard file"}
@@ -95,7 +92,7 @@ def _table_of(path: Path, copy: _Copy) -> Table:
     with _named(copy, path):
         table = _read_file(copy.path)
 
-    def blocks(numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
         with _named(copy, path):
             yield from table.blocks(numbers)
 

@@ -26,7 +26,8 @@ from numpy.typing import NDArray
 from replant.logs.npz import array_table, is_sampling_time, no_signal_error, places_of, stated_dt
 from replant.logs.parser_process import allow
 from replant.logs.sampling_time import unit_of_stamps
-from replant.logs.table import MOST_COLUMNS, Table, at_most, damage_as_log_error, needed, too_many_error
+from replant.logs.table import MOST_COLUMNS, Arrays, Table, at_most, damage_as_log_error, needed, too_many_error
+from replant.numerics.arguments import FloatArray
 
 _MATLAB = "a MATLAB v7.3 (HDF5) file; save it again in MATLAB with save(..., '-v7')"
 BLOCK_ROWS = 1 << 16  # rows read at a time, or one chunk where that has more [rows]
@@ -163,9 +164,7 @@ def _signals_in(name: str, place: str, dataset: Any, *, matlab: bool) -> Iterato
                 yield _Signal(of_column, place, field, index[::-1] if matlab else index, rows)
 
 
-def _blocks(
-    path: Path, signals: Sequence[_Signal], columns: Sequence[int], *, matlab: bool
-) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks(path: Path, signals: Sequence[_Signal], columns: Sequence[int], *, matlab: bool) -> Iterator[Arrays]:
     chosen = [signals[number] for number in columns]
     with _opened(path, matlab=matlab) as file:
         rows = {signal.rows for signal in chosen}
@@ -187,7 +186,7 @@ def _block_rows(dataset: Any, signal: _Signal) -> int:
     return int(rows * max(1, BLOCK_ROWS // rows))
 
 
-def _values(file: Any, signal: _Signal, rows: slice) -> NDArray[np.float64]:
+def _values(file: Any, signal: _Signal, rows: slice) -> FloatArray:
     values = file[signal.dataset][tuple(rows if isinstance(one, slice) else one for one in signal.index)]
     if signal.field is not None:
         values = values[signal.field]

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
 from replant.logs.csv import last_lines
-from replant.logs.table import MOST_COLUMNS, Table, too_many_error
+from replant.logs.table import MOST_COLUMNS, Arrays, Table, too_many_error
 from replant.logs.text_cells import CellError, as_float, quote
 from replant.logs.text_layout import MOST_LINES_ABOVE, lines_of
 from replant.logs.text_times import StampFormat, checked_clocks, find_format
+from replant.numerics.arguments import FloatArray
 
 BLOCK_ROWS = 1 << 14  # rows read at a time [rows]
 BLOCK_VALUES = 1 << 18  # values in them, from which on there are fewer rows [count]
@@ -125,7 +125,7 @@ def _value(row: Mapping[str, Any], keys: Sequence[str]) -> Any:
     return found
 
 
-def _blocks(path: Path, columns: _Columns, numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks(path: Path, columns: _Columns, numbers: Sequence[int]) -> Iterator[Arrays]:
     rows = _rows(path, is_cut=columns.is_cut)
     most = max(1, min(BLOCK_ROWS, BLOCK_VALUES // len(columns.keys)))
     blocks = iter(lambda: list(islice(rows, most)), [])
@@ -134,7 +134,7 @@ def _blocks(path: Path, columns: _Columns, numbers: Sequence[int]) -> Iterator[l
     return checked_clocks(path, columns.names, columns.stamps, numbers, describe_row, arrays)
 
 
-def _column(path: Path, columns: _Columns, number: int, block: Sequence[_Row]) -> NDArray[np.float64]:
+def _column(path: Path, columns: _Columns, number: int, block: Sequence[_Row]) -> FloatArray:
     keys, form = columns.keys[number], columns.stamps.get(number)
     values = [_value(row, keys) for _, row in block]
     if form is None:

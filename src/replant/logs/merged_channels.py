@@ -178,7 +178,7 @@ def side_by_side(table: Table) -> Table:
         raise problems[0]
     time, stamps_of = max(stamps.values(), key=len), table.stamps
 
-    def column(number: int) -> NDArray[np.float64]:
+    def column(number: int) -> FloatArray:
         if number == len(table.names):
             return time - time[:1]
         values, t = table.column(number), stamps_of(number)
@@ -194,7 +194,7 @@ def side_by_side(table: Table) -> Table:
     )
 
 
-def _checked(table: Table, number: int, t: NDArray[np.float64]) -> NDArray[np.float64]:
+def _checked(table: Table, number: int, t: FloatArray) -> FloatArray:
     place = f"{table.path}: column {shown(table.names[number])}"
     if t.size == 0:
         raise LogError(f"{place} has no sample; choose another column")

@@ -17,7 +17,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from replant.errors import LogError
-from replant.logs.table import Table, at_most, damage_as_log_error, open_zip
+from replant.logs.table import Arrays, Table, at_most, damage_as_log_error, open_zip
+from replant.numerics.arguments import FloatArray
 
 SAMPLING_TIME = "Ts"  # name of a scalar, perhaps in a struct, that is the sampling time in s
 
@@ -172,7 +173,7 @@ def _signal(array: _Array, index: tuple[int | slice, ...]) -> _Signal:
     return _Signal(array, first, step, rows)
 
 
-def _blocks(path: Path, signals: Sequence[_Signal], columns: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks(path: Path, signals: Sequence[_Signal], columns: Sequence[int]) -> Iterator[Arrays]:
     chosen = [signals[number] for number in columns]
     with _opened(path) as file:
         if len({(signal.rows, signal.step, signal.array.dtype.itemsize) for signal in chosen}) == 1:
@@ -181,7 +182,7 @@ def _blocks(path: Path, signals: Sequence[_Signal], columns: Sequence[int]) -> I
             yield [np.concatenate(list(_blocks_of(file, signal))) for signal in chosen]
 
 
-def _blocks_of(file: zipfile.ZipFile, signal: _Signal) -> Iterator[NDArray[np.float64]]:
+def _blocks_of(file: zipfile.ZipFile, signal: _Signal) -> Iterator[FloatArray]:
     """Yield the values of a column, block by block."""
     width = signal.array.dtype.itemsize
     rows = max(1, BLOCK_BYTES // (signal.step * width))

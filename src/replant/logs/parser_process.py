@@ -26,11 +26,11 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant import errors
 from replant.errors import LogError, ReplantError
-from replant.logs.table import Table
+from replant.logs.table import Arrays, Table
+from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import end_process
 
 MEMORY = 128 << 20  # for any file, beside the libraries: with these and the caller below 300 MB [bytes]
@@ -52,7 +52,6 @@ _CRASHES = {"SIGSEGV", "SIGBUS", "SIGABRT", "SIGFPE", "SIGILL"}
 _AGAIN = "write it again, or export the log as CSV"
 
 Reader = Callable[[Path], Table]
-Arrays = list[NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ def read(path: Path, reader: str) -> Table:
         with process() as one:
             yield from one.arrays({"columns": list(columns)})
 
-    def stamps(number: int) -> NDArray[np.float64]:
+    def stamps(number: int) -> FloatArray:
         with process() as one:
             ((found,),) = one.arrays({"stamps": number})
         return found
@@ -200,7 +199,7 @@ class _Process:
             raise LogError(f"{self._path}: not readable as {self._parser.kind} ({text}); {self._parser.remedy}")
         raise getattr(errors, kind)(text)
 
-    def _array(self, length: int) -> NDArray[np.float64]:
+    def _array(self, length: int) -> FloatArray:
         assert self._process.stdout is not None
         array = np.empty(length)
         left = array.data.cast("B") if length else memoryview(b"")

@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import InvalidArgumentError, LogError, shown
 from replant.logs.file_formats import read_columns
@@ -29,7 +28,7 @@ from replant.logs.sampling_time import (
     unit_of_stamps,
 )
 from replant.logs.table import Table, in_parts, listed
-from replant.numerics.arguments import iterable
+from replant.numerics.arguments import FloatArray, iterable
 from replant.numerics.limits import file_path
 
 FIRST = 1 << 16  # stamps of a log that its unit of time is told from [samples]
@@ -220,7 +219,7 @@ def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) 
     return (table.names[found[0]], unit) if unit.doubt else None
 
 
-def _first_stamps(table: Table, number: int) -> NDArray[np.float64] | None:
+def _first_stamps(table: Table, number: int) -> FloatArray | None:
     """Return the first block of a column; None where it holds no numbers."""
     try:
         return table.head([number], 1)[0]
@@ -228,7 +227,7 @@ def _first_stamps(table: Table, number: int) -> NDArray[np.float64] | None:
         return None
 
 
-def _rows_of(table: Table, roles: dict[str, int], arrays: Sequence[NDArray[np.float64]]) -> int:
+def _rows_of(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray]) -> int:
     """Return how many rows columns have, which must be equal, and two at least."""
     first, rows = table.names[next(iter(roles.values()))], arrays[0].size
     for number, column in zip(roles.values(), arrays, strict=True):

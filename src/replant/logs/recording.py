@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import InvalidArgumentError, LogError, shown
 from replant.logs.log import Log
-from replant.logs.table import Table, in_parts, nth_row
-from replant.numerics.arguments import number
+from replant.logs.table import Arrays, Blocks, Table, in_parts, nth_row
+from replant.numerics.arguments import FloatArray, number
 
 MOST_HELD = 1 << 20  # length up to which a log is held in memory: 24 MB [samples]
 
@@ -26,7 +25,7 @@ class Recording:
 
     table: Table
     columns: tuple[int, ...]
-    arrays: Sequence[NDArray[np.float64]]  # the columns, and the time stamps if there are any
+    arrays: Sequence[FloatArray]  # the columns, and the time stamps if there are any
     dt: float
     stamped: bool
     samples: int
@@ -55,7 +54,7 @@ class Recording:
         """The file."""
         return self.table.path
 
-    def batches(self) -> Iterator[tuple[NDArray[np.float64], ...]]:
+    def batches(self) -> Iterator[tuple[FloatArray, ...]]:
         """Yield input, output, the reference if there is one, and stamps in s of an irregular clock, block by block."""
         if self.held is not None:
             log = self.held
@@ -65,9 +64,7 @@ class Recording:
         for *signals, last in in_parts(self.arrays[: len(self.columns) + self.irregular]):
             yield *signals, last * self.unit if self.irregular else last
 
-    def newest(
-        self, u: NDArray[np.float64], y: NDArray[np.float64], since_begin: NDArray[np.float64] | None = None
-    ) -> Log:
+    def newest(self, u: FloatArray, y: FloatArray, since_begin: FloatArray | None = None) -> Log:
         """Return the log if it is held in memory, else one of its newest samples; of all of them with its reference."""
         if self.held is not None:
             return self.held
@@ -130,7 +127,7 @@ def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: i
     )
 
 
-def _rows_between(blocks: Iterator[NDArray[np.float64]], begin: float, end: float) -> tuple[int, int]:
+def _rows_between(blocks: Iterator[FloatArray], begin: float, end: float) -> tuple[int, int]:
     """Return the first row at or after ``begin``, and the row behind the last one before a stamp beyond ``end``."""
     origin, slack, row, first = math.nan, 0.0, 0, -1
     for stamps in blocks:
@@ -149,12 +146,7 @@ def _rows_between(blocks: Iterator[NDArray[np.float64]], begin: float, end: floa
     return (first if first >= 0 else row), row
 
 
-def _cut(
-    blocks: Callable[[Sequence[int]], Iterator[list[NDArray[np.float64]]]],
-    numbers: Sequence[int],
-    first: int,
-    stop: float,
-) -> Iterator[list[NDArray[np.float64]]]:
+def _cut(blocks: Blocks, numbers: Sequence[int], first: int, stop: float) -> Iterator[Arrays]:
     """Yield those rows of the blocks that lie in [first, stop)."""
     row = 0
     for block in blocks(numbers):
@@ -182,7 +174,7 @@ def joined(tables: Sequence[Table]) -> Table:
                 "or with a time in s that goes on"
             )
 
-    def blocks(numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+    def blocks(numbers: Sequence[int]) -> Iterator[Arrays]:
         return chain.from_iterable(_blocks_of(table, first, numbers) for table in tables)
 
     return Table(
@@ -202,7 +194,7 @@ def _dated(table: Table) -> set[str]:
     return {table.names[number] for number in table.in_seconds}
 
 
-def _blocks_of(table: Table, first: Table, numbers: Sequence[int]) -> Iterator[list[NDArray[np.float64]]]:
+def _blocks_of(table: Table, first: Table, numbers: Sequence[int]) -> Iterator[Arrays]:
     """Yield the blocks of a table, its dates counted from the first row of the first one."""
     own = [table.names.index(first.names[number]) for number in numbers]
     later = [

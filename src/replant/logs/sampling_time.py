@@ -10,7 +10,6 @@ from numbers import Real
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError, shown
 from replant.logs.table import Table, forget
@@ -70,7 +69,7 @@ class Clock:
     irregularity: str = ""  # where it is first irregular, in words; empty for a regular clock
 
 
-def clock_of(path: Path, name: str, stamps: NDArray[np.float64], describe_row: Callable[[int], str]) -> Clock:
+def clock_of(path: Path, name: str, stamps: FloatArray, describe_row: Callable[[int], str]) -> Clock:
     """Return what time stamps (K,) say, two of them at least; they must increase.
 
     They are regular if each interval is within 1 % of the median (of the first 2^18), or if rounding to their printed
@@ -99,7 +98,7 @@ def clock_of(path: Path, name: str, stamps: NDArray[np.float64], describe_row: C
     )
 
 
-def _parts(stamps: NDArray[np.float64]) -> Iterator[tuple[int, NDArray[np.float64]]]:
+def _parts(stamps: FloatArray) -> Iterator[tuple[int, FloatArray]]:
     """Yield parts of time stamps with their first rows; each begins with the last stamp of the one before."""
     for first in range(0, stamps.size - 1, CHECKED):
         yield first, stamps[first : first + CHECKED + 1]
@@ -119,7 +118,7 @@ def _without_noise(interval: float, largest: float) -> float:
     return _rounded(round(interval, math.floor(-math.log10(noise))))
 
 
-def _first_beyond(stamps: NDArray[np.float64], median: float, allowed: float) -> tuple[int, float]:
+def _first_beyond(stamps: FloatArray, median: float, allowed: float) -> tuple[int, float]:
     """Return the first row whose interval differs from the median by more than ``allowed``, and that interval."""
     for first, part in _parts(stamps):
         steps = np.diff(part)
@@ -131,7 +130,7 @@ def _first_beyond(stamps: NDArray[np.float64], median: float, allowed: float) ->
 
 
 def _check_increasing(
-    path: Path, name: str, stamps: NDArray[np.float64], first: int, describe_row: Callable[[int], str]
+    path: Path, name: str, stamps: FloatArray, first: int, describe_row: Callable[[int], str]
 ) -> None:
     finite = np.abs(stamps) < _ENDLESS
     steps = np.diff(stamps)

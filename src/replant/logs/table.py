@@ -18,12 +18,14 @@ from pathlib import Path
 from typing import Any, SupportsIndex, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import SHOWN, ArgumentTypeError, LogError, MissingDependencyError, ReplantError, shown
 from replant.model.interop import without_unit
+from replant.numerics.arguments import FloatArray
 
 T = TypeVar("T")
+Arrays = list[FloatArray]  # columns of a file, or of a block of its rows
+Blocks = Callable[[Sequence[int]], Iterator[Arrays]]  # reads columns by their numbers, block of rows by block
 
 MOST_COLUMNS = 1 << 17  # columns of a file, or groups and other parts of it [count]
 LONGEST_NAME = 1000  # longest name of a column [characters]
@@ -110,7 +112,7 @@ class Table:
 
     path: Path
     names: tuple[str, ...]
-    blocks: Callable[[Sequence[int]], Iterator[list[NDArray[np.float64]]]]
+    blocks: Blocks
     describe_row: Callable[[int], str] = nth_row
     in_seconds: frozenset[int] = frozenset()
     origins: Mapping[int, int] = field(default_factory=dict)
@@ -118,7 +120,7 @@ class Table:
     notes: tuple[str, ...] = ()
     dt: float | None = None
     left_out: Mapping[str, str] = field(default_factory=dict)
-    stamps: Callable[[int], NDArray[np.float64]] | None = None
+    stamps: Callable[[int], FloatArray] | None = None
 
     def __post_init__(self) -> None:
         if len(self.names) > MOST_COLUMNS:
@@ -130,17 +132,17 @@ class Table:
                 f"it to {LONGEST_NAME:,} or fewer"
             )
 
-    def column(self, key: str | int) -> NDArray[np.float64]:
+    def column(self, key: str | int) -> FloatArray:
         """Return one column as float64, by name or 0-based number."""
         return self.columns([key])[0]
 
-    def columns(self, keys: Sequence[str | int]) -> list[NDArray[np.float64]]:
+    def columns(self, keys: Sequence[str | int]) -> Arrays:
         """Return several columns as float64, by name or 0-based number, in one pass over the file."""
         return self.arrays(keys, sys.maxsize)
 
     def arrays(
         self, keys: Sequence[str | int], most_held: int, progress: Callable[[int, int], None] = lambda rows, about: None
-    ) -> list[NDArray[np.float64]]:
+    ) -> Arrays:
         """Return columns in one pass: in memory up to a number of rows, else mapped from files that end with them."""
         columns = [_Growing() for _ in keys]
         rows = 0
@@ -158,9 +160,9 @@ class Table:
             for column in columns:
                 column.close()
 
-    def head(self, keys: Sequence[str | int], rows: int) -> list[NDArray[np.float64]]:
+    def head(self, keys: Sequence[str | int], rows: int) -> Arrays:
         """Return the first rows of columns: so many or a block more, if there are as many."""
-        parts: list[list[NDArray[np.float64]]] = [[np.empty(0)] for _ in keys]
+        parts: list[Arrays] = [[np.empty(0)] for _ in keys]
         with closing(self.stream(keys)) as blocks:
             for block in blocks:
                 for column, values in zip(parts, block, strict=True):
@@ -170,7 +172,7 @@ class Table:
                     break
         return [np.concatenate(column) for column in parts]
 
-    def stream(self, keys: Sequence[str | int]) -> Generator[list[NDArray[np.float64]], None, None]:
+    def stream(self, keys: Sequence[str | int]) -> Generator[Arrays, None, None]:
         """Yield several columns as float64, block of rows by block of rows, in one pass over the file."""
         numbers = [self.find(key) for key in keys]
         values = found = 0
@@ -228,7 +230,7 @@ class _Growing:
         self.rows, self._held = 0, np.empty(0)
         self._file: Any = None
 
-    def add(self, values: NDArray[np.float64]) -> None:
+    def add(self, values: FloatArray) -> None:
         """Append the values of the next rows."""
         self.rows += values.size
         if self._file is not None:
@@ -245,7 +247,7 @@ class _Growing:
             self._write(self._held[: self.rows])
             self._held = np.empty(0)
 
-    def _write(self, values: NDArray[np.float64]) -> None:
+    def _write(self, values: FloatArray) -> None:
         try:
             self._file = self._file or tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 - see `close`
             self._file.write(np.ascontiguousarray(values).data)
@@ -256,7 +258,7 @@ class _Growing:
                 f"({error.strerror or error}); free some room, or set TMPDIR to a folder that has it"
             ) from error
 
-    def array(self) -> NDArray[np.float64]:
+    def array(self) -> FloatArray:
         """Return the values."""
         if self._file is None or not self.rows:
             self._held.resize(self.rows, refcheck=False)
@@ -275,7 +277,7 @@ def spool_folder() -> str:
     return given or ("/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir())
 
 
-def in_parts(arrays: Sequence[NDArray[np.float64]]) -> Iterator[list[NDArray[np.float64]]]:
+def in_parts(arrays: Sequence[FloatArray]) -> Iterator[Arrays]:
     """Yield arrays part by part; what is mapped from a file leaves memory behind them."""
     for begin in range(0, max(map(len, arrays)), PART_ROWS):
         yield [array[begin : begin + PART_ROWS] for array in arrays]
@@ -283,7 +285,7 @@ def in_parts(arrays: Sequence[NDArray[np.float64]]) -> Iterator[list[NDArray[np.
             forget(array)
 
 
-def forget(array: NDArray[np.float64]) -> None:
+def forget(array: FloatArray) -> None:
     """Let what was read of an array that is mapped from a file leave memory."""
     mapped = getattr(array.base, "obj", None)
     if isinstance(mapped, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.logs.table import MOST_COLUMNS
 from replant.model.interop import unit_of
+from replant.numerics.arguments import FloatArray
 
 MISSING = frozenset({"", "na", "n/a", "null"})  # NaN, as nan, inf and infinity are numbers that float() knows
 _SHOWN = 40  # characters of a cell that an error shows [characters]
@@ -169,7 +169,7 @@ def common_mark(marks: Iterable[DecimalMark | None]) -> DecimalMark | None:
     return DecimalMark(best.mark, best.line, best.cell, best.certain, grouped)
 
 
-def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> NDArray[np.float64]:
+def parse_numbers(cells: Sequence[str], mark: DecimalMark | None) -> FloatArray:
     """Turn the cells of a column into float64; a missing one is NaN."""
     mark = mark or DecimalMark(".", 0, "")
     if mark.mark == ",":
@@ -205,7 +205,7 @@ def _number(cell: str, mark: DecimalMark) -> float:
     return parse_number(text.replace(mark.other, "").replace(mark.mark, "."))
 
 
-def _plain_numbers(cells: Sequence[str]) -> NDArray[np.float64] | None:
+def _plain_numbers(cells: Sequence[str]) -> FloatArray | None:
     """Convert numbers at once, or return None if a cell is anything else."""
     text = "".join(cells)
     if "_" in text or not text.isascii():

@@ -11,10 +11,11 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
+from replant.logs.table import Arrays
 from replant.logs.text_cells import MISSING, CellError, quote
+from replant.numerics.arguments import FloatArray
 
 READ = "2024-05-01T10:00:00.5, with Z or +02:00 where it is known, 01.05.2024 10:00:00,5 and 10:00:00.5 are read"
 """The forms that are read, for messages."""
@@ -66,7 +67,7 @@ class StampFormat:
         """Whether the clock is that of a place, which daylight saving time may turn."""
         return "c" in self.parts and "z" not in self.parts
 
-    def seconds(self, cells: Sequence[str]) -> NDArray[np.float64]:
+    def seconds(self, cells: Sequence[str]) -> FloatArray:
         """Return the seconds since the first stamp, from whole nanoseconds; a missing cell is NaN."""
         elapsed, missing = np.empty(len(cells), np.int64), []
         for index, cell in enumerate(cells):
@@ -203,7 +204,7 @@ class LocalClock:
         self._path, self._name, self._describe_row, self._has_date = path, name, describe_row, has_date
         self._rows, self._last, self._usual = 0, np.empty(0), math.nan
 
-    def check(self, stamps: NDArray[np.float64]) -> None:
+    def check(self, stamps: FloatArray) -> None:
         """Look at the next stamps, in s."""
         row = self._rows - self._last.size
         known = np.concatenate([self._last, stamps])
@@ -231,8 +232,8 @@ class LocalClock:
 
 def checked_clocks(
     path: Path, names: Sequence[str], stamps: Mapping[int, StampFormat], columns: Sequence[int],
-    describe_row: Callable[[int], str], blocks: Iterator[list[NDArray[np.float64]]],
-) -> Iterator[list[NDArray[np.float64]]]:  # fmt: skip
+    describe_row: Callable[[int], str], blocks: Iterator[Arrays],
+) -> Iterator[Arrays]:  # fmt: skip
     """Yield blocks of columns, those of local clocks looked at for jumps."""
     clocks = [
         (at, LocalClock(path, names[column], describe_row, has_date="d" in form.parts))

@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
 from replant.logs.parser_process import allow
 from replant.logs.table import Table, at_most, damage_as_log_error, needed, open_zip
 from replant.logs.text_cells import CellError, as_float, quote, units_in, with_units
 from replant.logs.text_times import LocalClock, find_format, is_missing
+from replant.numerics.arguments import FloatArray
 
 _HEADER_ROWS = 100  # first rows of a sheet among which the names are looked for [rows]
 _NEXT_ROWS = 10  # rows below the names in which each column's first cell is looked for [rows]
@@ -155,7 +155,7 @@ def _is_time(cells: Sequence[Any]) -> bool:
     return bool(given) and all(isinstance(cell, date | time | timedelta) for cell in given)
 
 
-def _values(path: Path, sheet: _Sheet, number: int, *, is_stamp: bool) -> NDArray[np.float64]:
+def _values(path: Path, sheet: _Sheet, number: int, *, is_stamp: bool) -> FloatArray:
     cells = sheet.columns[number]
     if is_stamp:
         return _seconds(path, sheet, number, cells)
@@ -168,7 +168,7 @@ def _values(path: Path, sheet: _Sheet, number: int, *, is_stamp: bool) -> NDArra
     return values
 
 
-def _seconds(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> NDArray[np.float64]:
+def _seconds(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> FloatArray:
     """Return the seconds since the first stamp, from whole microseconds, which is how openpyxl reads a stamp."""
     texts = [cell for cell in cells[:_SAMPLE_ROWS] if isinstance(cell, str)]
     form = find_format(texts) if texts else None
@@ -185,7 +185,7 @@ def _seconds(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> ND
     return values
 
 
-def _of_cells(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> NDArray[np.float64]:
+def _of_cells(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> FloatArray:
     elapsed: list[timedelta | None] = []
     for row, cell in enumerate(cells):
         if isinstance(cell, datetime):
