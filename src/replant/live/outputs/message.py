@@ -86,19 +86,17 @@ class EstimateMessage:
 
     def as_json(self) -> bytes:
         """Return one line of JSON, without the line end: a flat object, in which unknown numbers are null."""
-        fields: dict[str, float | int | str | None] = {"schema_version": VERSION, "timestamp": self.timestamp}
-        if self.sequence is not None:
-            fields["sequence"] = self.sequence
-        fields["samples"] = self.samples
-        for prefix, values in (("", self.parameters), ("std_", self.std)):
-            for name, value in zip(self.names, values.tolist(), strict=True):
-                fields[prefix + name] = value if math.isfinite(value) else None
-        fields["trusted"] = int(self.trusted)
-        fields["excited"] = int(self.excited)
-        fields["ttl"] = self.ttl
-        fields["status"] = self.status
-        fields["verdict"] = self.verdict
-        fields["sent"] = self.sent
+        numbers = {
+            prefix + name: value if math.isfinite(value) else None
+            for prefix, values in (("", self.parameters), ("std_", self.std))
+            for name, value in zip(self.names, values.tolist(), strict=True)
+        }
+        fields = {
+            "schema_version": VERSION, "timestamp": self.timestamp,
+            **({} if self.sequence is None else {"sequence": self.sequence}), "samples": self.samples, **numbers,
+            "trusted": int(self.trusted), "excited": int(self.excited), "ttl": self.ttl, "status": self.status,
+            "verdict": self.verdict, "sent": self.sent,
+        }  # fmt: skip
         return json.dumps(fields, separators=(",", ":"), allow_nan=False).encode()
 
 
