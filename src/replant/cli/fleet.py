@@ -124,8 +124,7 @@ def _show(found: Fleet, page: Path, *, as_json: bool) -> None:
     for path in (found.folder / TABLE, found.folder / MODELS, page):
         click.echo(f"wrote {path}")
     if FAILED in verdicts:
-        rows = zip(*(table.column(name).to_pylist() for name in ("rig", "verdict", "reasons")), strict=True)
-        rig, _, reason = next(row for row in rows if row[1] == FAILED)
-        count = verdicts[FAILED]
+        row, count = table.column("verdict").to_pylist().index(FAILED), verdicts[FAILED]
+        rig, reason = names[row], table.column("reasons")[row].as_py()
         first = "1 rig failed," if count == 1 else f"{count:,} rigs failed, the first of them"
         note(_plain(f"{first} {rig}: {reason}"))
