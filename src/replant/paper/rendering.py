@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from replant.fitting.model_json import finite
 from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator, Row
 from replant.paper.figures import ACTUATOR_FIGURES, FIGURES, Outcome
-from replant.paper.reproduction import SOURCE, Cell, TableResult, notes, summary
+from replant.paper.reproduction import SOURCE, Cell, TableResult, markdown_table, notes, summary
 from replant.plotting.numbers import number, uncertain
 from replant.report.contents import versions
 from replant.report.page_figures import svg
@@ -57,10 +57,10 @@ def as_json(actuator: Actuator) -> dict[str, dict[str, dict[str, float | None]]]
 
 def as_markdown(actuator: Actuator) -> str:
     """Return the tables as a Markdown section: the summary table, then every measure by coefficient."""
-    parts = [f"## {ACTUATOR_TITLE}", _markdown(*summary_table(actuator))]
+    parts = [f"## {ACTUATOR_TITLE}", markdown_table(*summary_table(actuator))]
     parts.append("\n".join(f"* {line}" for line in (*LEGEND, *NOTES, *actuator_summary(actuator))))
     for title, headings, rows in measure_tables(actuator):
-        parts += [f"### {title}", _markdown(headings, rows)]
+        parts += [f"### {title}", markdown_table(headings, rows)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -146,12 +146,6 @@ def _figures(row: Row) -> dict[str, float | None]:
         figures |= {f"roughness_{name}": value for name, value in found.roughness.items()}
         figures |= {"J_sum": found.index_sum, "settled": found.all_settled, "roughness": found.roughest}
     return figures | {"free_run": row.free_run}
-
-
-def _markdown(headings: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    headings = list(headings)
-    lines = ["| " + " | ".join(headings) + " |", "|---" + "|--:" * (len(headings) - 1) + "|"]
-    return "\n".join([*lines, *("| " + " | ".join(row) + " |" for row in rows)])
 
 
 def _short(value: float | None) -> str:

@@ -7,7 +7,7 @@ mean, and the standard deviation is that of a single run such as the article's.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from statistics import fmean, stdev
@@ -155,14 +155,17 @@ def as_markdown(results: Sequence[TableResult]) -> str:
     for result in results:
         buffered = _has_std(result)
         columns = (result.table.heading, *(name for name in COLUMNS if buffered or name != "std"))
-        lines = ["| " + " | ".join(columns) + " |", "|---|---" + "|--:" * (len(columns) - 3) + "|---|"]
-        for row in result.rows:
-            for cell in row.cells:
-                fields = (row.row.label, *_fields(cell, buffered))
-                lines.append("| " + " | ".join(fields) + " |")
-        parts += [f"## {result.table.title}", "\n".join(lines), "\n".join(f"* {note}" for note in notes(result))]
+        rows = [(row.row.label, *_fields(cell, buffered)) for row in result.rows for cell in row.cells]
+        shown = markdown_table(columns, rows, left=("index", "match"))
+        parts += [f"## {result.table.title}", shown, "\n".join(f"* {note}" for note in notes(result))]
     parts += ["## Summary", "\n".join(f"* {line}" for line in summary(results))]
     return "\n\n".join(parts) + "\n"
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Iterable[str]], left: Collection[str] = ()) -> str:
+    """Return a table in Markdown; its columns are flush right, but for the first one and those in ``left``."""
+    below = ["---" if heading in left else "--:" for heading in headings[1:]]
+    return "\n".join("| " + " | ".join(row) + " |" for row in (headings, ["---", *below], *rows))
 
 
 def as_rich(result: TableResult) -> RichTable:
