@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+from collections.abc import Iterable
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from pathlib import Path
@@ -154,20 +155,20 @@ def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
         )
     rows = [row for row in found.order.tolist() if found.words[row] or verdicts[row] == FAILED][:MOST_LISTED]
     ranks = {row: rank for rank, row in enumerate(found.order.tolist(), 1)}
-    items = "".join(
-        f"<li><b>{_linked(fleet, rigs[row], ranks[row])}</b><span>"
-        f"{words(found.words[row] or f'failed: {reasons[row]}')}</span></li>"
-        for row in rows
-    )
-    listed = f'<ol class="oddities">{items}</ol>' if items else ""
+    said = ((_linked(fleet, rigs[row], ranks[row]), found.words[row] or f"failed: {reasons[row]}") for row in rows)
     usual = "; ".join(
         f"{words(quantity.label)} {number(middle)}{f' {quantity.unit}' if quantity.unit else ''}, "
         f"spread {100.0 * (ratio - 1.0):.2g}&nbsp;%"
         for quantity, middle, ratio in found.usual
     )
-    listed = f"<br>{listed}" if listed else ""
     told = f'<p class="note">Usual in this fleet: {usual}.</p>' if usual else ""
-    return section("Odd rigs", f'<p class="note">{words(note)}</p>{told}', listed, anchor="odd")
+    return section("Odd rigs", f'<p class="note">{words(note)}</p>{told}', _listed(said), anchor="odd")
+
+
+def _listed(rigs: Iterable[tuple[str, str]]) -> str:
+    """Return a list of rigs, their names as HTML, and what is said of each; nothing of none."""
+    items = "".join(f"<li><b>{name}</b><span>{words(said)}</span></li>" for name, said in rigs)
+    return f'<br><ol class="oddities">{items}</ol>' if items else ""
 
 
 def _linked(fleet: Fleet, rig: str, rank: int) -> str:
@@ -191,10 +192,7 @@ def _drift(drift: Drift, before: Fleet) -> str:
             more = f" and {len(rigs) - 10:,} more" if len(rigs) > 10 else ""
             said.append(f"{what.capitalize()}: {', '.join(rigs[:10])}{more}.")
     paragraphs = "".join(f'<p class="note">{words(text)}</p>' for text in said)
-    items = "".join(
-        f"<li><b>{heading(each.rig)}</b><span>{words(each.words)}</span></li>" for each in drift.drifted[:MOST_LISTED]
-    )
-    listed = f'<br><ol class="oddities">{items}</ol>' if items else ""
+    listed = _listed((heading(each.rig), each.words) for each in drift.drifted[:MOST_LISTED])
     return section("Drift", paragraphs, listed, anchor="drift")
 
 
