@@ -11,7 +11,7 @@ import click
 
 from replant.cli.notes import note, progress_bar
 from replant.cli.option_types import Choice, numbers_of, path_option
-from replant.cli.run_fit_compare_options import fleet_options, structure_of
+from replant.cli.run_fit_compare_options import columns_of, fleet_options, structure_of
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load
@@ -84,10 +84,8 @@ def fleet_command(
             bar.update(task, description=shown, completed=state.samples, total=total, stage=f"{state.rigs:,} rigs")
 
         found = fit(
-            logs, by=by, input=inputs, output=options["output_column"], structure=structure,
-            method=method, executor=on, out=out, reference=options["reference_column"], time=options["time_column"],
-            dt=options["dt"], begin=options["begin"], end=options["end"], input_map=options["input_map"],
-            optimizer=options["optimizer"], progress=show,
+            logs, by=by, structure=structure, method=method, executor=on, out=out, input_map=options["input_map"],
+            optimizer=options["optimizer"], progress=show, **columns_of(options),
         )  # fmt: skip
         if reports:
             bar.update(task, description="reports", total=None)

@@ -178,11 +178,11 @@ def request_of(options: dict[str, Any], dt: float) -> Request:
 def recording_of(options: dict[str, Any], progress: Callable[[int, int], None]) -> Recording:
     """Check the log that the options name, which may be of any length, and open it; see `open_recording`."""
     structure_of(options)
-    recording = open_recording(options["log"], **_columns(options), progress=progress)
+    recording = open_recording(options["log"], **columns_of(options), progress=progress)
     _note(options, recording)
     recording = with_others(recording)
     if is_conditioned(options):
-        whole = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
+        whole = open_recording(options["log"], **columns_of(options), most_held=sys.maxsize)
         return whole.of_log(conditioned(with_others(whole).held, options))
     return recording
 
@@ -235,7 +235,7 @@ def preprocess_of(options: dict[str, Any]) -> Preprocess:
 
 def read(options: dict[str, Any]) -> Log:
     """Read the log that the options name."""
-    recording = open_recording(options["log"], **_columns(options), most_held=sys.maxsize)
+    recording = open_recording(options["log"], **columns_of(options), most_held=sys.maxsize)
     _note(options, recording)
     log = conditioned(with_others(recording).held, options)
     return replace(log, input_hold=input_hold_of(options))
@@ -259,13 +259,7 @@ def _note(options: dict[str, Any], recording: Recording) -> None:
         note(f"{options['log']}: column {name!r}: {unit.doubt}; {unit.remedy}")
 
 
-def _columns(options: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "input": options["input_column"],
-        "output": options["output_column"],
-        "time": options["time_column"],
-        "dt": options["dt"],
-        "reference": options["reference_column"],
-        "begin": options["begin"],
-        "end": options["end"],
-    }
+def columns_of(options: dict[str, Any]) -> dict[str, Any]:
+    """Return the columns of a log, its clock and its part, as `open_recording` takes them."""
+    named = {role: options[f"{role}_column"] for role in ("input", "output", "time", "reference")}
+    return named | {name: options[name] for name in ("dt", "begin", "end")}
