@@ -31,7 +31,7 @@ from replant import errors
 from replant.errors import LogError, ReplantError
 from replant.logs.table import Arrays, Table
 from replant.numerics.arguments import FloatArray
-from replant.numerics.operating_system import end_process
+from replant.numerics.operating_system import end_process, reason_of
 
 MEMORY = 128 << 20  # for any file, beside the libraries: with these and the caller below 300 MB [bytes]
 SECONDS = 9  # processor time that it may take for any file [s]
@@ -153,10 +153,9 @@ class _Process:
                 env=os.environ | ENVIRONMENT,
             )  # fmt: skip
         except OSError as error:
-            reason = error.strerror or error
             raise LogError(
                 f"{path}: {self._parser.kind} is read by a second Python, and {sys.executable} did not start "
-                f"({reason}); save the signals as CSV"
+                f"({reason_of(error)}); save the signals as CSV"
             ) from error
         self.end = weakref.finalize(self, end_process, self._process, os.getpid())
         try:
@@ -340,7 +339,7 @@ def _failure(error: Exception) -> dict[str, Any]:
         return {"error": type(error).__name__, "text": str(error)}
     if isinstance(error, OSError) and error.errno is not None:
         return {"error": "OSError", "code": error.errno, "text": error.strerror}
-    return {"error": "", "text": " ".join(str(error).split())[:120] or type(error).__name__}
+    return {"error": "", "text": reason_of(error)[:120]}
 
 
 # --- its limits

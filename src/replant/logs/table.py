@@ -22,6 +22,7 @@ import numpy as np
 from replant.errors import SHOWN, ArgumentTypeError, LogError, MissingDependencyError, ReplantError, shown
 from replant.model.interop import without_unit
 from replant.numerics.arguments import FloatArray
+from replant.numerics.operating_system import reason_of
 
 T = TypeVar("T")
 Arrays = list[FloatArray]  # columns of a file, or of a block of its rows
@@ -72,8 +73,7 @@ def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, OSError) and error.errno is not None:
             raise
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise LogError(f"{path}: not a readable {kind} ({reason[:120]}); {remedy}") from error
+        raise LogError(f"{path}: not a readable {kind} ({reason_of(error)[:120]}); {remedy}") from error
 
 
 MOST_MEMBERS = 4096  # files in an archive [count]
@@ -255,7 +255,7 @@ class _Growing:
         except OSError as error:
             raise LogError(
                 f"{self._path}: a long log is kept in {self._folder} while it is used, which is not possible "
-                f"({error.strerror or error}); free some room, or set TMPDIR to a folder that has it"
+                f"({reason_of(error)}); free some room, or set TMPDIR to a folder that has it"
             ) from error
 
     def array(self) -> FloatArray:
@@ -294,7 +294,7 @@ def forget(array: FloatArray) -> None:
 
 def unreadable_error(path: Path, error: OSError) -> LogError:
     """Return the error for a file that the operating system refuses to read."""
-    return LogError(f"{path}: cannot be read ({error.strerror or error}); check the path and its permissions")
+    return LogError(f"{path}: cannot be read ({reason_of(error)}); check the path and its permissions")
 
 
 def _folded(name: str) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from replant.errors import InvalidArgumentError, ReplantError, shown
-from replant.numerics.operating_system import one_line, replacing
+from replant.numerics.operating_system import one_line, reason_of, replacing
 from replant.workbench.choices import Setup, Wish, words_of
 from replant.workbench.model_cards import (
     DONE,
@@ -347,7 +347,7 @@ def parsed(written: str, source: str) -> tuple[list[dict[str, Any]], list[Card],
     except ReplantError:
         raise
     except (ValueError, KeyError, TypeError, AttributeError) as error:
-        detail = one_line(error) if isinstance(error, OSError) else " ".join(str(error).split())[:80]
+        detail = reason_of(error)[:80]
         raise ReplantError(f"{source}: no session of replant, or a damaged one ({detail})") from None
     return logs, cards, rest
 
@@ -361,4 +361,4 @@ def read(path: Path) -> str:
     except UnicodeDecodeError:
         raise ReplantError(f"{path}: no session of replant") from None
     except OSError as error:
-        raise ReplantError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
+        raise ReplantError(f"{path}: cannot be read ({reason_of(error)}); check the path") from None

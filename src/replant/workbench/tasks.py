@@ -36,7 +36,7 @@ from replant.logs.columns import Kind
 from replant.logs.conditioning import STEPS
 from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
-from replant.numerics.operating_system import one_line
+from replant.numerics.operating_system import one_line, reason_of
 from replant.numerics.residuals import BAND_95
 from replant.plotting.numbers import rounded
 from replant.report.log_as_text import as_json, findings_of
@@ -134,7 +134,7 @@ def compared(
             validation = _validation(written, path, plain, part, changed)
             found["models"][name] = _beside(validation, t, rows, points)
         except Exception as error:  # of one model, which must not hide the others
-            found["models"][name] = {"failed": " ".join(str(error).split()) or type(error).__name__}
+            found["models"][name] = {"failed": reason_of(error)}
     return found
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 from urllib.parse import quote
 
 from replant.errors import InvalidArgumentError, ReplantError, needs, shown
-from replant.numerics.operating_system import Worker
+from replant.numerics.operating_system import Worker, reason_of
 
 if TYPE_CHECKING:
     import uvicorn
@@ -155,6 +155,5 @@ def _bound(host: str, port: int, kind: type[S]) -> S:
             listening.close()
             raise
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise InvalidArgumentError(f"the dashboard cannot listen on {host}:{port}: {reason}") from None
+        raise InvalidArgumentError(f"the dashboard cannot listen on {host}:{port}: {reason_of(error)}") from None
     return listening

@@ -17,6 +17,7 @@ from replant.live.streams.line_parser import Payloads
 from replant.live.streams.reader_thread import Wire
 from replant.live.streams.source import UY, Columns, Signals
 from replant.logs.table import needed
+from replant.numerics.operating_system import reason_of
 
 BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
@@ -145,7 +146,7 @@ class TcpSource(Wire):
                 self._connected()
                 self._receive(peer)
         except OSError as error:
-            trouble = error.strerror or str(error)
+            trouble = reason_of(error)
         self._lines.restart()
         return trouble
 
@@ -207,7 +208,7 @@ class UdpSource(Wire):
         except BlockingIOError:
             pass
         except OSError as error:  # the network reports a fault of earlier datagrams; reading continues
-            self.trouble = error.strerror or str(error)
+            self.trouble = reason_of(error)
         return datagrams
 
 
@@ -217,16 +218,14 @@ def listen(address: Address) -> socket.socket:
         family, kind, protocol, _, place = socket.getaddrinfo(*address.place, type=socket.SOCK_DGRAM)[0]
         listener = socket.socket(family, kind, protocol)
     except OSError as error:
-        raise InvalidArgumentError(
-            f"{address.name}: {error.strerror or error}; write {SCHEMES[address.scheme][1]}"
-        ) from None
+        raise InvalidArgumentError(f"{address.name}: {reason_of(error)}; write {SCHEMES[address.scheme][1]}") from None
     try:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
         listener.bind(place)
     except OSError as error:
         listener.close()
         raise InvalidArgumentError(
-            f"{address.name}: cannot listen there ({error.strerror or error}); choose another port, "
+            f"{address.name}: cannot listen there ({reason_of(error)}); choose another port, "
             "and an address of this computer or 0.0.0.0"
         ) from None
     listener.setblocking(False)
@@ -276,7 +275,7 @@ class MqttSource(Wire):
                     self._drain(client)
                 client.loop_misc()
         except OSError as error:
-            return error.strerror or str(error)
+            return reason_of(error)
         finally:
             if self._stop.requested:
                 client.unsubscribe(self._address.path)  # else the broker would keep further messages for this client
