@@ -26,9 +26,9 @@ from replant.plotting.style import blank_figure
 from replant.report import contents as tables
 from replant.report.findings import findings
 from replant.report.page_figures import HALF, charts_of, look, svg, time_picture
-from replant.report.page_frame import Html, asset, facts, filled, folded, script, table, uplot, words, write_page
+from replant.report.page_frame import Html, asset, facts, folded, table, words
 from replant.report.panels import draw_poles_of, input_panel, model_panels, part_panel, whole_record
-from replant.report.result_page import drawn, in_small, reproduction, section, verdict_of
+from replant.report.result_page import drawn, in_small, reproduction, section, verdict_of, with_plots
 
 SAME = 1e-9  # part of a dead time that is rounding [part]
 SMALLEST = 2.6  # width of a picture of the matrix, at the least [inches]
@@ -142,14 +142,9 @@ def write_rows(
             "reproduce": folded("How to reproduce this", reproduction(command, python)),
             "origin": folded("Record and versions", _origin(outputs)),
         }
-    log, (library, css) = outputs[0].log, uplot()
-    signals = f"{', '.join(log.input_names)} → {', '.join(each.name for each in outputs)}"
-    return write_page(
-        path, title=title or log.path.name or "Record", eyebrow="Identified model",
-        lede=f"{signals}; {len(log):,} samples, {tables.lasts(log)}",
-        body=filled("rows.html", fields), css=css, data=plots,
-        scripts=(library, script("format.js", "chart.js", "report.js")),
-    )  # fmt: skip
+    log, names = outputs[0].log, ", ".join(each.name for each in outputs)
+    lede = f"{', '.join(log.input_names)} → {names}; {len(log):,} samples, {tables.lasts(log)}"
+    return with_plots(path, "rows.html", fields, plots, title=title or log.path.name or "Record", lede=lede)
 
 
 def save_figures(folder: Path, outputs: Sequence[Output]) -> list[Path]:

@@ -100,17 +100,17 @@ def write_report(
     fields["candidates"] = "" if candidates is None else candidates_of(candidates)
     with page_figures.look(), np.errstate(all="ignore"):
         fields["other_logs"] = section(validations)
+    title = title or log.path.name or "Simulated record"
+    return with_plots(path, "report.html", fields, plots, title=title, lede=_lede(material))
+
+
+def with_plots(path: Path, template: str, fields: dict[str, str], plots: Any, *, title: str, lede: str) -> Path:
+    """Write a report from its template, with the data of its plots and the scripts that draw them."""
     library, css = uplot()
     return write_page(
-        path,
-        title=title or log.path.name or "Simulated record",
-        eyebrow="Identified model",
-        lede=_lede(material),
-        body=filled("report.html", fields),
-        css=css,
-        data=plots,
+        path, title=title, eyebrow="Identified model", lede=lede, body=filled(template, fields), css=css, data=plots,
         scripts=(library, script("format.js", "chart.js", "report.js")),
-    )
+    )  # fmt: skip
 
 
 def candidates_of(candidates: tuple[Sequence[str], Sequence[Sequence[str]], str]) -> str:
