@@ -18,7 +18,6 @@ MISSING = frozenset({"", "na", "n/a", "null"})  # NaN, as nan, inf and infinity 
 _SHOWN = 40  # characters of a cell that an error shows [characters]
 _QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside stands for one; ++ and *+: linear time on any text
 _UNIT_BEHIND = r"(?:\s+(?:\[[^\[\]]*\]|\([^()]*\)))?"  # a unit in brackets belongs to its name
-_WORD = re.compile(rf'\s*+(?:{_QUOTED}(?!\S)|([^\s"]\S*+{_UNIT_BEHIND})|\Z)')
 
 
 class CellError(ValueError):
@@ -42,9 +41,7 @@ def split_line(line: str, delimiter: str | None) -> list[str]:
 
     A quotation mark begins a quoted cell only as the first character of the cell; elsewhere it is ordinary text.
     """
-    if delimiter is None:
-        return _split_words(line)
-    if '"' not in line:
+    if delimiter is not None and '"' not in line:
         return [cell.strip() for cell in line.split(delimiter, MOST_COLUMNS)]
     pattern, text = _cell_pattern(delimiter), line.rstrip("\r\n")
     cells: list[str] = []
@@ -54,30 +51,20 @@ def split_line(line: str, delimiter: str | None) -> list[str]:
         if found is None:
             raise _broken(len(cells), text[at:], delimiter)
         quoted, plain, end = found.groups()
+        if quoted is None and plain is None:  # blanks behind the last word
+            return cells
         cells.append((plain if quoted is None else quoted.replace('""', '"')).strip())
-        if not end or len(cells) > MOST_COLUMNS:
+        if (delimiter is not None and not end) or len(cells) > MOST_COLUMNS:
             return cells
         at = found.end()
 
 
 @lru_cache(maxsize=8)
-def _cell_pattern(delimiter: str) -> re.Pattern[str]:
+def _cell_pattern(delimiter: str | None) -> re.Pattern[str]:
+    if delimiter is None:
+        return re.compile(rf'\s*+(?:{_QUOTED}(?!\S)|([^\s"]\S*+{_UNIT_BEHIND})|\Z)()')
     mark = re.escape(delimiter)
     return re.compile(rf' *+(?:{_QUOTED} *+|([^"{mark}][^{mark}]*+|))({mark}|\Z)')
-
-
-def _split_words(line: str) -> list[str]:
-    cells: list[str] = []
-    at = 0
-    while True:
-        found = _WORD.match(line, at)
-        if found is None:
-            raise _broken(len(cells), line[at:], None)
-        quoted, plain = found.groups()
-        if (quoted is None and plain is None) or len(cells) > MOST_COLUMNS:
-            return cells
-        cells.append(quoted.replace('""', '"') if plain is None else plain)
-        at = found.end()
 
 
 def _broken(column: int, rest: str, delimiter: str | None) -> CellError:
