@@ -20,12 +20,12 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
 from replant.online.runs.result import MOST_SHADES, Clock
 from replant.plotting import diagrams, style
-from replant.plotting.numbers import gain_unit, mathml, number, percent, symbols, uncertain, with_unit
+from replant.plotting.numbers import gain_unit, mathml, percent, symbols, uncertain, with_unit
 from replant.plotting.over_time import POINTS, Panel, draw_panels, thin
 from replant.plotting.style import blank_figure
 from replant.report import contents as tables
 from replant.report.findings import findings
-from replant.report.page_figures import HALF, charts_of, look, svg, time_picture
+from replant.report.page_figures import HALF, charts_of, correlation_in_words, look, svg, time_picture
 from replant.report.page_frame import Html, asset, facts, folded, table, words
 from replant.report.panels import draw_poles_of, input_panel, model_panels, part_panel, whole_record
 from replant.report.result_page import drawn, in_small, reproduction, section, verdict_of, with_plots
@@ -245,10 +245,7 @@ def _left(output: Output, place: int, *, several: bool) -> str:
     for i, name in enumerate(["", *output.pairs]):
         axis, each = blank_figure(HALF, 2.3).subplots(), found[max(i - 1, 0)]
         diagrams.draw_cross(each, dt, axis, name) if name else diagrams.draw_auto(each, dt, axis)
-        outside = "unknown" if each is None else f"{number(100 * each.outside[bool(name)], 2)} %"
-        with_what = "the later residual" if name else "itself"
-        said = f"{name or 'Residual'} with {with_what}: {outside} of the lags lie outside."
-        said += "" if name else " By chance 5 % do; more: the noise is coloured, or dynamics are missing."
+        said = correlation_in_words(each, name)
         parts.append(drawn(said, svg(axis.figure, f"left{place}-{i}", said)))
     return heading + "".join(parts)
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray
+from replant.numerics.residuals import Correlations
 from replant.plotting import style
 from replant.plotting.diagrams import reach_of
 from replant.plotting.numbers import complex_number, gain_unit, number, percent
@@ -191,15 +192,19 @@ def of_step(material: Material) -> str:
 
 def of_auto(material: Material) -> str:
     """Return the caption of the residual's autocorrelation."""
-    found = material.correlations
+    return correlation_in_words(material.correlations) + _of_samples(material)
+
+
+def correlation_in_words(found: Correlations | None, name: str = "") -> str:
+    """Return how far the residual is correlated with itself, or with the input of a name."""
+    what = f"{name} with the later residual" if name else "Residual with itself"
     if found is None:
-        return "Autocorrelation of the residual: too few samples, or a constant signal."
-    return (
-        f"Residual with itself: {number(100 * found.outside[0], 2)} % of the lags lie outside the limits, 5 % by "
-        "chance. More: the noise is coloured, or dynamics are missing."
-        + (" The value 1 at lag 0 lies outside the axes." if reach_of(found.auto, found.auto_std) else "")
-        + _of_samples(material)
-    )
+        return f"{what}: too few samples, or a constant signal."
+    lags = f"{number(100 * found.outside[bool(name)], 2)} % of the lags{' from 0 on' if name else ''}"
+    more = "a part of the response is missing" if name else "the noise is coloured, or dynamics are missing"
+    beyond = not name and reach_of(found.auto, found.auto_std)
+    hidden = " The value 1 at lag 0 lies outside the axes." if beyond else ""
+    return f"{what}: {lags} lie outside the limits, 5 % by chance. More: {more}.{hidden}"
 
 
 def _of_samples(material: Material) -> str:
@@ -212,13 +217,7 @@ def _of_samples(material: Material) -> str:
 
 def of_cross(material: Material) -> str:
     """Return the caption of the cross-correlation of input and residual."""
-    found = material.correlations
-    if found is None:
-        return "Correlation of the input with the residual: too few samples, or a constant signal."
-    return (
-        f"Input with the later residual: {number(100 * found.outside[1], 2)} % of the lags from 0 on lie outside the "
-        "limits, 5 % by chance. More: a part of the response is missing." + _of_samples(material)
-    )
+    return correlation_in_words(material.correlations, "Input") + _of_samples(material)
 
 
 def of_spectrum(material: Material) -> str:
