@@ -12,7 +12,7 @@ import numpy as np
 
 from replant.errors import ReplantError
 from replant.logs.column_roles import INPUT, OUTPUT, Response, Roles, find_roles, prepared, response
-from replant.logs.columns import Clock, Column, Contents, find_clock, read_contents
+from replant.logs.columns import Clock, Column, Contents, find_clock, read_contents, seems_time
 from replant.logs.conditioning import from_rest
 from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
@@ -153,6 +153,7 @@ def inspect(
     clock = find_clock(table, contents, None if time is None else table.find(time), set(given.values()))
     record = _record(contents, clock, given)
     signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
+    signals = _without_clocks(signals, contents, set(given.values()))
     roles = find_roles(signals, contents.values, given)
     seen = None
     if roles.input and roles.output:
@@ -163,6 +164,12 @@ def inspect(
         u, y = (contents.values[role.column.number] for role in (roles.input, roles.output))
         found = replace(found, first=first_model(u, y, _sampling_time(found)) if u.size == y.size else None)
     return replace(found, others=_others(found, signals))
+
+
+def _without_clocks(signals: list[Column], contents: Contents, given: set[int]) -> list[Column]:
+    """Return the signals without further clocks, which rise in nearly equal steps; all where two are not left."""
+    left = [column for column in signals if column.number in given or not seems_time(column, contents)]
+    return left if len(left) > 1 else signals
 
 
 def _others(found: Inspection, signals: list[Column]) -> tuple[OtherColumn, ...]:

@@ -192,12 +192,12 @@ def find_clock(
         duration = table.dt * max(0, contents.usual_length - 1)
         return Clock(None, "", 1.0, "", table.dt, 0.0, 0, table.dt, 0, duration, "")
     free = [column for column in contents.columns if column.number not in others]
-    rising = next((column for column in free if _seems_time(column, contents)), None)
+    rising = next((column for column in free if seems_time(column, contents)), None)
     guess = "no column is called t, time or timestamp, and this one rises in equal steps"
     return None if rising is None else _clock(table, contents, rising, guess)
 
 
-def _seems_time(column: Column, contents: Contents) -> bool:
+def seems_time(column: Column, contents: Contents) -> bool:
     """Return whether a column without a telling name rises in nearly equal steps."""
     if column.kind not in (Kind.WHOLE, Kind.REAL) or column.missing or column.rows < FEWEST:
         return False

@@ -263,6 +263,19 @@ def test_a_column_of_dates_is_the_clock_whatever_its_name(tmp_path: Path) -> Non
     check_clock(path, "date")
 
 
+def test_a_second_clock_is_no_input_or_output(tmp_path: Path) -> None:
+    """Milliseconds beside the time, and a counter of rows."""
+    signals = open_loop(noise=0.01)
+    rows = np.arange(signals["u"].size)
+    clocks = {"epoch": 1e6 + 20.0 * rows, "row": 3.0 + rows}
+    found = inspect(save(tmp_path / "log.csv", {"t": DT * rows, **clocks, "u": signals["u"], "y": signals["y"]}))
+    assert found.roles.input.column.name == "u"
+    assert found.roles.output.column.name == "y"
+    assert not found.others
+    alone = inspect(save(tmp_path / "alone.csv", {"t": DT * rows, "u": signals["u"], "way": 3.0 + rows}))
+    assert alone.roles.output.column.name == "way"  # nothing else is left
+
+
 def test_a_number_called_ts_is_the_clock(tmp_path: Path) -> None:
     signals, path = open_loop(), tmp_path / "log.npz"
     np.savez(path, u=signals["u"], y=signals["y"], Ts=DT)
