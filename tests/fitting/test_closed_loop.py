@@ -243,8 +243,8 @@ def test_one_step_of_the_set_point_is_a_reference() -> None:
 
 
 def test_where_no_model_is_found_with_the_reference_the_fit_does_without_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    def only_without(structure: rp.Structure, ready: Record) -> Solution | None:
-        return solve(structure, ready) if ready.r is None else None
+    def only_without(structure: rp.Structure, ready: Record, **how: bool) -> Solution | None:
+        return solve(structure, ready, **how) if ready.r is None else None
 
     monkeypatch.setattr(fit_module, "solve", only_without)
     done = loop(rp.TransferFunction([1.0], [1.0, 1.0]), 5.0, 1000, noise=0.05)

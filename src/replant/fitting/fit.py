@@ -276,7 +276,7 @@ def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
 
 
 def _solution(raw: RawRecord, r: FloatArray | None) -> Solution | None:
-    return solve(raw.structure, raw.made_ready(raw.y, r))
+    return solve(raw.structure, raw.made_ready(raw.y, r), nested=True)
 
 
 def _refined_result(

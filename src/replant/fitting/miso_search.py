@@ -21,6 +21,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Point, Row, evaluate
+from replant.estimation.solver.fewer_poles import grown
 from replant.estimation.solver.miso_start import start
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.fitting.miso_fit import fit_row, ready_row
@@ -28,7 +29,7 @@ from replant.fitting.miso_references import with_outside
 from replant.fitting.miso_solve import covariance_of, differs, likeliest
 from replant.fitting.samples import Samples
 from replant.fitting.search_result import ALPHA, BETWEEN, WORTH, Candidate, SearchResult, top_of_parabola
-from replant.fitting.structure_evidence import Evidence, grown, least_known
+from replant.fitting.structure_evidence import Evidence, least_known
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray

@@ -28,6 +28,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, stability_margin
+from replant.estimation.solver.fewer_poles import INFINITE, grown, with_poles
 from replant.estimation.solver.refined_estimate import Refined, without_nuisances
 from replant.estimation.solver.srivc import refine
 from replant.kernels.schema import LAGS
@@ -64,27 +65,11 @@ class Trial:
         return least_known(self.structure, self.found.theta, self.found.covariance, span)
 
     def grown(self, structure: Structure, dt: float) -> FloatArray:
-        """Return the model as one of a larger structure: with poles as fast as the sampling."""
+        """Return the model as one of a larger structure: its other poles are infinitely fast."""
         less, theta = self.structure, self.found.theta
         model = np.zeros(theta.size + structure.coefficients - less.coefficients + structure.poles - less.poles)
-        model[: structure.coefficients] = grown(less, theta, structure, dt)
+        model[: structure.coefficients] = grown(less, theta, structure, dt / INFINITE)
         return model
-
-
-def grown(less: Structure, theta: FloatArray, more: Structure, dt: float) -> FloatArray:
-    """Return the coefficients of a model as one with more poles, which are as fast as the sampling.
-
-    >>> grown(Structure(1), np.array([2.0, 3.0]), Structure(2, zeros=1), 0.5)
-    array([4., 4., 0., 6.])
-    """
-    a, b = np.concatenate([[1.0], theta[less.denominator]]), theta[less.numerator]
-    for _ in range(more.poles - less.poles):
-        a, b = np.convolve(a, [1.0, 1.0 / dt]), b / dt
-    model = np.zeros(more.coefficients)
-    model[more.denominator] = a[1:]
-    b = b[-(more.zeros + 1) :]
-    model[more.coefficients - b.size :] = b
-    return model
 
 
 @quiet
@@ -231,7 +216,6 @@ def _fewer_poles(structure: Structure, parameters: FloatArray, record: Record) -
     evidence = Evidence(record, at_rest=not structure.delay)
     trials = [evidence.of(structure, [without_nuisances(structure, parameters)])]
     for poles in range(1, structure.poles):
-        smaller = Structure(poles, min(structure.zeros, poles - 1), structure.delay, structure.bias)
-        trials.append(evidence.of(smaller, ()))
+        trials.append(evidence.of(with_poles(structure, poles), ()))
     best = max(filter(None, trials), key=lambda trial: trial.evidence, default=None)
     return None if best is None or best.structure.poles == structure.poles else best.structure.poles

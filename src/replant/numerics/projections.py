@@ -45,6 +45,12 @@ def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
     return np.asarray(columns - np.einsum("ij,jk->ik", nuisances, weights))
 
 
+def amounts_of(columns: FloatArray, signal: FloatArray) -> FloatArray:
+    """Return the amounts (P,) of columns (K, P), of any length, that explain most of a signal (K,)."""
+    lengths = lengths_of(columns)
+    return np.asarray(least_norm(columns / lengths, signal, WEAKEST)[0] / lengths)
+
+
 def widening(basis: FloatArray, left: FloatArray) -> float:
     """Return by how much colour widens the part of a residual that unrelated columns explain; 1 where it is white.
 

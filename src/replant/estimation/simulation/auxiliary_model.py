@@ -21,8 +21,8 @@ from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
-from replant.numerics.linear_algebra import combined, least_norm, sum_of_squares
-from replant.numerics.projections import WEAKEST, without
+from replant.numerics.linear_algebra import combined, sum_of_squares
+from replant.numerics.projections import amounts_of, without
 
 SLOWEST = 0.01  # least distance of a filter's pole from the axis: within a hundredth an integrator [1 / duration]
 
@@ -142,7 +142,7 @@ class AuxiliaryModel:
         for _ in range(PREDICTED if self._state.serves_reflected else 1):
             # offset and initial state as the measured outputs ask for them: theta may not have them yet
             nuisances, away = done.phi[:, -self._order - 1 :], record.y - done.output
-            weights = least_norm(nuisances[known], away[known], WEAKEST)[0]
+            weights = amounts_of(nuisances[known], away[known])
             filled = np.where(known, record.y, done.output + combined(nuisances, weights))
             done = self._run(theta, replace(record, y=filled), by_reference)
         return done.of(known)

@@ -46,14 +46,15 @@ def at_first(record: Record) -> Record:
 
 
 def solve(
-    structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False
-) -> Solution | None:
-    """Solve a record; None where no start leads to a model."""
+    structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False,
+    nested: bool = False,
+) -> Solution | None:  # fmt: skip
+    """Solve a record, see `refine`; None where no start leads to a model."""
     answers, doubt = record.answers(structure.delay), suspected(record)
-    found = _first(structure, leaving_out(record, doubt), given, afresh=afresh)
+    found = _first(structure, leaving_out(record, doubt), given, afresh=afresh, nested=nested)
     if found is None and (doubt > Doubt.MISSING).any():  # as they came
         doubt = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
-        found = _first(structure, leaving_out(record, doubt), given, afresh=afresh)
+        found = _first(structure, leaving_out(record, doubt), given, afresh=afresh, nested=nested)
     solution = None
     for _ in range(ROUNDS):
         if found is None:
@@ -71,11 +72,13 @@ def solve(
     return replace(solution, found=with_untold(structure, leaving_out(record, solution.doubt), solution.found))
 
 
-def _first(structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool) -> Refined | None:
+def _first(
+    structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool, nested: bool
+) -> Refined | None:
     """Return the estimate of a record; None where it has no samples, or input or reference is constant."""
     if not given and not _moves(record):
         return None
-    return refine(structure, record, given, afresh=afresh)
+    return refine(structure, record, given, afresh=afresh, nested=nested)
 
 
 def _moves(record: Record) -> bool:

@@ -43,7 +43,8 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import simulate
-from replant.estimation.solver.refined_estimate import Refined, Root
+from replant.estimation.solver.fewer_poles import INFINITE, grown, with_poles
+from replant.estimation.solver.refined_estimate import Refined, Root, without_nuisances
 from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, disagreement, is_answered
 from replant.estimation.solver.srivc_steps import STALLS, Problem, is_long_enough
 from replant.kernels.schema import LAGUERRE
@@ -97,24 +98,50 @@ Level: one right root in a thousand is looked for twice.
 @quiet
 def refine(
     structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False,
-    filtered: bool = True,
+    filtered: bool = True, nested: bool = False,
 ) -> Refined | None:  # fmt: skip
-    """Return the refined instrumental-variable estimate of a record; None where no start leads to a model."""
+    """Return the refined instrumental-variable estimate of a record; None where no start leads to a model.
+
+    A ``nested`` one explains no less than that with fewer poles, which is a start, too.
+    """
     if not is_long_enough(structure, record):
         return None
     problem = Problem(structure, record)
-    starts = [problem.bounded(np.asarray(theta, np.float64)) for theta in given]
-    cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS) if not starts or afresh else ()
-    found = (problem.from_cutoff(float(cutoff)) for cutoff in cutoffs)
-    starts += [start for start in found if start is not None]
+    starts = [problem.bounded(np.asarray(theta, np.float64), INFINITE / record.dt) for theta in given]
+    if not starts or afresh:
+        starts += _from_cutoffs(problem)
     if problem.projection is None:
+        if nested:
+            starts += _with_fewer_poles(structure, record)
         return _by_output_error(problem, starts, filtered=filtered)
     root = _by_reference(problem, starts)
     if root is None or root.relative_misfit > chi2_quantile(LIKELY, LAGUERRE + 1):
         # a strong load leads every start by instruments astray; least squares is biased, but less led by chance
-        found = (problem.from_cutoff(float(cutoff), by_reference=False) for cutoff in cutoffs)
-        root = _best([root, _by_reference(problem, [start for start in found if start is not None])], referenced=True)
+        others = _from_cutoffs(problem, by_reference=False) if not given or afresh else []
+        root = _best([root, _by_reference(problem, others)], referenced=True)
     return None if root is None else problem.conclude(root)
+
+
+def _from_cutoffs(problem: Problem, *, by_reference: bool = True) -> list[FloatArray]:
+    """Return the starts behind state-variable filters."""
+    record = problem.whole
+    cutoffs = np.geomspace(SLOWEST_CUTOFF / record.span, 1.0 / record.dt, CUTOFFS)
+    found = (problem.from_cutoff(float(cutoff), by_reference=by_reference) for cutoff in cutoffs)
+    return [start for start in found if start is not None]
+
+
+def _with_fewer_poles(structure: Structure, record: Record) -> list[FloatArray]:
+    """Return the model of least output error with a pole less, as one of the structure; none where there is none."""
+    if structure.poles == 1:
+        return []
+    less = with_poles(structure, structure.poles - 1)
+    problem = Problem(less, record)
+    starts = _with_fewer_poles(less, record) or _from_cutoffs(problem)
+    starts = _promising(problem, [problem.stabilized(start) for start in starts], stable=True)
+    if not starts:
+        return []
+    theta = grown(less, _plain(problem, starts, stable=True).model, structure, record.dt / INFINITE)
+    return [Problem(structure, record).with_nuisances(without_nuisances(structure, theta))]
 
 
 def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered: bool) -> Refined | None:

@@ -19,7 +19,7 @@ from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import combined, products, real_coefficients, roots, solve, sum_of_squares
-from replant.numerics.projections import orthogonal
+from replant.numerics.projections import amounts_of, orthogonal
 
 # of 10,000 samples that is a hundredth of a unit of chi-square, a tenth of a standard deviation
 STALLED = 1e-6  # decrease of the cost below which an iteration stalls [part of the cost]
@@ -100,15 +100,21 @@ class Problem:
 
     def is_usable(self, model: FloatArray) -> bool:
         """Return whether the denominator of ``model`` (T,) can be a filter: finite, and not too fast."""
+        return self._speed(model) < self.fastest
+
+    def _speed(self, model: FloatArray) -> float:
+        """Return a magnitude in rad/s that some pole has at least; infinite where the denominator is not finite."""
         a = model[self.structure.denominator]
         if not np.isfinite(a).all():
-            return False
-        magnitudes = np.abs(a) ** (1.0 / np.arange(1, a.size + 1))
-        return bool(magnitudes.max() < a.size * self.fastest)
+            return math.inf
+        return float((np.abs(a) ** (1.0 / np.arange(1, a.size + 1))).max()) / a.size
 
-    def bounded(self, model: FloatArray) -> FloatArray:
-        """Return ``model`` (T,) with no pole faster than the bound, numerator and nuisances as they are."""
-        if self.is_usable(model):
+    def bounded(self, model: FloatArray, fastest: float = 0.0) -> FloatArray:
+        """Return ``model`` (T,) with no pole faster than the bound, numerator and nuisances as they are.
+
+        Unless none is faster than ``fastest``, in rad/s, either.
+        """
+        if self.is_usable(model) or self._speed(model) <= fastest:
             return model
         n = self.structure.poles
         poles = roots(np.concatenate([[1.0], model[:n]]))
@@ -128,6 +134,12 @@ class Problem:
         zeta = done.phi if self.projection is None or not by_reference else done.zeta
         found = solve(products(zeta, done.phi), products(zeta, done.target))
         return None if found is None else self.bounded(found)
+
+    def with_nuisances(self, model: FloatArray) -> FloatArray:
+        """Return ``model`` (T,) with the offset and the initial state that explain most."""
+        done, count = self.run(model), self.structure.poles + 1
+        more = amounts_of(done.phi[:, -count:], done.error)
+        return np.concatenate([model[:-count], model[-count:] + more])
 
     def whiten(self, signals: FloatArray) -> FloatArray:
         """Return D(q) x of ``signals`` (K, ...), weighted where the past is not known."""
@@ -233,10 +245,10 @@ class Problem:
         None where none does, or where the limit is the model's ``own`` cost and the parabola through it and the last
         two steps rises from there on.
         """
-        longer = math.inf
+        longer, fastest = math.inf, max(self.fastest, self._speed(model))
         for halvings in range(HALVINGS):
             tried = model + direction * 0.5**halvings
-            if self.is_usable(tried):
+            if self._speed(tried) <= fastest:
                 done = self.run(tried)
                 above = cost(tried, done) - limit
                 if above < 0.0:

@@ -29,6 +29,7 @@ import numpy as np
 
 from replant.estimation.engine.dimensions import entries_of
 from replant.estimation.engine.record import Record
+from replant.estimation.solver.fewer_poles import with_poles
 from replant.estimation.solver.refined_estimate import Refined, without_nuisances
 from replant.estimation.solver.srivc_steps import Problem
 from replant.model.shared_root import cancelled_pole
@@ -103,10 +104,9 @@ def _ways(problem: Problem, found: Refined) -> Iterator[FloatArray]:
 def _smaller(structure: Structure, theta: FloatArray, left: ComplexArray, size: float) -> tuple[Structure, FloatArray]:
     """Return the structure and the model (T,) with the poles that are left, of the same gain at low frequencies."""
     b = theta[structure.numerator]
-    zeros = min(structure.zeros, left.size - (not structure.feedthrough))
-    other = replace(structure, poles=left.size, zeros=zeros)
+    other = with_poles(structure, left.size)
     rest = theta[structure.coefficients : structure.size] / size
-    parameters = np.concatenate([np.poly(left).real[1:], b[b.size - zeros - 1 :] / size, rest])
+    parameters = np.concatenate([np.poly(left).real[1:], b[b.size - other.zeros - 1 :] / size, rest])
     return other, without_nuisances(other, parameters)
 
 
