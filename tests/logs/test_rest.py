@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
+from replant.estimation.engine.record import Record
 from support.cases import every
 
 G = rp.TransferFunction([2.0], [12.0, 1.0])
@@ -92,6 +93,16 @@ def test_the_rest_is_no_part_of_the_record_that_is_counted(several: bool) -> Non
         assert dict(found.model.rejected) == found.rejected
     found = rp.fit([longer, longer], poles=poles)
     assert (found.samples, found.rejected["not finite"]) == (298, 2)
+
+
+def test_what_the_verdict_dates_counts_no_rest() -> None:
+    verdict = rp.fit(rp.from_rest(step_test(0, 5)), poles=1).verdict
+    assert "over the last 75 s" in verdict.reasons[0]  # 150 samples, and as many of rest
+    record = Record(np.zeros(300), np.zeros(300), np.array([DT]), rest=150)
+    assert record.since_first(200) == pytest.approx(50 * DT)
+    assert record.last(200).rest == 50
+    assert record.first(100).rest == 100
+    assert record.since_first(100) == 0.0
 
 
 def test_the_rest_is_that_of_the_new_clock() -> None:

@@ -238,6 +238,7 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Reco
     """Return a result with the record that its verdict looks at, and the names of its signals."""
     if result.reference is not None and record.r is None:
         record = dataclasses.replace(record, r=raw.made_ready(raw.y, result.reference.signal).r)
+    record = dataclasses.replace(record, rest=0 if given.begins else given.rest)
     usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
     used = raw.usable
     means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)

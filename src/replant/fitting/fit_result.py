@@ -168,7 +168,7 @@ class FitResult(Identified):
     @property
     def _after(self) -> list[float]:
         """How long after the first sample other loads act, in s."""
-        return [self._kept.first(begin + 1).span for begin in self._kept.begins]
+        return [self._kept.since_first(begin) for begin in self._kept.begins]
 
     @property
     def _plant_change(self) -> PlantChange | None:

@@ -199,8 +199,8 @@ class Evidence:
         return self.newest if self.follows else slice(0, self.samples)
 
     def seconds(self, samples: int) -> float:
-        """Return how long the newest ``samples`` lasted, in s."""
-        intervals = self.record.intervals
+        """Return how long the newest ``samples`` lasted, in s, without the rest that was put before the log."""
+        intervals, samples = self.record.intervals, min(samples, max(self.samples - self.record.rest, 1))
         return float(intervals[0]) * samples if intervals.size == 1 else float(intervals[-samples:].sum())
 
     @property

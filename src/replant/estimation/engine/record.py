@@ -79,6 +79,7 @@ class Record:
     # the filters, and nothing is learned from them
     measured: BoolArray | None = None
     begins: tuple[int, ...] = ()  # samples at which another record begins: its offset and initial state are its own
+    rest: int = 0  # samples at the beginning that are none of the log's: the rest that was put before it
 
     @property
     def count(self) -> int:
@@ -164,7 +165,8 @@ class Record:
         measured = None if self.measured is None else self.measured[rows]
         first, end, _ = rows.indices(self.u.size)
         begins = tuple(begin - first for begin in self.begins if first < begin < end)
-        return Record(self.u[rows], self.y[rows], intervals, self.input_hold, r, None, usual, measured, begins)
+        rest = max(min(self.rest, end) - first, 0)
+        return Record(self.u[rows], self.y[rows], intervals, self.input_hold, r, None, usual, measured, begins, rest)
 
     def answering(self, delay: float) -> Record:
         """Return the samples that answer to inputs of the record, those before as `before`; at least the newest."""
@@ -229,6 +231,10 @@ class Record:
             return min(unknown_outputs(delay, float(self.intervals[0])), self.u.size)
         since = np.cumsum(self.intervals) - self.intervals[0]
         return int(np.count_nonzero(delay - since > SAME * self.intervals))
+
+    def since_first(self, sample: int) -> float:
+        """Return how long after the first sample of the log another one came, in s."""
+        return self.first(sample + 1).last(max(sample + 1 - self.rest, 1)).span
 
     def clock(self, rows: slice) -> tuple[float, FloatArray | None]:
         """Return the usual interval in s of a stretch, and its time stamps in s; None for a regular clock."""
