@@ -443,6 +443,10 @@ ELSEWHERE = {
         "fitting/test_loads.py: test_a_record_is_parted_at_its_loads",
         "fitting/test_loads.py: test_a_record_without_a_load_is_not_parted",
     ),
+    "the initial state takes a part of the response to the first move of the input": (
+        "fitting/test_initial_state.py: test_a_gain_that_rest_refutes_is_not_trusted",
+        "fitting/test_initial_state.py: test_a_gain_that_rest_confirms_is_trusted",
+    ),
     "another load may act since": (
         "fitting/test_loads.py: test_loads_that_are_likely_but_not_sure_take_trust_away",
         "fitting/test_loads.py: test_a_record_without_a_load_is_not_parted",

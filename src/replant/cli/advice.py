@@ -145,7 +145,7 @@ def _fewer(situation: Situation) -> NextStep:
         fewer = _likelier(situation.reason) or situation.poles - 1
         return NextStep(f"try {_counted(fewer)}", again("poles", "zeros", poles=fewer))
     if _is_step_test(situation.log.input) and click.get_current_context().params.get("x0") != REST:
-        return NextStep("say that it began at rest, if it did", again(x0=REST))
+        return _at_rest(situation)
     return _more()
 
 
@@ -195,6 +195,7 @@ _move = partial(_look, words="move the input and record again; what it did in th
 _sensor = partial(_look, words="look at the output: check the sensor, its range and its cable")
 _clock = _repeat("let the time stamps count", "dt")
 _straight = _repeat("take the input for a straight line between its samples", input_hold="foh")
+_at_rest = _repeat("say that it began at rest, if it did", x0=REST)
 _no_reference = _repeat("leave the reference out, or give the set-point", "reference")
 _default = _repeat("use the method by default", "optimizer", "method", "startup")
 
@@ -210,6 +211,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"the actuator seems", _look),
     (r"run straight between|runs straight between", _straight),
     (r"than the model says", _dead_time),
+    (r"the initial state takes a part", _at_rest),
     (
         r"the reference (stands still|is a copy|explains nothing|follows|is not needed)|did not come to rest",
         _no_reference,

@@ -17,6 +17,7 @@ from replant.estimation.solver.change_search import PlantChange, change_within
 from replant.estimation.solver.record_changes import find_plant_change
 from replant.estimation.solver.refined_estimate import Refined
 from replant.fitting import model_notation
+from replant.fitting.initial_state import gain_from_rest
 from replant.fitting.model import Model
 from replant.fitting.model_fields import Identified, Provenance, has_rest
 from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
@@ -31,7 +32,7 @@ from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.loop_tests import COPIED, IDLE, Reference, fault_of
 from replant.verdict.other_columns import OtherColumn, other_columns, with_other_columns
-from replant.verdict.sensor_and_excitation import loads_act, loads_may_act
+from replant.verdict.sensor_and_excitation import begins_at_rest, loads_act, loads_may_act
 
 WITHOUT = "the fit does without it"
 
@@ -155,6 +156,9 @@ class FitResult(Identified):
         if self.rival is not None and verdict.status == "trusted":
             reasons = loads_may_act(self.rival._after), *verdict.reasons
             verdict = replace(verdict, status="converging", reasons=reasons)
+        if verdict.status == "trusted" and (gain := self._gain_from_rest) is not None:
+            reasons = begins_at_rest(gain, self.transfer_function.dc_gain), *verdict.reasons
+            verdict = replace(verdict, status="converging", reasons=reasons)
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
             return verdict
@@ -164,6 +168,13 @@ class FitResult(Identified):
     def other_columns(self) -> tuple[OtherColumn, ...]:
         """The further columns that explain a part of what the model leaves, that with most first."""
         return other_columns(self.structure, self.parameters, self._kept, self.dt, self.others)
+
+    @property
+    def _gain_from_rest(self) -> float | None:
+        """The gain of the model from rest, where that is likelier than this one; else None."""
+        if self.covariance is None or not has_rest(self.transfer_function, self._kept.span):
+            return None
+        return gain_from_rest(self.structure, self.parameters, self.covariance, self._kept)
 
     @property
     def _after(self) -> list[float]:

@@ -59,26 +59,37 @@ def from_rest(log: Log) -> Log:
     """
     log = instance("log", log, Log)
     u, y = accepted(log.input)[0], accepted(log.output)[0]
-    moves = np.flatnonzero(u[1:] != u[:-1])
-    still = np.flatnonzero(np.isfinite(y[: moves[0] + 2] if moves.size else y))
-    if not still.size or not np.isfinite(u[:1]).all():
+    output = outputs_from_rest(u, y)
+    if output is None or not np.isfinite(u[:1]).all():
         raise InvalidArgumentError("no output is known until the input moves: what it was at rest cannot be told")
-    count = round(BEFORE * u.size)
+    count = output.size - y.size
 
     def held(signal: FloatArray) -> FloatArray:
         signal = accepted(signal)[0]
         return np.concatenate([np.full(count, signal[0]), signal])
 
-    # at rest an output is as good at any time: as many of them as there were, so that none counts twice, and closer
-    # at the beginning, where a dead time hides the first and the state has to be known
-    output = np.concatenate([np.full(count, np.nan), y])
-    output[count : count + still[-1] + 1] = np.nan
-    places = (count + still[-1]) * np.linspace(0.0, 1.0, still.size) ** 2
-    output[np.maximum(places.round().astype(int), np.arange(still.size))] = y[still]
     time = log.time
     if time is not None:
         time = np.concatenate([time[0] + log.dt * np.arange(-count, 0), time])
     return changed(log, held, output, time=time, rest=log.rest + count)
+
+
+def outputs_from_rest(u: FloatArray, y: FloatArray) -> FloatArray | None:
+    """Return an output (K,) with the rest before it, NaN where it is not known; None where none is until u (K,) moves.
+
+    At rest an output is as good at any time: as many of them as there were, so that none counts twice, and closer at
+    the beginning, where a dead time hides the first and the state has to be known.
+    """
+    moves = np.flatnonzero(u[1:] != u[:-1])
+    still = np.flatnonzero(np.isfinite(y[: moves[0] + 2] if moves.size else y))
+    if not still.size:
+        return None
+    count = round(BEFORE * u.size)
+    output = np.concatenate([np.full(count, np.nan), y])
+    output[count : count + still[-1] + 1] = np.nan
+    places = (count + still[-1]) * np.linspace(0.0, 1.0, still.size) ** 2
+    output[np.maximum(places.round().astype(int), np.arange(still.size))] = y[still]
+    return output
 
 
 HALF_LENGTH = 10  # half the length of the filter: its edge is then 0.13 new rates wide [new sampling times]

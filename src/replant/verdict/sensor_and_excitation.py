@@ -231,6 +231,12 @@ def loads_may_act(seconds: list[float]) -> str:
     return f"{reason}: cut the record there, or record longer"
 
 
+def begins_at_rest(at_rest: float, free: float) -> str:
+    """Return what is said where a record that seems to begin at rest has one gain from rest, and another one freely."""
+    reason = "the initial state takes a part of the response to the first move of the input"
+    return f"{reason}: from rest the gain is {at_rest:.3g}, not {free:.3g}: if it began at rest, say so"
+
+
 def _after(seconds: list[float]) -> str:
     return f"{', '.join(duration(each) for each in seconds)} after the first sample"
 

@@ -1,0 +1,126 @@
+r"""Whether the free initial state of a record takes a part of the response to its input.
+
+Of a step test with few samples before the step, initial state and gain are told by nearly the same samples: the gain is
+known to a tenth of what it is to a record that is known to begin at rest.  If it does, the gain from rest,
+:math:`g_r`, is efficient, and the free one, :math:`g_f`, differs by chance alone (Hausman):
+
+.. math:: (g_f - g_r)^2 / (\\sigma_f^2 - \\sigma_r^2) \\sim \\chi^2_1
+
+That it begins at rest is likely where the output does not rise or fall before the input moves, and where nothing speaks
+against the model from rest.
+
+Source: Hausman (1978), "Specification tests in econometrics", Econometrica 46.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.solver.refined_estimate import without_nuisances
+from replant.estimation.solver.srivc import refine
+from replant.estimation.solver.srivc_steps import Problem
+from replant.logs.conditioning import outputs_from_rest
+from replant.model.structure import Structure
+from replant.numerics.arguments import FloatArray
+from replant.numerics.linear_algebra import chi2_quantile, inner, products, pseudo_inverse, quiet, sum_of_squares
+from replant.numerics.projections import WEAKEST
+from replant.verdict import assess_record
+
+LEVEL = 0.05
+"""Chance to ask in vain where the record begins at rest [probability].
+Level: 5 %: that of the intervals that are stated, within which the gain from rest is to lie.
+"""
+
+SHARE = 0.5
+"""Part of what the record tells of the gain that the initial state takes at least, where that is looked into [part].
+Derivation: where it takes less, the gain from rest is hardly better known, and the test says nothing.
+"""
+
+
+@quiet
+def gain_from_rest(structure: Structure, theta: FloatArray, covariance: FloatArray, record: Record) -> float | None:
+    """Return the gain of the model from rest, where it is likelier than that of a model (P,); None where it is not."""
+    if len(record.parts) > 1 or record.r is not None or not _rests(record):
+        return None
+    if not _is_taken(structure, theta, record):
+        return None
+    longer = _from_rest(record)
+    found = None if longer is None else refine(structure, longer, [without_nuisances(structure, theta)])
+    if longer is None or found is None:
+        return None
+    size = structure.size
+    known = found.covariance[:size, :size]
+    if assess_record(structure, found.theta[:size], longer, record.dt, known).status != "trusted":
+        return None
+    free, at_rest = _gain(structure, theta), _gain(structure, found.theta)
+    more = _variance(structure, theta, covariance) - _variance(structure, found.theta[:size], known)
+    return at_rest if more > 0.0 and (free - at_rest) ** 2 > chi2_quantile(1.0 - LEVEL, 1) * more else None
+
+
+def _gain(structure: Structure, theta: FloatArray) -> float:
+    return float(theta[structure.coefficients - 1] / theta[structure.poles - 1])
+
+
+def _slope(structure: Structure, theta: FloatArray) -> FloatArray:
+    """Return the derivative (P,) of the gain."""
+    slope = np.zeros(structure.size)
+    slope[structure.coefficients - 1] = 1.0 / theta[structure.poles - 1]
+    slope[structure.poles - 1] = -_gain(structure, theta) / theta[structure.poles - 1]
+    return slope
+
+
+def _variance(structure: Structure, theta: FloatArray, covariance: FloatArray) -> float:
+    slope = _slope(structure, theta)
+    return float(slope @ covariance @ slope)
+
+
+def _rests(record: Record) -> bool:
+    """Return whether the output neither rises nor falls before the first move of the input."""
+    from scipy import special  # slow to import
+
+    moves = np.flatnonzero(record.u != record.u[0])
+    if not moves.size:
+        return False
+    rows = slice(0, int(moves[0]))
+    y = record.y[rows][record.is_measured[rows]]
+    if y.size < 3:  # nothing to see
+        return True
+    along = np.asarray(np.linspace(-1.0, 1.0, y.size), np.float64)
+    slope = inner(along, y) / sum_of_squares(along)
+    left = sum_of_squares(y - y.mean() - slope * along) / (y.size - 2)
+    ratio = slope**2 * sum_of_squares(along) / left if left > 0.0 else math.inf if slope else 0.0
+    return bool(special.fdtrc(1.0, y.size - 2.0, ratio) >= LEVEL)
+
+
+def _is_taken(structure: Structure, theta: FloatArray, record: Record) -> bool:
+    """Return whether the initial state takes most of what the record tells of the gain."""
+    problem = Problem(structure, record)
+    model = problem.with_nuisances(without_nuisances(structure, theta))
+    zeta, size = problem.run(model).zeta, model.size - structure.poles  # without the initial state
+    information = products(zeta, zeta)
+    lengths = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    scaled = information / np.outer(lengths, lengths)
+    slope = np.zeros(model.size)
+    slope[: structure.size] = _slope(structure, theta)
+    slope /= lengths
+    free = float(slope @ pseudo_inverse(scaled, WEAKEST) @ slope)
+    told = float(slope[:size] @ pseudo_inverse(scaled[:size, :size], WEAKEST) @ slope[:size])
+    return told < (1.0 - SHARE) * free
+
+
+def _from_rest(record: Record) -> Record | None:
+    """Return a record with the rest before it; None where no output is known until the input moves."""
+    output = outputs_from_rest(record.u, np.where(record.is_measured, record.y, np.nan))
+    if output is None:
+        return None
+    count = output.size - record.u.size
+    u, measured = np.concatenate([np.full(count, record.u[0]), record.u]), np.isfinite(output)
+    intervals = record.intervals
+    if intervals.size > 1:
+        intervals = np.concatenate([np.full(count, float(np.median(intervals))), intervals])
+    y = np.where(measured, output, 0.0)
+    return replace(record, u=u, y=y, intervals=intervals, measured=measured, before=None)
