@@ -57,7 +57,8 @@ Sensitivity: halved or doubled, nothing changes on these records.
 class State(StateArrays):
     """The kernels' arrays, with a property for each of their slots: see `replant.kernels.schema`."""
 
-    __slots__ = ()
+    __slots__ = ("lane_kind",)
+    lane_kind: tuple[int, ...] | None  # see `state_lanes.kind`, which asks for it often
 
     @property
     def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:

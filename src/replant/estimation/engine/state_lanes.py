@@ -40,8 +40,17 @@ ALIKE = np.array([
 def kind(state: State) -> tuple[int, ...] | None:
     """Return what the states in the lanes of one vector must have in common; None where a state fits into none.
 
-    One that fits has a refined filter, keeps its samples, and has neither dead time nor reference.
+    One that fits has a refined filter, keeps its samples, and has neither dead time nor reference.  Nothing of that
+    changes once a state has learned: it is found out once.
     """
+    try:
+        return state.lane_kind
+    except AttributeError:
+        state.lane_kind = found = _kind(state)
+        return found
+
+
+def _kind(state: State) -> tuple[int, ...] | None:
     numbers = state.ints[ALIKE].tolist()
     values, path, common = numbers[: len(FIT)], numbers[len(FIT)], numbers[len(FIT) :]
     if values != VALUES or not path or state.delay != 0.0 or len(state.buffer) != 1:
