@@ -26,7 +26,8 @@ where :math:`\delta_r^T e_f` is more than chance.  Its variance is the mean over
 :math:`\chi^2_h` (Scheffe).
 
 A controller opposes a disturbance: where input and residual of the same sample move as the plant's output follows its
-input, the plant does something faster than the model, and :math:`\varphi = 1`.
+input, the plant does something faster than the model, and :math:`\varphi = 1`.  Nor is an unstable FILTERED taken where
+the residual of a stable PLAIN so moves.
 
 Sources: Hausman (1978), "Specification tests in econometrics", Econometrica 46; Robinson (1998), "Inference without
 smoothing in the presence of nonparametric autocorrelation", Econometrica 66; MacKinnon and White (1985), "Some
@@ -43,7 +44,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, run_model, runs_away
-from replant.estimation.solver.feedback_test import answering, part_answering
+from replant.estimation.solver.feedback_test import Feedback, answering, part_answering
 from replant.estimation.solver.refined_estimate import Refined
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
@@ -80,7 +81,8 @@ def chance_of(structure: Structure, record: Record, plain: Refined, filtered: Re
     noise = filtered.noise_model
     whole = _whole(record, noise.order)
     if away[1]:  # a plant that is not stable is in feedback; there is no simulated error to compare
-        return float(is_answered(record, noise, run_f.error))
+        at_once = _answering(record, plain.noise_model, run_p.error).at_once  # by a plant that is faster than the model
+        return float(is_answered(record, noise, run_f.error) and not _is_direct(structure, plain.theta, at_once))
     statistic, degrees, ordinates = hausman(run_p, run_f, noise, whole)
     chance = _chance(statistic, degrees, ordinates)
     if chance >= FALSE_ALARM:
@@ -183,8 +185,13 @@ def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
 
 def is_answered(record: Record, noise: Autoregression, error: FloatArray) -> bool:
     """Return whether a record's input answers a residual (K,), as under a controller."""
+    return _answering(record, noise, error).found
+
+
+def _answering(record: Record, noise: Autoregression, error: FloatArray) -> Feedback:
+    """Return how a record's input answers a residual (K,)."""
     w = noise.ahead(error) * _whole(record, noise.order)
-    return answering(record.u - record.u.mean(), w, record.inputs_before).found
+    return answering(record.u - record.u.mean(), w, record.inputs_before)
 
 
 def _chance(statistic: float, degrees: float, ordinates: float) -> float:
