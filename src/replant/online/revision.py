@@ -203,7 +203,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
     if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):
         return None
     record = kept.record(settings.dt, settings.filter.input_hold, parted=True)
-    solution = solve(settings.structure, record)
+    solution = solve(settings.structure, record, nested=True)
     if solution is None:
         return None
     solution, new, undecided = _parted(old, settings, record, solution)
