@@ -224,6 +224,13 @@ def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
     return np.asarray(coloured * np.outer(stretch, stretch))
 
 
+def without_rounding(covariance: FloatArray) -> FloatArray:
+    """Return a covariance as one that it is but for rounding: even, and with no correlation beyond one."""
+    spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+    bound = np.outer(spread, spread)
+    return np.asarray(np.clip(0.5 * (covariance + covariance.T), -bound, bound))
+
+
 def chi2_quantile(probability: float, degrees: int) -> float:
     r"""Return x with :math:`P(\nu / 2, x / 2) = p`, what a chi-square variable exceeds with 1 - ``probability``."""
     from scipy.special import gammaincinv

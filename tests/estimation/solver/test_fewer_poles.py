@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -82,3 +84,18 @@ def test_a_smaller_structure_has_the_zeros_that_it_may_have() -> None:
     assert with_poles(rp.Structure(3, 2, 0.5, bias=True), 2) == rp.Structure(2, 1, 0.5, bias=True)
     assert with_poles(rp.Structure(3, 3, feedthrough=True), 2) == rp.Structure(2, 2, feedthrough=True)
     assert with_poles(rp.Structure(3), 1) == rp.Structure(1)
+
+
+@pytest.mark.parametrize(("seed", "poles"), [(2, 3), (0, 4)])
+def test_the_covariance_of_surplus_poles_is_one(seed: int, poles: int, tmp_path: Path) -> None:
+    """Rounding leaves few digits of it: the model can be saved and read nevertheless."""
+    generator = np.random.default_rng(seed)
+    u = np.repeat(generator.choice([-1.0, 1.0], 60), 10)
+    y = rp.TransferFunction([2.0], [1.0, 2.0]).simulate(u, 0.1) + 0.02 * generator.standard_normal(600)
+    found = rp.fit(u, y, 0.1, poles=poles)
+    assert found.covariance is not None
+    spread = np.sqrt(np.diag(found.covariance))
+    np.testing.assert_array_equal(found.covariance, found.covariance.T)
+    assert np.abs(found.covariance / np.outer(spread, spread)).max() <= 1.0 + 1e-12
+    found.model.save(tmp_path / "model.json")
+    np.testing.assert_array_equal(rp.load_model(tmp_path / "model.json").covariance, found.covariance)

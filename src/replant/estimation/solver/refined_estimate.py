@@ -38,6 +38,7 @@ from replant.numerics.linear_algebra import (
     real_coefficients,
     roots,
     sum_of_squares,
+    without_rounding,
 )
 from replant.numerics.projections import best_pole, laguerre, weights_of
 
@@ -217,6 +218,7 @@ def conclude(
     entries = size - structure.poles
     path = path_of_record(zeta, white, model, before, prior.pull(model), entries)
     covariance = no_less_than_scattered(covariance, scatter_of(path, model, compose(upper, diagonal), entries))
+    covariance = without_rounding(covariance)  # a surplus pole that is infinitely fast leaves few digits of it
     slots = _noise(noise, size, filters=root.filters)
     misfit, share, reference = (root.misfit / innovation if innovation > 0.0 else 0.0, math.nan, None)
     if projection is not None:
