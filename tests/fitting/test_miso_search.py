@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.estimation.solver.fewer_poles import grown
+from replant.estimation.solver.undetermined_poles import grown
 from replant.numerics.arguments import FloatArray
 from support.cases import every
 

@@ -21,9 +21,9 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Point, Row, evaluate
-from replant.estimation.solver.fewer_poles import grown
 from replant.estimation.solver.miso_start import start
 from replant.estimation.solver.solve import leaving_out, suspected
+from replant.estimation.solver.undetermined_poles import grown
 from replant.fitting.miso_fit import fit_row, ready_row
 from replant.fitting.miso_references import with_outside
 from replant.fitting.miso_solve import covariance_of, differs, likeliest

@@ -28,9 +28,9 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, stability_margin
-from replant.estimation.solver.fewer_poles import INFINITE, grown, with_poles
 from replant.estimation.solver.refined_estimate import Refined, without_nuisances
 from replant.estimation.solver.srivc import refine
+from replant.estimation.solver.undetermined_poles import INFINITE, grown, with_poles
 from replant.kernels.schema import LAGS
 from replant.model.state_space import unknown_outputs
 from replant.model.structure import Structure

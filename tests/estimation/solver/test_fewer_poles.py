@@ -9,10 +9,10 @@ import pytest
 
 import replant as rp
 from replant.estimation.engine.record import Record
-from replant.estimation.solver.fewer_poles import INFINITE, grown, with_poles
 from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
+from replant.estimation.solver.undetermined_poles import INFINITE, grown, with_poles
 from support.cases import every
 
 FINE = 20  # steps of the simulation in a sampling time

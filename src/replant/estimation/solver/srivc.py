@@ -43,10 +43,10 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import simulate
-from replant.estimation.solver.fewer_poles import INFINITE, grown, with_poles
 from replant.estimation.solver.refined_estimate import Refined, Root, without_nuisances
 from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, disagreement, is_answered
 from replant.estimation.solver.srivc_steps import STALLS, Problem, is_long_enough
+from replant.estimation.solver.undetermined_poles import INFINITE, grown, with_poles
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray

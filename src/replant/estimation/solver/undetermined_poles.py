@@ -13,6 +13,10 @@ variances of the residual, with a probability of 1 - alpha.  A pole that explain
 The covariance is then larger along the way there, :math:`[A, B] \propto [A_-, B_-]`, for a pair also along
 :math:`[s A_-, 0]`, by as much as the coefficients are.  What G(s) does where it was excited hardly changes on that way.
 
+Where more poles are asked for than the record tells, the least error may lie where the surplus ones are infinitely
+fast.  Of the coefficients that is infinity, with unstable poles behind it, and steps from slower poles end far off.
+The model with fewer poles, `grown` by poles beyond all frequencies, lies next to it and explains as much.
+
 Source: Davies (1987), "Hypothesis testing when a nuisance parameter is present only under the alternative", Biometrika
 74; Turkman and Walker (1984), "On the asymptotic distributions of maxima of trigonometric polynomials and random sums
 of exponentials", Advances in Applied Probability 16 (the largest of K/2 ordinates).
@@ -29,7 +33,6 @@ import numpy as np
 
 from replant.estimation.engine.dimensions import entries_of
 from replant.estimation.engine.record import Record
-from replant.estimation.solver.fewer_poles import with_poles
 from replant.estimation.solver.refined_estimate import Refined, without_nuisances
 from replant.estimation.solver.srivc_steps import Problem
 from replant.model.shared_root import cancelled_pole
@@ -44,6 +47,13 @@ ComplexArray = np.ndarray[Any, np.dtype[np.complex128]]
 
 # fitting what is left of the model explains some of it again, but seldom as much
 WORTH_FITTING = 10.0  # part that a pole has in the output beyond which it is told, no fit being needed [limits]
+
+INFINITE = 300.0
+"""Magnitude of a pole that delays by too little to be told from an infinitely fast one [1 / sampling time].
+Origin: of 90 fits with a pole more than the one before, of random plants up to twice as fast as the sampling, 6
+explained less by a point at 10, 1 at 30, none at 100, 300 and 1000; 8 without a start from fewer poles.
+Sensitivity: not measured.
+"""
 
 
 @quiet
@@ -121,3 +131,24 @@ def _towards(structure: Structure, other: Structure, model: FloatArray, speed: f
             way[structure.coefficients - b.size : structure.coefficients] = b * speed**gone
             way[structure.coefficients : structure.size] = model[other.coefficients : other.size] * speed**gone
         yield way
+
+
+def with_poles(structure: Structure, poles: int) -> Structure:
+    """Return a structure with so many poles, no more than it has, and as many of its zeros as they allow."""
+    return replace(structure, poles=poles, zeros=min(structure.zeros, poles - (not structure.feedthrough)))
+
+
+def grown(less: Structure, theta: FloatArray, more: Structure, lag: float) -> FloatArray:
+    """Return the coefficients of a model as one with more poles, of ``lag`` s each.
+
+    >>> grown(Structure(1), np.array([2.0, 3.0]), Structure(2, zeros=1), 0.5)
+    array([4., 4., 0., 6.])
+    """
+    a, b = np.concatenate([[1.0], theta[less.denominator]]), theta[less.numerator]
+    for _ in range(more.poles - less.poles):
+        a, b = np.convolve(a, [1.0, 1.0 / lag]), b / lag
+    model = np.zeros(more.coefficients)
+    model[more.denominator] = a[1:]
+    b = b[-(more.zeros + 1) :]
+    model[more.coefficients - b.size :] = b
+    return model
