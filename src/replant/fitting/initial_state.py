@@ -1,13 +1,13 @@
 r"""Whether the free initial state of a record takes a part of the response to its input.
 
-Of a step test with few samples before the step, initial state and gain are told by nearly the same samples: the gain is
-known to a tenth of what it is to a record that is known to begin at rest.  If it does, the gain from rest,
+A step test with few samples before the step tells initial state and gain by nearly the same samples: its gain is known
+ten times less well than if the record is known to begin at rest.  If it does begin at rest, the gain from rest,
 :math:`g_r`, is efficient, and the free one, :math:`g_f`, differs by chance alone (Hausman):
 
-.. math:: (g_f - g_r)^2 / (\\sigma_f^2 - \\sigma_r^2) \\sim \\chi^2_1
+.. math:: (g_f - g_r)^2 / (\sigma_f^2 - \sigma_r^2) \sim \chi^2_1
 
-That it begins at rest is likely where the output does not rise or fall before the input moves, and where nothing speaks
-against the model from rest.
+A record is taken to begin at rest where the output neither rises nor falls before the input moves, and where the model
+from rest is trusted.
 
 Source: Hausman (1978), "Specification tests in econometrics", Econometrica 46.
 """
@@ -25,6 +25,7 @@ from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
 from replant.logs.conditioning import outputs_from_rest
 from replant.model.structure import Structure
+from replant.model.uncertainty import Uncertainty, dc_gain_slope
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile, inner, products, pseudo_inverse, quiet, sum_of_squares
 from replant.numerics.projections import WEAKEST
@@ -56,26 +57,10 @@ def gain_from_rest(structure: Structure, theta: FloatArray, covariance: FloatArr
     known = found.covariance[:size, :size]
     if assess_record(structure, found.theta[:size], longer, record.dt, known).status != "trusted":
         return None
-    free, at_rest = _gain(structure, theta), _gain(structure, found.theta)
-    more = _variance(structure, theta, covariance) - _variance(structure, found.theta[:size], known)
+    free, at_rest = (structure.transfer_function(each).dc_gain for each in (theta, found.theta[:size]))
+    stds = (Uncertainty(structure, theta, covariance), Uncertainty(structure, found.theta[:size], known))
+    more = stds[0].dc_gain_std ** 2 - stds[1].dc_gain_std ** 2
     return at_rest if more > 0.0 and (free - at_rest) ** 2 > chi2_quantile(1.0 - LEVEL, 1) * more else None
-
-
-def _gain(structure: Structure, theta: FloatArray) -> float:
-    return float(theta[structure.coefficients - 1] / theta[structure.poles - 1])
-
-
-def _slope(structure: Structure, theta: FloatArray) -> FloatArray:
-    """Return the derivative (P,) of the gain."""
-    slope = np.zeros(structure.size)
-    slope[structure.coefficients - 1] = 1.0 / theta[structure.poles - 1]
-    slope[structure.poles - 1] = -_gain(structure, theta) / theta[structure.poles - 1]
-    return slope
-
-
-def _variance(structure: Structure, theta: FloatArray, covariance: FloatArray) -> float:
-    slope = _slope(structure, theta)
-    return float(slope @ covariance @ slope)
 
 
 def _rests(record: Record) -> bool:
@@ -105,7 +90,7 @@ def _is_taken(structure: Structure, theta: FloatArray, record: Record) -> bool:
     lengths = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     scaled = information / np.outer(lengths, lengths)
     slope = np.zeros(model.size)
-    slope[: structure.size] = _slope(structure, theta)
+    slope[: structure.size] = dc_gain_slope(structure, theta)
     slope /= lengths
     free = float(slope @ pseudo_inverse(scaled, WEAKEST) @ slope)
     told = float(slope[:size] @ pseudo_inverse(scaled[:size, :size], WEAKEST) @ slope[:size])

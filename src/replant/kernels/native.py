@@ -162,6 +162,7 @@ class Library:
         self.source = self._library.replant_source().decode()
         names = [self._library.replant_name(number) for number in range(self._library.replant_count())]
         self._numbers = {name.decode(): number for number, name in enumerate(names)}
+        self._step_numbers = {name.decode(): self._library.replant_step_number(name) for name in names}  # -1: no step
         found = {name: ctypes.cast(getattr(ctypes.pythonapi, name), ctypes.c_void_p).value for name in Api.NAMES}
         given = {"type_error": TypeError, "value_error": ValueError}
         self._api = Api(**found, **given, contiguous=np.ascontiguousarray)
@@ -173,10 +174,6 @@ class Library:
     def kernel(self, name: str) -> Callable[..., Any]:
         """Return a kernel."""
         return self._new(self._library.replant_call_definition(), self._numbers[name], None)  # type: ignore[no-any-return]
-
-    @functools.cache  # noqa: B019 - there is one library
-    def _step_number(self, name: str) -> int:
-        return int(self._library.replant_step_number(name.encode()))
 
     def table(self, name: str, arrays: tuple[np.ndarray, ...]) -> bytearray:
         """Return the addresses and shapes of a state's arrays, for `step`.
@@ -190,7 +187,7 @@ class Library:
             if array.dtype != kind or not (array.flags.c_contiguous and array.flags.writeable):
                 raise ValueError(f"{name}: array {place} of the state is not {kind.__name__}, contiguous and writable")
             numbers += [array.__array_interface__["data"][0], *array.shape]
-        number = self._step_number(name)
+        number = self._step_numbers.get(name, -1)
         if number < 0 or len(numbers) != GATE:
             raise ValueError(f"{name} is no step kernel, or these are not the arrays of a state")
         return bytearray(np.array([*numbers, SHUT, number], np.int64).tobytes())

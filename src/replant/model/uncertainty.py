@@ -121,13 +121,9 @@ class Uncertainty:
     @quiet
     def dc_gain_std(self) -> float:
         """Standard deviation of G(0)."""
-        a0, b0 = self._model.den[-1], self._model.num[-1]
-        if a0 == 0.0:
+        if self._model.den[-1] == 0.0:
             return math.inf
-        slope = np.zeros(self.structure.size)
-        slope[self.structure.denominator.stop - 1] = -b0 / a0**2
-        slope[self.structure.numerator.stop - 1] = 1.0 / a0
-        return _std(slope, self.covariance)
+        return _std(dc_gain_slope(self.structure, self.parameters), self.covariance)
 
     @quiet
     def response(self, frequency: Sequence[float] | FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -195,6 +191,15 @@ class Uncertainty:
             return slope
         slope[:n] = -(pole ** np.arange(n - 1, -1, -1)) / steepness
         return slope
+
+
+def dc_gain_slope(structure: Structure, parameters: FloatArray) -> FloatArray:
+    """Return the derivative (P,) of G(0)."""
+    a0, b0 = parameters[structure.denominator.stop - 1], parameters[structure.numerator.stop - 1]
+    slope = np.zeros(structure.size)
+    slope[structure.denominator.stop - 1] = -b0 / a0**2
+    slope[structure.numerator.stop - 1] = 1.0 / a0
+    return slope
 
 
 def _unknown(mode: Mode, std: float) -> UncertainMode:

@@ -225,7 +225,7 @@ def larger(coloured: FloatArray, white: FloatArray) -> FloatArray:
 
 
 def without_rounding(covariance: FloatArray) -> FloatArray:
-    """Return a covariance as one that it is but for rounding: even, and with no correlation beyond one."""
+    """Return a covariance without what rounding has made of it: symmetric, and no correlation beyond one."""
     spread = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     bound = np.outer(spread, spread)
     return np.asarray(np.clip(0.5 * (covariance + covariance.T), -bound, bound))

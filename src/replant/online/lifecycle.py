@@ -200,6 +200,7 @@ class Lifecycle(Estimate):
         self._state.attention = False  # last: interrupted, this is done again
 
     def _come_back(self) -> None:
+        """Ask for attention with the next sample."""
         self._state.attention_at = self._state.samples + 1
         self._state.attention = False  # last, as in `_plan`
 

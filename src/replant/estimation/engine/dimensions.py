@@ -44,10 +44,12 @@ class Dimensions:
 
     @classmethod
     def of_settings(cls, settings: Settings, recent: int, path: int | None = None) -> Dimensions:
-        """Return those of an identifier with these settings that has room for so many raw samples."""
+        """Return those of an identifier with these settings that has room for so many raw samples, and a path."""
         structure, replay, optimizer = settings.structure, settings.replay, settings.optimizer
         refined = settings.filter.follows_estimate
         entries = entries_of(structure, refined=refined)
+        if path is None:
+            path = ROOM if recent >= FEWEST_JUDGED else 0
         return cls(
             structure.poles,
             entries,
@@ -60,7 +62,7 @@ class Dimensions:
             companions=settings.instruments or refined,
             guarded=optimizer.keeps_covariance,
             reference=settings.reference,
-            path=path if path is not None else ROOM if recent >= FEWEST_JUDGED else 0,
+            path=path,
         )
 
     @classmethod
