@@ -28,7 +28,7 @@ from replant.fitting.miso_fit import fit_row, ready_row
 from replant.fitting.miso_references import with_outside
 from replant.fitting.miso_solve import covariance_of, differs, likeliest
 from replant.fitting.samples import Samples
-from replant.fitting.search_result import ALPHA, BETWEEN, WORTH, Candidate, SearchResult, top_of_parabola
+from replant.fitting.search_result import ALPHA, Candidate, SearchResult, likeliest_between
 from replant.fitting.structure_evidence import Evidence, least_known
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
@@ -150,15 +150,9 @@ class _Search:
         low, high = delays[max(k - 1, 0)], delays[min(k + 1, len(delays) - 1)]
         found = {delay: self._at(best, i, delay) for delay in {low, delays[k], high}}
         trials = {delay: trial for delay, trial in found.items() if trial is not None}
-        for _ in range(BETWEEN if high > low else 0):
-            delay, gain = top_of_parabola({at: trial.likelihood for at, trial in trials.items()}, low, high)
-            if gain < WORTH or delay in trials:
-                break
-            trial = self._at(trials[min(trials, key=lambda at: abs(at - delay))], i, delay)
-            if trial is None:
-                break
-            trials[delay] = trial
-        return max(trials.values(), key=lambda trial: trial.likelihood)
+        if not high > low:
+            return trials[low]
+        return likeliest_between(trials, low, high, self.record.dt, lambda delay, beside: self._at(beside, i, delay))
 
     def _on_grid(self, best: Trial) -> tuple[Trial, Trial]:
         """Return the trial with the grid's dead times, and the best one where these stay unless others are paid for."""

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import html
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_fit import RowFit
@@ -148,6 +148,39 @@ class MatrixSearch:
 
     def __repr__(self) -> str:
         return "\n".join(f"{row.best.model.output_name}: {row!r}" for row in self.rows)
+
+
+class Likely(Protocol):
+    """A trial of a dead time."""
+
+    @property
+    def likelihood(self) -> float:
+        """Logarithm of that of all samples."""
+
+
+Tried = TypeVar("Tried", bound=Likely)
+
+
+def likeliest_between(
+    trials: dict[float, Tried], low: float, high: float, dt: float, tried: Callable[[float, Tried], Tried | None]
+) -> Tried:
+    """Return the likeliest trial of the dead times between two points of a grid, ``tried`` beside the nearest one.
+
+    A zero can make up for a part of a dead time, so that there may be several tops: where the grid is coarser than the
+    samples, both sides of its best point are looked into.
+    """
+    best = max(trials, key=lambda at: trials[at].likelihood)
+    sides = [0.5 * (best + end) for end in (low, high) if abs(end - best) > dt]
+    for _ in range(BETWEEN):
+        top = top_of_parabola({at: trial.likelihood for at, trial in trials.items()}, low, high)
+        delay, gain = (sides.pop(), math.inf) if sides else top
+        if gain < WORTH or delay in trials:
+            break
+        trial = tried(delay, trials[min(trials, key=lambda at: abs(at - delay))])
+        if trial is None:
+            break
+        trials[delay] = trial
+    return max(trials.values(), key=lambda trial: trial.likelihood)
 
 
 def top_of_parabola(values: Mapping[float, float], low: float, high: float) -> tuple[float, float]:

@@ -20,10 +20,10 @@ from replant.fitting.miso_search import Options, search_rows
 from replant.fitting.rows_of_outputs import are_rows, in_columns, samples_of_outputs
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.search_result import ALPHA as ALPHA
-from replant.fitting.search_result import BETWEEN, WORTH, top_of_parabola
 from replant.fitting.search_result import Candidate as Candidate
 from replant.fitting.search_result import MatrixSearch as MatrixSearch
 from replant.fitting.search_result import SearchResult as SearchResult
+from replant.fitting.search_result import likeliest_between
 from replant.fitting.structure_evidence import Evidence, Trial
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess, screen
@@ -303,16 +303,11 @@ class _Sweep:
         if not high > low or (top is not None and best.evidence < top.evidence - 3.0 * self._reach):
             return
         found = {trial.structure.delay: trial for trial in self._of(_size(best.structure))}
-        for _ in range(BETWEEN):
-            delay, gain = top_of_parabola({each: trial.likelihood for each, trial in found.items()}, low, high)
-            if gain < WORTH or delay in found:
-                break
-            beside = found[min(found, key=lambda each: abs(each - delay))]
-            trial = self._evidence.of(replace(best.structure, delay=delay), [beside.found.theta])
-            if trial is None:
-                break
-            found[delay] = trial
-        self._between[_size(best.structure)] = max(found.values(), key=lambda trial: trial.evidence)
+
+        def tried(delay: float, beside: Trial) -> Trial | None:
+            return self._evidence.of(replace(best.structure, delay=delay), [beside.found.theta])
+
+        self._between[_size(best.structure)] = likeliest_between(found, low, high, self._evidence.record.dt, tried)
 
 
 def _options(given: Samples, poles: Any, zeros: Any, delays: Any) -> list[Options]:
