@@ -23,6 +23,7 @@ from replant.fitting.structure_search import search
 from replant.online.runs.result import result_of_fit
 from replant.report.results_as_text import as_json
 from replant.signals import prbs, white_noise
+from support.builders import irregular_record
 from support.cases import every
 from support.places import ROOT
 
@@ -277,13 +278,13 @@ def test_least_squares_and_a_reference_of_another_length_are_refused() -> None:
         rp.fit(done.u, done.y, DT, rp.Structure(1), reference=done.r[1:])
 
 
-def test_a_clock_that_jitters_leaves_coloured_noise_to_the_sandwich() -> None:
-    """No residual has a known past: order 0, today's estimate; intervals that are regular give an order."""
-    rng = np.random.default_rng(0)
+def test_a_clock_that_jitters_keeps_the_colour_of_the_noise() -> None:
+    """The residuals beside each other are the same ones; where an interval is much longer enough others are left."""
+    plant, generator = rp.TransferFunction([1.0], [1.0, 1.0]), np.random.default_rng(0)
+    noise = lfilter([1.0], [1.0, -0.9], 0.01 * generator.standard_normal(3000))
+    u, y, t = irregular_record(plant, 0, 3000, DT, jitter=0.8, hold=8)
+    fitted = rp.fit(u, y + noise, DT, rp.Structure(1), t=t)
+    assert fitted.noise.coefficients[1] == pytest.approx(-0.9, abs=0.05)
     u = prbs(3000, hold=8)
-    t = DT * (np.arange(3000) + 0.8 * rng.random(3000) - 0.4)
-    y = lfilter([1.0], [1.0, -0.9], 0.01 * rng.standard_normal(3000))
-    y += rp.TransferFunction([1.0], [1.0, 1.0]).simulate(u, DT)
-    assert rp.fit(u, y, DT, rp.Structure(1), t=t).noise.is_white
-    t = DT * (np.arange(3000) + (np.arange(3000) // 100) * 0.5)  # every hundredth interval is half as long again
-    assert rp.fit(u, y, DT, rp.Structure(1), t=t).noise.order == 1
+    t = DT * (np.arange(3000) + (np.arange(3000) // 100) * 0.6)  # every hundredth interval
+    assert rp.fit(u, plant.simulate(u, DT) + noise, DT, rp.Structure(1), t=t).noise.order == 1

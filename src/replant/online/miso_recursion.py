@@ -18,7 +18,7 @@ from replant.estimation.simulation.miso_branches import Branches
 from replant.estimation.simulation.miso_exogenous import Law, with_moved
 from replant.estimation.solver.change_contest import HARMLESS
 from replant.fitting.miso_solve import RowEstimate
-from replant.kernels.filters.whitening import IRREGULAR
+from replant.kernels.filters.whitening import JITTER
 from replant.kernels.schema import LAGS
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
@@ -227,7 +227,7 @@ class RowRecursion:
         waits = max(each.delay for each in self.structures) if begins else waits
         left = np.subtract.accumulate(np.concatenate([[waits], steps]))[1:] if waits > 0.0 else np.zeros(y.size)
         measured = np.isfinite(y) & ~(left > SAME * intervals)
-        usual = np.abs(intervals - self.dt) <= IRREGULAR * self.dt
+        usual = np.abs(intervals - self.dt) <= JITTER * self.dt
         usual[0] &= not begins
         records = _records(u - self.origin, intervals)
         outputs, slopes, free = models.run(self._coefficients, self.weights[1:], records, on=True)

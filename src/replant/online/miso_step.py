@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from replant.estimation.engine.state import GAP
-from replant.kernels.filters.whitening import IRREGULAR
+from replant.kernels.filters.whitening import JITTER
 from replant.kernels.schema import LARGEST, LEAP
 from replant.numerics.arguments import FloatArray
 from replant.online.miso_recursion import SURPRISE, RowRecursion
@@ -73,7 +73,7 @@ class RowStep:
     def take(self, u: Sequence[float], y: float, interval: float) -> tuple[float, bool]:
         """Take a finite sample; return its error, and whether it is one at which the record is looked into."""
         self._rows[:-1] = self._rows[1:]
-        self._interval[0], self._usual[0] = interval, abs(interval - self._dt) <= IRREGULAR * self._dt
+        self._interval[0], self._usual[0] = interval, abs(interval - self._dt) <= JITTER * self._dt
         error = (y - self._level) - self._constant
         for place, value, origin, (given, output, parts) in zip(self._u, u, self._origin, self._branches, strict=True):
             place[0] = value - origin

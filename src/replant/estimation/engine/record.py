@@ -32,13 +32,6 @@ Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, not
 MOST_GAPS = 500  # gaps that part a record, the longest ones of them: each costs a pass over its part [count]
 
 
-JITTER = 0.5
-"""Difference of an interval from the usual one up to which the colour of a residual is told as if there were none [part
-of the usual interval].
-Derivation: beyond half an interval the sample nearest in time is another one.
-"""
-
-
 def _since(broken: BoolArray) -> IntArray:
     """Return how many samples came since the last break before each (K,); 0 where it is one."""
     index = np.arange(broken.size)
@@ -93,38 +86,30 @@ class Record:
 
     @cached_property
     def predecessors(self) -> IntArray:
-        """How many outputs before each (K,) were measured one sampling time apart, up to LAGS."""
-        from replant.kernels.filters.whitening import IRREGULAR
-
-        return self._before(IRREGULAR)
-
-    @cached_property
-    def rough_predecessors(self) -> IntArray:
-        """The same where jitter counts as none: of a residual's colour, which changes little in half an interval."""
-        return self._before(JITTER)
-
-    @property
-    def inputs_before(self) -> IntArray:
-        """How many inputs before each (K,) came a sampling time apart; jitter counts as none."""
-        return _since(self._breaks(JITTER))
-
-    def _before(self, irregular: float) -> IntArray:
-        """Return how many outputs before each (K,) came at intervals that are irregular by no more than a part."""
-        broken = self._breaks(irregular)
+        """How many outputs before each (K,) were measured a sampling time apart, up to LAGS; jitter counts as none."""
+        broken = self._breaks
         if self.measured is None:
             since = _since(broken)
             return np.minimum(since, LAGS, out=since)
         broken[1:] |= ~self.measured[:-1]
         return np.where(self.measured, np.minimum(_since(broken), LAGS), 0)
 
-    def _breaks(self, irregular: float) -> BoolArray:
-        """Return which samples (K,) begin a record, or come at another interval than usual, by a part of that."""
+    @property
+    def inputs_before(self) -> IntArray:
+        """How many inputs before each (K,) came a sampling time apart; jitter counts as none."""
+        return _since(self._breaks)
+
+    @property
+    def _breaks(self) -> BoolArray:
+        """Which samples (K,) begin a record, or come at another interval than usual, by more than jitter."""
+        from replant.kernels.filters.whitening import JITTER
+
         broken = np.zeros(self.u.size, bool)
         broken[:1] = True
         broken[list(self.begins)] = True
         if self.intervals.size > 1:
             nominal = float(np.median(self.intervals[1:]))
-            broken |= np.abs(self.intervals - nominal) > irregular * nominal
+            broken |= np.abs(self.intervals - nominal) > JITTER * nominal
         return broken
 
     @cached_property

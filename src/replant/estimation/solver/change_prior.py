@@ -65,9 +65,9 @@ class Known:
             return cls(mean, information, error, known, usual, filters, np.zeros((0, mean.size)))
         noise = Autoregression.white(sum_of_squares(error[:begin]), first.count)
         if noise.power > 0.0:
-            noise = Autoregression.of_residual(error[:begin], first.rough_predecessors, first.count)
-        white = noise.whiten_known(error[:begin], first.rough_predecessors)
-        slopes = noise.whiten_known(done.zeta[:begin], first.rough_predecessors)
+            noise = Autoregression.of_residual(error[:begin], first.predecessors, first.count)
+        white = noise.whiten_known(error[:begin], first.predecessors)
+        slopes = noise.whiten_known(done.zeta[:begin], first.predecessors)
         slopes[~first.is_measured] = 0.0
         variance = sum_of_squares(white) / (first.count - mean.size)
         return cls(mean, information, error, noise, variance, filters, slopes)
@@ -77,7 +77,7 @@ class Known:
         begin, coefficients = len(self.slopes), np.diag(self.information) > 0.0
         if not coefficients.any():
             return 1.0, math.inf
-        white = self.noise.whiten_known(self.error[:begin], record.rough_predecessors[:begin])
+        white = self.noise.whiten_known(self.error[:begin], record.predecessors[:begin])
         return dispersion_of(self.slopes, white, coefficients, length, self.variance)
 
     def onset(self, record: Record, earliest: int) -> int:
@@ -86,7 +86,7 @@ class Known:
         The filter is at rest before: a coloured residual that is large there already may be off since before.
         """
         error = np.where(np.arange(self.error.size) < earliest, 0.0, self.error)
-        white = self.noise.whiten_known(error, record.rough_predecessors)[earliest:]
+        white = self.noise.whiten_known(error, record.predecessors)[earliest:]
         untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
         return earliest + int(untold[0]) if untold.size else earliest
 

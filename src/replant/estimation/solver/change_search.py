@@ -118,7 +118,7 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
         noise = Stretch.of(record, slice(None)).colour(error)
         if not float(np.std(error)) * beside >= HARMLESS * float(np.std(record.y)):  # nor where it is NaN
             return 0
-        return surest_begin(noise.whiten_known(signals, record.rough_predecessors), size, fewest, record.count)[0]
+        return surest_begin(noise.whiten_known(signals, record.predecessors), size, fewest, record.count)[0]
 
 
 def surest_begin(signals: FloatArray, size: int, fewest: int, count: int) -> tuple[int, float]:

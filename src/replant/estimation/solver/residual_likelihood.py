@@ -38,7 +38,7 @@ class Stretch:
         measured = record.is_measured[rows]
         parts = tuple(part for part in (slice(0, middle), slice(middle, measured.size)) if measured[part].any())
         least = (FINEST * float(np.std(record.y) if record.y.size else 0.0)) ** 2 + np.finfo(float).tiny
-        return cls(record.rough_predecessors[rows], measured, parts, least)
+        return cls(record.predecessors[rows], measured, parts, least)
 
     @property
     def count(self) -> int:

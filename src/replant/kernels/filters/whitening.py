@@ -9,7 +9,7 @@ its coefficients come from sums of e_{k-i} e_{k-j} over all samples learned; the
 Where the residual is no noise but an error of the model, rows are not filtered, see
 `replant.estimation.solver.specification_test`.
 
-Where the past is broken (an interval that is irregular, a gap, an output that was bridged) only j < p predecessors are
+Where the past is broken (a lost sample, a gap, an output that was bridged) only j < p predecessors are
 known.  The best model of order j filters then, whose residual has the larger variance V_j.  The weight
 g^2 = gain V_0 / V_j makes up for it: it is the likelihood of an autoregression with a missing past.  ``gain`` is
 V_p / V_0 of the model that the optimizer's covariance was begun with, so that this stays in one unit: the variance
@@ -24,10 +24,9 @@ import math
 from replant.kernels.filters.series import nested_models
 from replant.kernels.schema import LAGS, Doubt
 
-IRREGULAR = 0.1
+JITTER = 0.5
 """Difference from the sampling time beyond which an interval breaks the residual's past [sampling times].
-Derivation: the autocorrelation of a residual that an autoregression can whiten changes little within a tenth of a step.
-Sensitivity: halved or doubled, nothing changes on these records.
+Derivation: beyond half an interval the sample nearest in time is another one.
 """
 
 ENOUGH = 64.0
@@ -87,7 +86,7 @@ def whiten(s, target, interval):
     Those of an output that was bridged stay as they are: they are not learned, and break the past of later ones.
     """
     noise = s.noise
-    if abs(interval - s.interval) > IRREGULAR * s.interval:
+    if abs(interval - s.interval) > JITTER * s.interval:
         noise.known = 0.0
     if s.doubt != Doubt.NONE:
         noise.known = 0.0
