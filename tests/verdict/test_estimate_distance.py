@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -17,6 +19,7 @@ from support.builders import binary
 from support.cases import every
 
 DT, SAMPLES = 0.05, 2000
+EVERY, RECORD = np.ones(SAMPLES, bool), Record(np.zeros(SAMPLES), np.zeros(SAMPLES), np.array([DT]))
 PLANT, STRUCTURE, TRUE = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), rp.Structure(2), np.array([4.0, 3.0, 2.0])
 
 
@@ -25,12 +28,18 @@ def coloured(seed: int, colour: float, samples: int = SAMPLES) -> np.ndarray:
     return np.asarray(made * np.sqrt(1.0 - colour**2))
 
 
-def distance_of(estimate: np.ndarray, seed: int, noise: float, colour: float = 0.0) -> Distance:
+def known(measured: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """How many measured samples in a row come before each, and which are."""
+    return replace(RECORD, measured=measured).predecessors, measured
+
+
+def distance_of(estimate: np.ndarray, seed: int, noise: float, colour: float = 0.0, missing: float = 0.0) -> Distance:
     u = binary(seed, SAMPLES, 8)
     y = PLANT.simulate(u, DT) + noise * coloured(seed, colour)
-    run = run_model(STRUCTURE, estimate, Record(u, y, np.array([DT])), DT)
+    measured = np.random.default_rng([seed, 1]).random(SAMPLES) >= missing
+    run = run_model(STRUCTURE, estimate, Record(u, y, np.array([DT]), measured=measured), DT)
     assert run is not None
-    return distance(run, slice(0, SAMPLES), 0.05)
+    return distance(run, slice(0, SAMPLES), *known(measured), 0.05)
 
 
 def test_without_noise_the_step_leads_to_the_truth() -> None:
@@ -42,14 +51,14 @@ def test_without_noise_the_step_leads_to_the_truth() -> None:
         assert found.statistic > 1.0
 
 
-@pytest.mark.parametrize("colour", [0.0, 0.8])
-def test_its_covariance_is_honest(colour: float) -> None:
+@pytest.mark.parametrize(("colour", "missing"), [(0.0, 0.0), (0.8, 0.0), (0.98, 0.15)])
+def test_its_covariance_is_honest(colour: float, missing: float) -> None:
     """200 records, run with the true model: step' C^-1 step is chi2 with three degrees of freedom.
 
     Its mean lies within four standard errors of 3, a tenth more for a covariance that is itself estimated, and is
     allowed to be too large a covariance by a fifth; alarms at 5 % are below 11 % (four standard deviations).
     """
-    found = [distance_of(TRUE, seed, 0.05, colour) for seed in range(200)]
+    found = [distance_of(TRUE, seed, 0.05, colour, missing) for seed in range(200)]
     squares = np.array([each.step @ np.linalg.solve(each.covariance, each.step) for each in found])
     error = np.sqrt(6.0 / 200)
     assert 3.0 * 0.8 - 4 * error < squares.mean() < 3.0 * 1.1 + 4 * error
@@ -76,7 +85,7 @@ def test_over_the_newest_samples_alone_coloured_noise_is_no_change(colour: float
         y = PLANT.simulate(u, DT) + 0.05 * coloured(seed, colour)
         run = run_model(STRUCTURE, TRUE, Record(u, y, np.array([DT])), DT)
         assert run is not None
-        for count, found in newest_distances(run, (100, 200, 400, 5000), 1e-4):
+        for count, found in newest_distances(run, *known(EVERY), (100, 200, 400, 5000), 1e-4):
             squares.setdefault(count, []).append(found.statistic * limit)
     assert list(squares) == [100, 200, 400]
     for each in squares.values():
@@ -98,7 +107,7 @@ def test_over_the_newest_samples_alone_drift_is_no_change() -> None:
         y = PLANT.simulate(u, DT) + 0.03 * drift
         run = run_model(STRUCTURE, TRUE, Record(u, y, np.array([DT])), DT)
         assert run is not None
-        alarms += sum(found.statistic > 1.0 for _, found in newest_distances(run, (50, 100, 200), 1e-4))
+        alarms += sum(found.statistic > 1.0 for _, found in newest_distances(run, *known(EVERY), (50, 100, 200), 1e-4))
     assert alarms < 6
 
 

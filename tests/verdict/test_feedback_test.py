@@ -10,6 +10,7 @@ import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.estimation.solver.feedback_test import Feedback
+from replant.kernels.schema import LAGS
 from replant.numerics.levels import ALPHA
 from replant.verdict.evidence import Evidence
 from replant.verdict.loop_tests import answer, colour_left
@@ -73,8 +74,17 @@ def test_where_nothing_can_be_told_nothing_is_found() -> None:
 
 
 def test_colour_that_the_noise_model_takes_is_none() -> None:
-    noise = coloured(1, 5000, 0.9)
-    assert colour_left(noise) < 1.0 < colour_left(noise[20:] + noise[:-20])
+    noise, past = coloured(1, 5000, 0.9), np.minimum(np.arange(5000), LAGS)
+    assert colour_left(noise, past) < 1.0 < colour_left(noise[20:] + noise[:-20], past[20:])
+
+
+def test_colour_beside_holes_that_the_noise_model_takes_is_none() -> None:
+    """Of 20 records with 15 % of the outputs missing: the statistic over its limit at 1e-4 stays below 1."""
+    for seed in range(20):
+        noise, there = coloured(seed, 3000, 0.98), np.random.default_rng(seed).random(3000) > 0.15
+        index = np.arange(3000)
+        past = np.minimum(index - np.maximum.accumulate(np.where(there, -1, index)) - 1, LAGS)
+        assert colour_left(np.where(there, noise, np.nan), np.maximum(past, 0)) < 1.0
 
 
 def test_the_rounding_of_a_coarse_sensor_answers_nothing() -> None:

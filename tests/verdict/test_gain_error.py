@@ -90,5 +90,5 @@ def test_a_change_near_the_end_of_a_long_record_is_found(entry: int, factor: flo
     assert "inconsistent" in findings(given)
     runs = Runs.of(given)
     assert runs is not None
-    whole = distance(runs.now, slice(0, SAMPLES), 1e-4)
+    whole = distance(runs.now, given.known, given.past, given.used, 1e-4)
     assert np.abs(whole.step / TRUE).max() < 0.5 * abs(factor - 1.0)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.kernels.schema import LAGS
-from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.linear_algebra import chi2_quantile, inner, products, quiet, roots, sum_of_squares
 
 WHITENESS_LAGS = 25
@@ -140,6 +140,17 @@ class Autoregression:
         series.whiten_known(self.models, weights, flat, channels, np.ascontiguousarray(known, np.int64), result)
         return result.reshape(signals.shape)
 
+    def whiten_whole(self, signals: FloatArray, known: IntArray, used: BoolArray) -> tuple[FloatArray, BoolArray]:
+        """Return D(q) x of ``signals`` (K, ...) at samples used whose p predecessors are known, else zero; and which.
+
+        A sample with a shorter past is not independent of those before the hole: of slow noise all of them tell one
+        level.
+        """
+        whole = used & (known >= self.order)
+        white = self.ahead(signals)
+        white[~whole] = 0.0
+        return white, whole
+
     def colour(self, signals: FloatArray) -> FloatArray:
         """Return x / D(q) of ``signals`` (K, ...) from rest; roots of D outside the unit circle are mirrored."""
         from replant.kernels.filters.series import all_pole
@@ -157,6 +168,12 @@ def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
         return model, 1.0
     moved = np.where(outside, 1.0 / np.conj(np.where(outside, places, 1.0)), places)
     return np.asarray(np.poly(moved).real), float(np.abs(places[outside]).prod())
+
+
+def in_a_row(whole: BoolArray) -> IntArray:
+    """Return how many samples come before each (K,) of those that are ``whole``, in a row."""
+    index = np.arange(whole.size)
+    return np.where(whole, index - np.maximum.accumulate(np.where(whole, -1, index)) - 1, 0)
 
 
 def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:
@@ -220,16 +237,21 @@ def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> Float
 
 
 def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL) -> float:
-    r"""Return the portmanteau statistic :math:`N \sum_\tau \hat r_e^2(\tau)` of a residual (K,) over its limit.
+    r"""Return the portmanteau statistic :math:`\sum_\tau N_\tau \hat r_e^2(\tau)` of a residual (K,) over its limit.
 
-    Of a residual that a model of so many coefficients has whitened it has as many degrees of freedom less.
+    ``N_tau`` pairs are known; NaN is not.  Of a residual that a model of so many coefficients has whitened it has as
+    many degrees of freedom less.
     """
-    lags = min(WHITENESS_LAGS, error.size // 4)
-    power = sum_of_squares(error)
+    known = np.isfinite(error)
+    error, count = np.where(known, error, 0.0), int(known.sum())
+    lags = min(WHITENESS_LAGS, count // 4)
+    power = sum_of_squares(error) / max(count, 1)
     if lags - spent < 1 or not power > 0.0:
         return 0.0
-    correlations = np.array([inner(error[lag:], error[: error.size - lag]) for lag in range(1, lags + 1)]) / power
-    return float(error.size * (correlations @ correlations) / chi2_quantile(level, lags - spent))
+    pairs = [(slice(lag, None), slice(0, error.size - lag)) for lag in range(1, lags + 1)]
+    sums = np.array([inner(error[late], error[early]) for late, early in pairs]) / power
+    numbers = np.array([np.count_nonzero(known[late] & known[early]) for late, early in pairs])
+    return float(np.sum(sums**2 / np.maximum(numbers, 1)) / chi2_quantile(level, lags - spent))
 
 
 def places_on_grid(intervals: FloatArray, dt: float) -> IntArray:

@@ -31,8 +31,8 @@ import numpy as np
 
 from replant.estimation.simulation.model_run import ModelRun
 from replant.model.uncertainty import Uncertainty
-from replant.numerics.arguments import FloatArray
-from replant.numerics.autoregression import Autoregression
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+from replant.numerics.autoregression import Autoregression, in_a_row
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import chi2_quantile, larger, products, pseudo_inverse, roots, sum_of_squares
 from replant.numerics.projections import lengths_of, orthogonal, without
@@ -100,28 +100,38 @@ class Step:
         return Distance(self.step / self.lengths, statistic, covariance / np.outer(self.lengths, self.lengths))
 
 
-def distance(run: ModelRun, rows: slice, false_alarm: float) -> Distance:
-    """Return the Gauss-Newton step from an estimate towards the one that a record gives, with its significance."""
-    nuisances = np.hstack([run.nuisances[rows], np.ones((len(run.error[rows]), 1))])
+def distance(run: ModelRun, rows: slice, past: IntArray, used: BoolArray, false_alarm: float) -> Distance:
+    """Return the Gauss-Newton step from an estimate towards the one that some rows (K,) give, with its significance.
+
+    Rows that are not ``used`` count for nothing; ``past``: how many used ones come before each in a row, up to LAGS.
+    """
+    nuisances = np.hstack([run.nuisances[rows], np.ones((used.size, 1))])
+    zeta, error = run.zeta[rows], run.error[rows]
     # With instruments from a reference the noise model is that of the residual itself: they are right whatever the
     # filter is, and in a loop the slopes explain much of what a load makes of it, so that the rest has another colour.
-    taken = nuisances if run.instruments is not None else np.hstack([run.zeta[rows], nuisances])
-    noise = Autoregression.of(without(run.error[rows, None], taken)[:, 0])
-    nuisances = noise.whiten(nuisances)
-    zeta = without(noise.whiten(run.zeta[rows]), nuisances)
-    error = without(noise.whiten(run.error[rows])[:, None], nuisances)[:, 0]
-    by_reference = None if run.instruments is None else noise.whiten(run.instruments[rows])
+    taken = nuisances if run.instruments is not None else np.hstack([zeta, nuisances])
+    left = np.zeros(used.size)
+    left[used] = without(error[used, None], taken[used])[:, 0]
+    noise = Autoregression.of_residual(left, past, int(used.sum()))
+    nuisances, whole = noise.whiten_whole(nuisances, past, used)
+    zeta = without(noise.whiten_whole(zeta, past, used)[0], nuisances)
+    error = without(noise.whiten_whole(error, past, used)[0][:, None], nuisances)[:, 0]
+    by_reference = None if run.instruments is None else noise.whiten_whole(run.instruments[rows], past, used)[0]
     newton = Step.of(zeta, error, by_reference, nuisances)
-    rest = Autoregression.of(newton.left)
-    innovation, coloured = rest.whiten(newton.left), rest.colour(newton.instruments)
-    variance = sum_of_squares(innovation) / max(innovation.size - len(newton.step), 1)
-    covariance = variance * newton.inverse @ products(coloured, coloured) @ newton.inverse.T
-    covariance = larger(covariance, float(np.mean(newton.left**2)) * newton.spread(newton.instruments))
+    past = in_a_row(whole) if noise.order else past
+    rest = Autoregression.of_residual(newton.left, past, int(whole.sum()))
+    innovation, counted = rest.whiten_whole(newton.left, past, whole)
+    coloured, variance = rest.colour(newton.instruments), sum_of_squares(innovation)
+    covariance = variance / max(int(counted.sum()) - len(newton.step), 1) * newton.spread(coloured)
+    usual = sum_of_squares(newton.left) / max(int(whole.sum()), 1)
+    covariance = larger(covariance, usual * newton.spread(newton.instruments))
     limit = float(chi2_quantile(1.0 - false_alarm, len(newton.step)))
     return newton.distance(newton.surprise(covariance), limit, covariance)
 
 
-def newest_distances(run: ModelRun, counts: Iterable[int], false_alarm: float) -> Iterator[tuple[int, Distance]]:
+def newest_distances(
+    run: ModelRun, past: IntArray, used: BoolArray, counts: Iterable[int], false_alarm: float
+) -> Iterator[tuple[int, Distance]]:
     """Yield the Gauss-Newton step that the newest samples alone ask of an estimate, for each number of them.
 
     A few samples do not tell the colour of their own residual: tested with it, coloured noise would be taken for a
@@ -130,19 +140,20 @@ def newest_distances(run: ModelRun, counts: Iterable[int], false_alarm: float) -
     scatter more than this says: by how much is measured on earlier stretches of the same length.  (The scatter of the
     estimate's path is no measure of it: the path moves after a change, which would so excuse itself.)
     """
-    noise = Autoregression.of(run.error - run.error.mean())
-    white = noise.whiten(run.error)
-    nuisances = noise.whiten(np.hstack([run.nuisances, np.ones((len(run.error), 1))]))
-    slopes = noise.whiten(run.zeta)
-    by_reference = None if run.instruments is None else noise.whiten(run.instruments)
-    usual, wider = float(white.var()), 1.0
+    error = np.where(used, run.error - run.error[used].mean(), 0.0)
+    noise = Autoregression.of_residual(error, past, int(used.sum()))
+    white, whole = noise.whiten_whole(error, past, used)
+    nuisances = noise.whiten_whole(np.hstack([run.nuisances, np.ones((used.size, 1))]), past, used)[0]
+    slopes = noise.whiten_whole(run.zeta, past, used)[0]
+    by_reference = None if run.instruments is None else noise.whiten_whole(run.instruments, past, used)[0]
+    usual, wider = sum_of_squares(white) / max(int(whole.sum()), 1), 1.0
 
     def newton(rows: slice) -> tuple[Step, FloatArray, float]:
         moving = without(np.column_stack([slopes[rows], white[rows]]), nuisances[rows])
         found = Step.of(
             moving[:, :-1], moving[:, -1], None if by_reference is None else by_reference[rows], nuisances[rows]
         )
-        free = max(len(moving) - len(found.step) - nuisances.shape[1], 1)
+        free = max(int(whole[rows].sum()) - len(found.step) - nuisances.shape[1], 1)
         covariance = max(usual, sum_of_squares(found.left) / free) * found.spread(found.instruments)
         return found, covariance, found.surprise(covariance)
 
@@ -223,7 +234,8 @@ def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Fi
     """Say whether the newest samples alone would put abs G elsewhere, and over which length it is most."""
     present, surest, size, length = _magnitude(evidence, evidence.estimate, omega), 0.0, 0.0, 0
     counts = sorted({evidence.held_out, *(evidence.enough * times for times in LENGTHS)} - {0})
-    for count, away in newest_distances(runs.now, counts, ALPHA):
+    whole = slice(0, evidence.samples)
+    for count, away in newest_distances(runs.now, evidence.past_of(whole), evidence.used, counts, ALPHA):
         if not away.statistic > 1.0:
             continue
         there = _magnitude(evidence, evidence.estimate[: evidence.coefficients] + away.step, omega)

@@ -65,10 +65,10 @@ class Certainty:
     ) -> Certainty:
         """Test the estimate."""
         size, speeds = evidence.coefficients, Speeds.of(evidence, closed, by_reference)
-        if evidence.instruments:
-            away = distance_of(runs.now, evidence.known, ALPHA)
-        else:
-            away = distance_of(runs.now, slice(0, evidence.samples), SUSPECT)
+        rows, chance = evidence.known, ALPHA
+        if not evidence.instruments:
+            rows, chance = slice(0, evidence.samples), SUSPECT
+        away = distance_of(runs.now, rows, evidence.past_of(rows), evidence.used[rows], chance)
         known = away.covariance if evidence.covariance is None else evidence.covariance[:size, :size]
         std = np.sqrt(np.maximum(np.diag(known), 0.0))
         uncertainty = runs.size(std[: evidence.structure.poles], speeds.poles)

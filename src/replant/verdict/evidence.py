@@ -122,11 +122,15 @@ class Evidence:
         """Return an error (W,), NaN where no test uses the sample."""
         return np.where(self.used, error, np.nan)
 
+    def past_of(self, rows: slice) -> IntArray:
+        """Return how many used samples in a row of some rows come before each of these, up to LAGS."""
+        record = replace(self.record, measured=self.used, before=None)
+        return np.minimum(record.predecessors[rows], np.arange(self.samples)[: self.samples - rows.start])
+
     @property
     def past(self) -> IntArray:
-        """How many used samples in a row come before each of those that the estimate should explain, up to LAGS."""
-        record = replace(self.record, measured=self.used, before=None)
-        return np.minimum(record.predecessors[self.known], np.arange(self.samples)[: self.samples - self.known.start])
+        """That of the samples that the estimate should explain."""
+        return self.past_of(self.known)
 
     @property
     def coefficients(self) -> int:

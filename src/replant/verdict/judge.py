@@ -214,7 +214,7 @@ def _disagreement(size: float) -> list[Finding]:
 def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[Finding]:
     y = evidence.record.y[evidence.newest]
     used = evidence.used[evidence.newest]
-    figures["whiteness"] = whiteness(runs.error)
+    figures["whiteness"] = whiteness(np.where(used, runs.error, np.nan))
     shown = np.where(used, y, np.nan)
     if loop.reference is not None:  # in feedback the rest is the disturbances', and may be the larger part
         fit = loop.reference.fit(runs.old.error, evidence.newest)

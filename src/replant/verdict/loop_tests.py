@@ -24,7 +24,7 @@ import numpy as np
 
 from replant.estimation.simulation.model_run import ModelRun
 from replant.estimation.solver.feedback_test import Feedback, answering
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression, whiteness
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, combined, products, sum_of_squares
@@ -62,22 +62,24 @@ def answer(evidence: Evidence, run: ModelRun, signal: FloatArray, first: int = 0
     w = np.zeros(signal.size)
     if error[used].std() > rounding_of(run.forced[rows], evidence.record.y[rows][used]):
         noise = Autoregression.of_residual(error, evidence.past, error.size)
-        w[rows] = noise.ahead(error) * (used & (evidence.past >= noise.order))
+        w[rows] = noise.whiten_whole(error, evidence.past, used)[0]
     moved = signal - signal.mean()
     return answering(np.ascontiguousarray(moved), w, evidence.record.inputs_before, first)
 
 
-def colour_left(error: FloatArray) -> float:
-    """Return the portmanteau statistic of a residual (K,) after its noise model, over its limit.
+def colour_left(error: FloatArray, past: IntArray) -> float:
+    """Return the portmanteau statistic of a residual (K,) after its noise model, over its limit; NaN is not known.
 
-    >>> noise = np.random.default_rng(0).standard_normal(5000)
+    >>> noise, past = np.random.default_rng(0).standard_normal(5000), np.minimum(np.arange(4990), 4)
     >>> echo = noise[10:] + 0.5 * noise[:-10]
-    >>> colour_left(noise) < 1.0 < colour_left(echo)
+    >>> colour_left(noise[10:], past) < 1.0 < colour_left(echo, past)
     True
     """
-    error = error - error.mean()
-    model = Autoregression.of(error)
-    return whiteness(model.whiten(error), spent=model.order, level=1.0 - ALPHA)
+    used = np.isfinite(error)
+    error = np.where(used, error - error[used].mean(), 0.0)
+    model = Autoregression.of_residual(error, past, int(used.sum()))
+    innovation, whole = model.whiten_whole(error, past, used)
+    return whiteness(np.where(whole, innovation, np.nan), spent=model.order, level=1.0 - ALPHA)
 
 
 def fault_of(r: FloatArray, u: FloatArray) -> str:
@@ -180,7 +182,7 @@ class Loop:
     def of(cls, evidence: Evidence, runs: Runs, reference: Reference | None, doubts: list[Finding]) -> Loop:
         """Test for feedback, and whether the reference is one; ``doubts`` are the findings on it so far."""
         feedback = answer(evidence, runs.now, evidence.record.u, first=int(runs.now.is_direct))
-        findings = list(doubts)
+        findings, left = list(doubts), evidence.tested(runs.now.error)[evidence.known]
         r = evidence.record.r
         follows = r is not None and answer(evidence, runs.now, r, first=int(runs.now.is_direct)).found
         if reference is not None and follows:
@@ -193,7 +195,7 @@ class Loop:
             run = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"
             reason = f"{run}, and only a reference can show that an unstable model is right: {REMEDY}"
             findings.append(Finding("inconsistent", reason))
-        elif feedback.found and reference is None and colour_left(runs.now.error[evidence.known]) > 1.0:
+        elif feedback.found and reference is None and colour_left(left, evidence.past) > 1.0:
             findings.append(Finding("inconsistent", COLOURED))
         elif feedback.found:
             findings.append(Finding("trusted", AT_ONCE if feedback.is_at_once else CLOSED))

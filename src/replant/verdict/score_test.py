@@ -87,13 +87,13 @@ class Explained:
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A residual (K,) less what known columns explain of it, whitened, over the U samples used."""
+    """A residual (K,) less what known columns explain of it, whitened, over the W samples whose past is known."""
 
     noise: Autoregression  # of the residual
     known: FloatArray  # (K, N): the known columns, scaled to one
-    white_known: FloatArray  # (U, N): whitened
+    white_known: FloatArray  # (W, N): whitened
     from_known: FloatArray  # (N, R): what makes them orthonormal
-    white: FloatArray  # (U,): the whitened residual
+    white: FloatArray  # (W,): the whitened residual
     lengths: FloatArray  # (N,): of the known columns as they were given
     past: IntArray  # (K,): how many samples in a row come before each
     used: BoolArray  # (K,)
@@ -108,7 +108,8 @@ class Residual:
         known = known / lengths
         error = error - error[used].mean()
         noise = Autoregression.of_residual(error, past, error.size) if noise is None else noise
-        white_known, white = noise.whiten_known(known, past)[used], noise.whiten_known(error, past)[used]
+        (white_known, whole), (white, _) = (noise.whiten_whole(each, past, used) for each in (known, error))
+        white_known, white = white_known[whole], white[whole]
         basis = orthogonal(products(white_known, white_known))
         explained = basis @ (basis.T @ products(white_known, white[:, None])[:, 0])
         white = white - np.einsum("ij,j->i", white_known, explained)
@@ -160,7 +161,8 @@ class Residual:
         return Explained(weights, max(power, 0.0), std, part / limit, spread)
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
-        return np.asarray(self.noise.whiten_known(columns, self.past)[self.used])
+        white, whole = self.noise.whiten_whole(columns, self.past, self.used)
+        return white[whole]
 
 
 def _widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:
