@@ -315,3 +315,11 @@ def _runs(process: int) -> bool:
         return False
     status = Path(f"/proc/{process}/stat")
     return not (status.exists() and status.read_text().split(") ")[1].startswith("Z"))  # nobody may wait for it
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="this system has no signal masks")
+def test_ctrl_c_while_the_second_python_starts_does_not_end_it() -> None:
+    made = second_process.Worker()
+    os.kill(made._process.pid, signal.SIGINT)
+    made.wait()
+    assert made.lives()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import threading
 import time
 from collections.abc import Iterator
@@ -29,6 +30,11 @@ def test_an_error_comes_back_with_where_it_was_raised(work: Work) -> None:
     with pytest.raises(ValueError, match="invalid literal") as found:
         work.do(int, "two")
     assert "function(*arguments)" in found.value.__notes__[0]
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="this system has no signal masks")
+def test_ctrl_c_is_for_the_server_alone_from_the_first_instruction_on(work: Work) -> None:
+    assert signal.SIGINT in work.do(signal.pthread_sigmask, signal.SIG_BLOCK, ())
 
 
 def test_a_process_that_dies_is_told_and_replaced(work: Work) -> None:

@@ -23,7 +23,7 @@ from multiprocessing import active_children, get_context, parent_process
 from typing import Any, TypeVar
 
 from replant.errors import InvalidArgumentError, SystemRefusedError, needs, shown
-from replant.numerics.operating_system import THREADS, refusal
+from replant.numerics.operating_system import THREADS, refusal, signals_blocked
 
 MOST_WAITING = 1024  # tasks with the workers at a time: enough for a large cluster, and little memory [count]
 MOST_LOST = 3  # a pool that dies more often in a row without a task done is killed by a task [count]
@@ -172,7 +172,9 @@ def processes(count: int) -> ProcessPoolExecutor:
     with _one_thread_each():
         pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
         try:
-            for future in [pool.submit(os.getpid) for _ in range(count)]:  # they start now, with this environment
+            with signals_blocked(signal.SIGINT):
+                started = [pool.submit(os.getpid) for _ in range(count)]  # they start now, with this environment
+            for future in started:
                 future.result()
         except (BrokenExecutor, OSError) as error:
             pool.shutdown(cancel_futures=True)

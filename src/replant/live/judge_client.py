@@ -6,14 +6,10 @@ import atexit
 import contextlib
 import multiprocessing
 import queue
-import signal
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 
 from replant.errors import InvalidArgumentError
@@ -21,7 +17,7 @@ from replant.live.judge_process import ENDING, Handover, ObserverOptions, Told, 
 from replant.live.outputs.message import Notices
 from replant.live.progress import Identification
 from replant.live.view import SessionInfo, View
-from replant.numerics.operating_system import Worker, one_line, refusal
+from replant.numerics.operating_system import Worker, one_line, refusal, signals_blocked
 
 GOODBYE = 5.0  # time that the process gets to end by itself [s]
 
@@ -39,7 +35,7 @@ class ObserverProcess:
                 self._process = context.Process(
                     target=observe, args=(theirs, options), name="replant observer", daemon=True
                 )  # fmt: skip
-                with _signals_blocked():
+                with signals_blocked(*ENDING):  # the session needs it for its last view
                     self._process.start()
             undo.callback(self._kill)
             # at an exit without `end`, multiprocessing would ask the process to end and wait for it without limit
@@ -97,24 +93,6 @@ def _send_all(connection: Connection, outbox: queue.Queue[Handover | None]) -> N
             return
         if message is None:
             return
-
-
-@contextmanager
-def _signals_blocked() -> Iterator[None]:
-    """Start processes that ignore the signals which end a session.
-
-    Ctrl-C, `timeout` and service managers send signals to every process of a group.  The session ends on the signal,
-    and needs the observer after that for its last view.  A signal to this process waits until the block ends.
-    """
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    resource_tracker.ensure_running()  # started later, by the start of a process, it would unblock the signals
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, ENDING)
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 INTERVAL = 0.2  # time between two handovers at the least [s]

@@ -6,6 +6,7 @@ import _thread
 import contextlib
 import errno
 import os
+import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -43,6 +44,26 @@ def ask_for_one_thread() -> None:
     """
     for name in THREADS:
         os.environ.setdefault(name, "1")
+
+
+@contextmanager
+def signals_blocked(*numbers: int) -> Iterator[None]:
+    """Start processes to which some signals mean nothing, from their first instruction on.
+
+    Ctrl-C, `timeout` and service managers send signals to every process of a group.  Who started the processes answers
+    them, and ends the others itself.  A signal to this process waits until the block ends.
+    """
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # started later, by the start of a process, it would unblock the signals
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def reason_of(error: BaseException) -> str:

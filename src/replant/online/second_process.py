@@ -23,7 +23,7 @@ import numpy as np
 
 from replant.errors import SystemRefusedError
 from replant.numerics.arguments import FloatArray
-from replant.numerics.operating_system import THREADS, end_process
+from replant.numerics.operating_system import THREADS, end_process, signals_blocked
 
 try:
     from multiprocessing.shared_memory import SharedMemory
@@ -152,10 +152,11 @@ class Worker:
                 "background=True needs a second Python, and there is none to start in this program"
             )
         try:
-            self._process = subprocess.Popen(
-                [sys.executable, "-P", "-W", "ignore", "-c", BEGIN, *folders], bufsize=0, env=_environment(),
-                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
-            )  # fmt: skip
+            with signals_blocked(signal.SIGINT):
+                self._process = subprocess.Popen(
+                    [sys.executable, "-P", "-W", "ignore", "-c", BEGIN, *folders], bufsize=0, env=_environment(),
+                    stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+                )  # fmt: skip
         except OSError as error:
             raise SystemRefusedError(
                 f"background=True needs a second Python, and {sys.executable} did not start ({error.strerror or error})"

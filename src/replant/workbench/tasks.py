@@ -36,7 +36,7 @@ from replant.logs.columns import Kind
 from replant.logs.conditioning import STEPS
 from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
-from replant.numerics.operating_system import one_line, reason_of
+from replant.numerics.operating_system import one_line, reason_of, signals_blocked
 from replant.numerics.residuals import BAND_95
 from replant.plotting.numbers import rounded
 from replant.report.log_as_text import as_json, findings_of
@@ -251,7 +251,8 @@ class Work:
             spawn = get_context("spawn")
             self._wire, far = spawn.Pipe()
             self._process = spawn.Process(target=_answer, args=(far,), daemon=True)
-            self._process.start()
+            with signals_blocked(signal.SIGINT):
+                self._process.start()
             far.close()  # so that the end of the process is the end of what comes from it
 
 
