@@ -284,7 +284,6 @@ def test_a_bad_argument_is_refused_by_name(changes: dict[str, Any], named: str, 
 def test_a_record_too_short_for_its_parameters_is_refused(usable: int) -> None:
     u, y = np.full(50, np.nan), np.ones(50)
     u[:usable] = 1.0
-    with pytest.raises(
-        rp.InvalidArgumentError, match=f"{usable} usable samples, fewer than the 5 that 4 parameters need"
-    ):
+    too_few = rf"{usable} usable samples, fewer than the 5 that 4 parameters need \({50 - usable} not finite\)"
+    with pytest.raises(rp.InvalidArgumentError, match=too_few):
         rp.fit(u, y, 0.1, rp.Structure(2, 1))

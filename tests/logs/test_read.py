@@ -160,3 +160,15 @@ def test_a_model_knows_the_digest_of_the_log_it_is_made_of(tmp_path: Path) -> No
     expected = hashlib.sha256(path.read_bytes()).hexdigest()
     assert log.sha256 == rp.fit(log, poles=1).model.provenance.sha256 == expected
     assert rp.run(log, poles=1).model.provenance.sha256 == expected
+
+
+@pytest.mark.parametrize(("column", "role"), [(1, "input"), (2, "output"), (3, "reference")])
+def test_a_column_without_a_number_is_named(tmp_path: Path, column: int, role: str) -> None:
+    rows = [["t", "u", "y", "r"], *([f"{k}", "1", "2", "3"] for k in range(5))]
+    for row in rows[1:]:
+        row[column] = "nan"
+    log = tmp_path / "log.csv"
+    log.write_text("".join(",".join(row) + "\n" for row in rows))
+    name = rows[0][column]
+    with pytest.raises(LogError, match=f"log.csv: column '{name}' has no number in 5 rows; .*another .* the {role}"):
+        rp.read_log(log, input="u", output="y", reference="r")

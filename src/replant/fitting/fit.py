@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -28,7 +28,7 @@ from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import Preprocess, accepted, screen
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray, one_of, record, vector
+from replant.numerics.arguments import BoolArray, FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import combined, quiet
 from replant.verdict import Simulation, fit_percent, simulate
@@ -182,7 +182,7 @@ def fit_samples(
         y = np.where(np.isfinite(r), y, np.nan)
     usable, rejected = screen(preprocess.map_input(u), y)
     rejected = without_rest(rejected, "not finite", given.rest)
-    check_length(int(usable.sum()), structure)
+    check_length(structure, usable, rejected)
     check_delay(structure.delay, dt, u.size, stamps)
     preprocess = preprocess.resolve(u, y)
     use = None
@@ -246,12 +246,14 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Reco
     return given.named(dataclasses.replace(result, record=record, means=means, usual_interval=usual, others=others))
 
 
-def check_length(samples: int, structure: Structure) -> None:
+def check_length(structure: Structure, usable: BoolArray, rejected: Mapping[str, int]) -> None:
     """Raise InvalidArgumentError where the usable samples are fewer than the parameters need."""
+    samples, others = int(usable.sum()), [f"{count:,} {reason}" for reason, count in rejected.items() if count]
     if samples < structure.size + 1:
+        beside = f" ({', '.join(others)})" if others else ""
         raise InvalidArgumentError(
             f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
-            f"{structure.size} parameters need: record more, or ask for fewer poles and zeros"
+            f"{structure.size} parameters need{beside}: record more, or ask for fewer poles and zeros"
         )
 
 

@@ -163,7 +163,7 @@ def _searched(
     stamps = None if given.t is None else increasing(given.t, u.size)
     hold = RefinedFilter(given.input_hold)
     told = y if r is None or r.size != y.size else np.where(np.isfinite(r), y, np.nan)
-    check_length(int(screen(preprocess.map_input(u), told)[0].sum()), grid[0])
+    check_length(grid[0], *screen(preprocess.map_input(u), told))
     check_delay(times[-1], dt, u.size, stamps)
     resolved = preprocess.resolve(u, told)
     ready = RawRecord(grid[0], dt, resolved, u, told, stamps, given.input_hold, given.begins).made_ready(told, r)

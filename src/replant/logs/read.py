@@ -152,6 +152,12 @@ def open_recording(
         table = _part(table, roles.get("time"), step, check_range(begin, end))
     arrays = table.arrays(list(roles.values()), most_held, progress)
     rows = _rows_of(table, roles, arrays)
+    for (role, number), column in zip(roles.items(), arrays, strict=True):
+        if role != "time" and not any(np.isfinite(part).any() for (part,) in in_parts([column])):
+            raise LogError(
+                f"{table.path}: column {shown(table.names[number])} has no number in {rows:,} rows; "
+                f"choose another column as the {role.split()[0]}, or record the log again"
+            )
     clock, unit = Clock(math.nan), 1.0
     if stamped := "time" in roles:
         number, stamps = roles["time"], arrays[-1]
