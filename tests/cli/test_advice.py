@@ -175,3 +175,17 @@ def test_of_a_lag_with_two_poles_one_is_tried_next(capsys, tmp_path: Path, comma
     lines = of_log(capsys, log, command, "-p", 2, "--zeros", 1)
     assert lines[-2].endswith("try one pole:") or "or try one pole" in lines[-2]
     assert call(capsys, *shlex.split(lines[-1].replace(advice.OTHER_LOG, str(log)))[1:])[0] == 0
+
+
+@pytest.mark.parametrize("command", ["look", "fit"])
+def test_the_command_of_a_file_whose_name_begins_with_a_dash_runs(
+    capsys, log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    (tmp_path / "-3.csv").write_bytes(log.read_bytes())
+    monkeypatch.chdir(tmp_path)
+    words = ("-i", "u", "-o", "y", "-p", 1) if command == "fit" else ()
+    code, out, err = call(capsys, command, *words, "--", "-3.csv")
+    assert code == 0, err
+    suggested = shlex.split(out.splitlines()[-1].replace(advice.OTHER_LOG, "./-3.csv"))
+    assert suggested[:3] == ["replant", "fit", "./-3.csv"]
+    assert call(capsys, *suggested[1:])[0] == 0

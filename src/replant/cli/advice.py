@@ -18,6 +18,7 @@ from replant.fitting.inspect import rounded_up
 from replant.logs.column_roles import prepared, response
 from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray
+from replant.numerics.limits import typed_path
 from replant.online.runs.result import Result
 
 TRIED = 6  # dead times that a suggested range has beside 0 [count]
@@ -85,7 +86,7 @@ def again(*without: str, **options: object) -> str:
 
 
 def _look(situation: Situation, words: str = "look at the columns of the log") -> NextStep:
-    return NextStep(words, shlex.join(["replant", "look", situation.path, "--out", "look"]))
+    return NextStep(words, shlex.join(["replant", "look", typed_path(situation.path), "--out", "look"]))
 
 
 def _fit(*without: str) -> list[str]:

@@ -31,6 +31,7 @@ from replant.logs import Log, read_columns
 from replant.logs.recording import digest
 from replant.logs.sampling_time import time_columns
 from replant.model.interop import without_unit
+from replant.numerics.limits import typed_path
 from replant.online.runs.result import Result
 from replant.report.python_programs import identifier_as_python
 from replant.report.results_as_text import as_json as result_as_json
@@ -213,7 +214,7 @@ def print_rest(
 def _next(result: Result, log: Log, keeping: Keeping, *, is_searched: bool) -> NextStep:
     """Return what to do with the model, as far as the command did not ask for it."""
     if keeping.saved is not None and result.verdict.status == "trusted":
-        command = shlex.join(["replant", "validate", str(keeping.saved), OTHER_LOG])
+        command = shlex.join(["replant", "validate", typed_path(keeping.saved), OTHER_LOG])
         return NextStep("check the model on another log", command)
     path = str(click.get_current_context().params["logs"][0])
     return next_step(result, log, path, is_searched=is_searched)

@@ -17,7 +17,7 @@ from replant.cli.notes import TYPED, did_you_mean, plain
 from replant.errors import InvalidArgumentError, LogError
 from replant.estimation.optimizers import OPTIMIZERS, Optimizer
 from replant.estimation.settings import AUTO
-from replant.numerics.limits import MOST_TRIED
+from replant.numerics.limits import MOST_TRIED, typed_path
 
 Option = Callable[[Any], Any]
 
@@ -191,8 +191,10 @@ def command_line(*, with_output: bool = False, without: Collection[str] = ()) ->
         if any(option.lstrip("-") in without for option in parameter.opts):
             continue
         for each in given if isinstance(given, list | tuple) else (given,):
-            words += [] if isinstance(parameter, click.Argument) else [parameter.opts[-1]]
-            words += [] if each is True else [each]
+            if isinstance(parameter, click.Argument):
+                words.append(typed_path(each))
+            else:
+                words += [parameter.opts[-1], *([] if each is True else [each])]
     return shlex.join(words)
 
 

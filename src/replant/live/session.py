@@ -35,6 +35,7 @@ from replant.live.terminal_status import render
 from replant.live.view import UNNAMED, SessionInfo, View
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
+from replant.numerics.limits import typed_path
 from replant.numerics.operating_system import refusal
 from replant.online.identifier import Identifier
 from replant.verdict.estimate_tests import MOVED_SIGMAS
@@ -350,7 +351,7 @@ def run(
             ttl=ttl,
         )
         if record is not None:
-            observer.show(f"replant: cut and fit it meanwhile: {shlex.join(['replant', 'open', str(record)])}")
+            observer.show(f"replant: cut and fit it meanwhile: {shlex.join(['replant', 'open', typed_path(record)])}")
         reached = session.run()
         waits = session.identifier.forced_waits if isinstance(session.identifier, Identifier) else 0
         if waits:

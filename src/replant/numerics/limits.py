@@ -88,3 +88,13 @@ def file_path(name: str, value: Any) -> str:
     if not isinstance(path, str):
         raise ArgumentTypeError(f"{name} must be a path, got {type(value).__name__} {shown(value)}")
     return path
+
+
+def typed_path(path: Any) -> str:
+    """Return a path as a command takes it: one that begins with a dash would be an option there.
+
+    >>> typed_path("-3.csv"), typed_path("3.csv"), typed_path("-")  # the last one is standard input
+    ('./-3.csv', '3.csv', '-')
+    """
+    text = str(path)
+    return f"./{text}" if text.startswith("-") and text != "-" else text

@@ -11,6 +11,7 @@ from replant.fitting.inspect import Inspection, options_of
 from replant.fitting.model_json import finite
 from replant.logs.columns import Column, Kind
 from replant.logs.sampling_time import time_candidates
+from replant.numerics.limits import typed_path
 from replant.plotting.numbers import duration, interval, wrapped
 from replant.verdict.verdict import percent as share
 
@@ -26,7 +27,7 @@ RIGHT = ("min", "max", "missing")
 def command_of(found: Inspection) -> str:
     """Return the command of a first fit; empty if no input and output were found."""
     options = options_of(found)
-    return shlex.join(["replant", "fit", str(found.table.path), *options]) if options else ""
+    return shlex.join(["replant", "fit", typed_path(found.table.path), *options]) if options else ""
 
 
 def as_json(found: Inspection) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, Self
 
 from replant.errors import InvalidArgumentError, shown
 from replant.logs.conditioning import STEPS
+from replant.numerics.limits import typed_path
 
 FIT, SEARCH, RUN = "fit", "search", "run"
 KINDS = (FIT, SEARCH, RUN)
@@ -214,7 +215,7 @@ def words_of(path: Path, setup: Setup, wish: Wish) -> tuple[str, ...]:
     stretches = [(f"--{name.replace('_', '-')}", each.written) for name in STRETCHES for each in getattr(setup, name)]
     words = [word for option, value in options if value for word in (option, value)]
     words += ["--detrend"] if setup.detrend else []
-    return (RUN if wish.kind == RUN else "fit", str(path), *words, *chain.from_iterable(stretches))
+    return (RUN if wish.kind == RUN else "fit", typed_path(path), *words, *chain.from_iterable(stretches))
 
 
 def command_line(words: tuple[str, ...], saved: str = "model.json") -> str:
