@@ -172,6 +172,11 @@ def test_the_demo_is_trusted_and_its_record_gives_the_bits_again(
 
 
 @pytest.mark.slow
+def test_the_demo_takes_fewer_poles_than_its_rig_has(capsys: pytest.CaptureFixture[str]) -> None:
+    main(["live", "demo?speed=max", "--poles", "1", "--samples", "3000", "--dashboard", "off", "--json"])
+    assert json.loads(capsys.readouterr().out)["structure"] == {"poles": 1, "zeros": 0, "delay": 0.0, "bias": False}
+
+
 def test_a_summary_for_people_is_printed_in_the_end(tmp_path: Path) -> None:
     with live("-") as process:
         code, out, err = finished(process, b"nonsense\n1e999,2\n" + b"".join(lines(U, Y, T)))

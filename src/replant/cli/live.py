@@ -124,8 +124,9 @@ def live_command(source: str, loop: bool, **options: Any) -> None:
         if _signals(options) != UY:
             raise InvalidArgumentError(f"{source}: the rig has one input and one output: leave -i and -o out")
         rig, _ = demo
-        poles, zeros = rig.plant.den.size - 1, rig.plant.num.size - 1
-        defaults = {"poles": (poles,), "zeros": (zeros,), "dt": rig.dt, "dashboard": DASHBOARD}
+        poles = options["poles"] or (rig.plant.den.size - 1,)
+        zeros = min(rig.plant.num.size, poles[0]) - 1
+        defaults = {"poles": poles, "zeros": (zeros,), "dt": rig.dt, "dashboard": DASHBOARD}
         options |= {name: value for name, value in defaults.items() if options[name] is None}
         options["input_map"] = rig.input_map
     page, token = options["dashboard"], _token(options)
