@@ -149,6 +149,21 @@ def test_labels_of_the_damping_do_not_overlap(opened: Page, feed: Feed, pole: co
         assert across <= 0 or along <= 2, (one, other)  # some of the line's height is above and below its letters
 
 
+@every("width", [390, 1280])
+def test_labels_of_far_poles_are_not_cut_off_and_leave_the_axis_free(opened: Page, feed: Feed, width: int) -> None:
+    opened.page.set_viewport_size({"width": width, "height": 800})
+    told(opened, feed, poles=[{"real": at, "imag": 0.0} for at in (-15002.0, -2.2)], zeros=[], pole_covariance=[])
+    frame = opened.page.locator("#plane svg").bounding_box()
+    axis = opened.page.locator("#plane .unstable-half").bounding_box()["x"]
+    boxes = opened.page.evaluate(BOXES)
+    assert any("000" in box["text"] for box in boxes)
+    for box in boxes:
+        left, right = box["x"], box["x"] + box["width"]
+        assert frame["x"] - 1.0 < left, box
+        assert right < frame["x"] + frame["width"] + 1.0, box
+        assert "ζ" not in box["text"] or right <= axis, box
+
+
 def test_the_words_of_a_verdict_are_those_of_the_report(opened: Page, feed: Feed) -> None:
     for status, words in VERDICTS.items():
         told(opened, feed, verdict=status, excited=True, status="running")

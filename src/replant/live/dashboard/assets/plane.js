@@ -98,14 +98,15 @@ function places() {
   };
 }
 
-const LETTER = 6.6; // pixels, of the labels
+const LETTER = 6.6, DIGIT = 8.1; // pixels, of the labels; of digits in the widest of the fonts
 
 function grid(x, y, [left, right, bottom, top], width, height) {
   const floor = height - EDGE.bottom, found = [], free = places();
   found.push(shape("rect", { class: "unstable-half", x: x(0), y: EDGE.top, width: Math.max(0, x(right) - x(0)), height: floor - EDGE.top }));
   for (const value of ticks(left, right, width / 70)) {
     found.push(shape("line", { class: value ? "line" : "axis", x1: x(value), x2: x(value), y1: EDGE.top, y2: floor }));
-    found.push(shape("text", { x: Math.min(Math.max(x(value), 12), width - 12), y: height - 5, "text-anchor": "middle" }, tick(value)));
+    const label = tick(value), half = (DIGIT * label.length) / 2; // not beyond the frame: it would cut the sign off
+    found.push(shape("text", { x: Math.min(Math.max(x(value), half), width - half), y: height - 5, "text-anchor": "middle" }, label));
   }
   for (const value of ticks(bottom, top, Math.max(4, height / 50))) {
     found.push(shape("line", { class: value ? "line" : "axis", x1: EDGE.left, x2: width - EDGE.right, y1: y(value), y2: y(value) }));
@@ -118,8 +119,9 @@ function grid(x, y, [left, right, bottom, top], width, height) {
     const slope = Math.sqrt(1 - damping ** 2) / damping, far = Math.min(-left, top / slope), down = Math.min(-left, -bottom / slope);
     found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-far), y2: y(far * slope) }));
     found.push(shape("line", { class: "ray", x1: x(0), y1: y(0), x2: x(-down), y2: y(-down * slope) }));
-    const label = `ζ ${damping}`, across = x(-far) + 3, level = Math.max(y(far * slope) + 4, EDGE.top + 10);
-    if (level < y(0) - 6 && free(across, level, LETTER * label.length)) found.push(shape("text", { class: "damping", x: across, y: level }, label));
+    const label = `ζ ${damping}`, wide = LETTER * label.length, level = Math.max(y(far * slope) + 4, EDGE.top + 10);
+    const across = Math.min(x(-far) + 3, x(0) - 3 - wide); // left of the axis
+    if (level < y(0) - 6 && free(across, level, wide)) found.push(shape("text", { class: "damping", x: across, y: level }, label));
   }
   return found;
 }
