@@ -484,6 +484,24 @@ def test_a_dashboard_that_cannot_listen_is_one_line() -> None:
     assert f"cannot listen on {address}" in err
 
 
+@pytest.mark.parametrize("option", ["--record", "--checkpoint"])
+def test_a_second_session_that_would_write_to_the_same_place_is_refused(tmp_path: Path, option: str) -> None:
+    used = tmp_path / "rig"
+    peer = ReplayingPeer(lines(U, Y, T, first=0))
+    with live(peer.url, option, used) as first:
+        wait_for(lambda: (tmp_path / ".rig.lock").exists())
+        with live("-", option, used) as second:
+            code, out, err = finished(second, b"")
+        assert (code, out) == (2, "")
+        assert err == f"replant: {used}: another session writes there; end that one, or give another name\n"
+        first.kill()
+        first.wait()
+    peer.close()
+    with live("-", option, used) as third:
+        code, _, err = finished(third, b"")
+    assert "another session" not in err
+
+
 def test_recording_into_a_used_folder_is_refused(tmp_path: Path) -> None:
     used = tmp_path / "samples"
     used.mkdir()

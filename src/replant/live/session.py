@@ -36,7 +36,7 @@ from replant.live.view import UNNAMED, SessionInfo, View
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.limits import typed_path
-from replant.numerics.operating_system import refusal
+from replant.numerics.operating_system import alone, refusal
 from replant.online.identifier import Identifier
 from replant.verdict.estimate_tests import MOVED_SIGMAS
 
@@ -322,9 +322,11 @@ def run(
     from rich.console import Console
 
     limit_heap_growth()
-    progress, identifier, messages = _load_checkpoint(checkpoint, request, background=background)
-    resumed = identifier is not None
     with ExitStack() as opened:
+        for path in filter(None, (checkpoint, record)):
+            opened.enter_context(alone(path))
+        progress, identifier, messages = _load_checkpoint(checkpoint, request, background=background)
+        resumed = identifier is not None
         stream = open_source(source, columns)
         opened.callback(stream.close)
         receivers: list[Sink] = []

@@ -7,10 +7,13 @@ import contextlib
 import errno
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
+
+from replant.errors import SystemRefusedError
 
 if TYPE_CHECKING:
     import subprocess
@@ -113,6 +116,46 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             new.unlink(missing_ok=True)
+
+
+@contextmanager
+def alone(path: Path) -> Iterator[None]:
+    """Hold a file or folder, which may not be there yet, by a lock beside it; it ends with this process at the latest.
+
+    Where no lock can be had, as in a folder that cannot be written, nobody is refused.
+
+    Raises
+    ------
+    SystemRefusedError
+        If another process holds it.
+    """
+    with contextlib.ExitStack() as held:
+        try:
+            real = path.resolve()
+            lock = held.enter_context(real.with_name(f".{real.name}.lock").open("ab"))
+        except (OSError, ValueError, RuntimeError):  # what is wrong with the path is said where it is written
+            lock = None
+        if lock is not None and not _locked(lock.fileno()):
+            raise SystemRefusedError(f"{path}: another session writes there; end that one, or give another name")
+        yield
+
+
+def _locked(descriptor: int) -> bool:
+    """Lock an open file until it is closed; return whether no other process has locked it."""
+    try:
+        if sys.platform == "win32":
+            import msvcrt
+
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except (BlockingIOError, PermissionError):
+        return False
+    except OSError:  # a disk without locks
+        return True
+    return True
 
 
 def end_process(process: subprocess.Popen[bytes], owner: int) -> None:
