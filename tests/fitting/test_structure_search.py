@@ -114,6 +114,12 @@ def test_progress_begins_before_the_first_structure() -> None:
     assert seen == [(0, 3), (1, 3), (2, 3), (3, 3)]
 
 
+@pytest.mark.parametrize("name", ["poles", "zeros", "delays"])
+def test_nothing_to_try_is_named(name: str) -> None:
+    with pytest.raises(rp.InvalidArgumentError, match=f"{name} is empty: give the values to try"):
+        rp.search(np.ones(50), np.ones(50), 0.1, **{"poles": [1], name: []})
+
+
 def test_an_impossible_grid_and_a_dead_record_are_refused() -> None:
     with pytest.raises(rp.InvalidArgumentError, match="fewer than poles"):
         search(U, U, 0.05, poles=(1, 2), zeros=(2, 3))

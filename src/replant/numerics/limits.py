@@ -79,6 +79,8 @@ def several(name: str, values: Any, check: Callable[[str, Any], Any]) -> tuple[A
     taken = tuple(itertools.islice(values, MOST_TRIED + 1))
     if len(taken) > MOST_TRIED:
         raise InvalidArgumentError(f"{name} must be {MOST_TRIED} values at the most: each of them is tried")
+    if not taken:
+        raise InvalidArgumentError(f"{name} is empty: give the values to try")
     return tuple(check(name, value) for value in taken)
 
 
