@@ -323,3 +323,11 @@ def test_ctrl_c_while_the_second_python_starts_does_not_end_it() -> None:
     os.kill(made._process.pid, signal.SIGINT)
     made.wait()
     assert made.lives()
+
+
+def test_what_belongs_to_the_process_that_this_one_was_forked_from_is_closed() -> None:
+    made = second_process.Worker()
+    process = made._process
+    made.forget()
+    assert process.stdin.closed
+    assert process.stdout.closed

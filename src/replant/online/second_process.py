@@ -185,8 +185,9 @@ class Worker:
 
     def forget(self) -> None:
         """Leave it to the process that this one was forked from."""
-        assert self._process.stdin is not None
-        self._process.stdin.close()
+        for pipe in (self._process.stdin, self._process.stdout):
+            assert pipe is not None
+            pipe.close()
         self._process.returncode = 0
 
 
