@@ -21,7 +21,7 @@ from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
 from replant.report.compared_page import write_comparison
 from replant.report.result_page import write_report
-from support.browsing import TEXTS, chromium, contrast, drawn_anew, luminance, new_page
+from support.browsing import TEXTS, chromium, complaints_of, contrast, drawn_anew, luminance, new_page
 from support.places import ROOT
 
 SEEN = ROOT / "out" / "report"
@@ -43,10 +43,7 @@ def length(long_case) -> float:
 def opened(browser, path: Path, width: int = 1366, scheme: str = "light"):
     """The page, once it has drawn; whatever it complains of or asks for fails the test."""
     page = new_page(browser, viewport={"width": width, "height": 800}, color_scheme=scheme)
-    complaints: list[str] = []
-    page.on("console", lambda message: complaints.append(message.text))
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on("request", lambda request: complaints.append(request.url) if request.url != path.as_uri() else None)
+    complaints = complaints_of(page, path.as_uri())
     page.goto(path.as_uri())
     page.wait_for_function("window.replantCharts && replantCharts.every(chart => chart.scales.x.max > 0)")
     drawn_anew(page)
@@ -167,9 +164,7 @@ def test_text_stands_out(browser, long_report, scheme: str) -> None:
 def test_bad_news_can_be_read_too(browser, bad_report) -> None:
     name, path = bad_report
     page = new_page(browser, viewport={"width": 900, "height": 800})
-    complaints: list[str] = []
-    page.on("console", lambda message: complaints.append(message.text))
-    page.on("pageerror", lambda error: complaints.append(str(error)))
+    complaints = complaints_of(page, path.as_uri())
     page.goto(path.as_uri())
     seen(page, f"bad-{name.replace(' ', '-')}")
     for scheme in ("light", "dark"):
@@ -197,10 +192,7 @@ def other_page(request, plain, tmp_path_factory) -> tuple[str, Path]:
 def test_the_other_pages_load_alone_stand_out_and_fit(browser, other_page) -> None:
     name, path = other_page
     page = new_page(browser, viewport={"width": 1280, "height": 800})
-    complaints: list[str] = []
-    page.on("console", lambda message: complaints.append(message.text))
-    page.on("pageerror", lambda error: complaints.append(str(error)))
-    page.on("request", lambda request: complaints.append(request.url) if request.url != path.as_uri() else None)
+    complaints = complaints_of(page, path.as_uri())
     page.goto(path.as_uri())
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)

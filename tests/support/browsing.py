@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -75,3 +77,43 @@ def luminance(colour: list[float]) -> float:
 def contrast(one: list[float], other: list[float]) -> float:
     darker, lighter = sorted([luminance(one), luminance(other)])
     return (lighter + 0.05) / (darker + 0.05)
+
+
+def complaints_of(page, url: str) -> list[str]:
+    """Return the list into which comes what a page says on its console, what fails in it, what it asks of others."""
+    own = (url, url.replace("http", "ws", 1), f"blob:{url}")
+    complaints: list[str] = []
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    for event in ("request", "websocket"):
+        page.on(event, lambda asked: asked.url.startswith(own) or complaints.append(f"asked for {asked.url}"))
+    return complaints
+
+
+class WatchedPage:
+    """A page in the browser whose complaints are kept."""
+
+    seen_in: Path  # folder of its pictures
+
+    def __init__(self, browser, url: str, width: int, height: int, **options) -> None:
+        self.page = new_page(browser, viewport={"width": width, "height": height}, **options)
+        self.complaints = complaints_of(self.page, url.partition("?")[0])
+
+    def close(self) -> None:
+        self.page.context.close()
+
+    def until(self, holds: Callable[[], object]) -> None:
+        """Wait until something holds; what a page evaluates for itself its own policy forbids."""
+        end = time.monotonic() + PATIENCE
+        while not holds():
+            assert time.monotonic() < end, f"the page never got there{self.says()}"
+            self.page.wait_for_timeout(30)
+
+    def says(self) -> str:
+        """What it says that a failed wait should tell."""
+        return ""
+
+    def seen(self, name: str) -> None:
+        """Keep a picture of the whole page."""
+        self.seen_in.mkdir(parents=True, exist_ok=True)
+        self.page.screenshot(path=self.seen_in / f"{name}.png", full_page=True)

@@ -2,44 +2,25 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable
 from pathlib import Path
 
-from support.browsing import new_page
+from support.browsing import WatchedPage
 from support.places import ROOT
-from support.waiting import PATIENCE
-
-SEEN = ROOT / "out" / "workbench"
 
 
-class Workbench:
-    """A page of the workbench; whatever it complains of, or asks of others, is kept."""
+class Workbench(WatchedPage):
+    """A page of the workbench."""
+
+    seen_in = ROOT / "out" / "workbench"
 
     def __init__(self, browser, url: str, width: int = 1280, height: int = 860, **options) -> None:
-        self.page = new_page(browser, viewport={"width": width, "height": height}, accept_downloads=True, **options)
-        self.complaints: list[str] = []
-        base = url.partition("?")[0]
-        self.page.on("console", lambda message: self.complaints.append(message.text))
-        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        super().__init__(browser, url, width, height, accept_downloads=True, **options)
         self.page.on("dialog", lambda dialog: self.complaints.append(f"dialog {dialog.message}"))
-        self.page.on("request", lambda asked: self._asked(asked.url, base))
         self.page.goto(url)
         self.until(lambda: self.text("link") == "connected")
 
-    def close(self) -> None:
-        self.page.context.close()
-
-    def _asked(self, url: str, base: str) -> None:
-        if not url.startswith((base, base.replace("http", "ws", 1), f"blob:{base}")):
-            self.complaints.append(f"asked for {url}")
-
-    def until(self, holds: Callable[[], object]) -> None:
-        """Wait until something holds; what a page evaluates for itself its own policy forbids."""
-        end = time.monotonic() + PATIENCE
-        while not holds():
-            assert time.monotonic() < end, f"the page never got there; it says {self.text('notice')!r}; {self.cards()}"
-            self.page.wait_for_timeout(30)
+    def says(self) -> str:
+        return f"; it says {self.text('notice')!r}; {self.cards()}"
 
     def text(self, name: str) -> str:
         return self.page.locator(f"#{name}").text_content() or ""
@@ -95,8 +76,3 @@ class Workbench:
                 return
             self.page.keyboard.press("Tab")
         raise AssertionError(f"Tab does not lead to {selector}")
-
-    def seen(self, name: str) -> None:
-        """Keep a picture of the page."""
-        SEEN.mkdir(parents=True, exist_ok=True)
-        self.page.screenshot(path=SEEN / f"{name}.png", full_page=True)

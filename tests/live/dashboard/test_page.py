@@ -354,7 +354,7 @@ def test_the_page_keeps_no_past(browser, dashboard: Dashboard, feed: Feed, monke
     monkeypatch.setattr(app, "PERIOD", 0.0)
     monkeypatch.setattr(app, "HISTORY_PERIOD", 0.0)
     opened = Page(browser, dashboard.url)
-    inspector = opened.context.new_cdp_session(opened.page)
+    inspector = opened.page.context.new_cdp_session(opened.page)
     view = feed.hub.newest
     assert view is not None
 
