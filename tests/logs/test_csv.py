@@ -390,7 +390,32 @@ def test_a_comment_that_is_no_header_is_passed_over(tmp_path: Path, comment: str
     assert (table.names, table.notes) == (("0", "1", "2"), ())
 
 
-@pytest.mark.parametrize("above", ["t,u\n", "0,1\n", "t u y\n"])
+@pytest.mark.parametrize(
+    ("above", "delimiter"),
+    [
+        ("HSVA, the experimental data\nZ20/10 starting to starboard\n", "   "),  # as model basins write it
+        ("Zig-zag manoeuvring: 20 / -20\n\n", "\t"),
+        ("t [s] || speed [rot. s^-1] || duty cycle [%] ||\nposition [deg]\n", "\t"),
+    ],
+)
+def test_text_above_rows_of_numbers_is_left_out_and_said(tmp_path: Path, above: str, delimiter: str) -> None:
+    path = tmp_path / "log.txt"
+    rows = ("0.0", "0.1", "2.5"), ("0.1", "3.1", "4.5"), ("0.2", "5.1", "6.5")
+    path.write_text(above + "".join(delimiter.join(row) + "\n" for row in rows))
+    table = read_columns(path)
+    assert table.notes == (f"{path}: lines 1 to 2 are above the data, and left out; the columns are called 0, 1, 2",)
+    assert table.column(1).tolist() == [0.1, 3.1, 5.1]
+
+
+@pytest.mark.parametrize("comment", ["", "# a comment\n"])  # NumPy reads a block without comments
+def test_a_line_of_tabs_is_a_blank_line(tmp_path: Path, comment: str) -> None:
+    path = tmp_path / "log.txt"
+    path.write_text(f"t\tu\ty\n0\t1\t2\n\t\t\n{comment}1\t\t4\n2\t5\t6\n\t\t\n \t\t ")
+    columns = read_columns(path).columns([0, 1, 2])
+    np.testing.assert_array_equal(columns, [[0.0, 1.0, 2.0], [1.0, np.nan, 5.0], [2.0, 4.0, 6.0]])
+
+
+@pytest.mark.parametrize("above", ["t,u\n", "0,1\n", "t u y\n", "t;u;y\n", "Motor test\n0,1\n"])
 def test_a_short_line_above_numbers_is_no_title(tmp_path: Path, above: str) -> None:
     path = tmp_path / "log.csv"
     path.write_text(above + "0,1,2\n1,3,4\n2,5,6\n")

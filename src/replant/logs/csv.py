@@ -47,6 +47,8 @@ from replant.numerics.arguments import FloatArray
 
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
 _DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
+# a line without numbers, as a spreadsheet fills up a log
+_BLANK = re.compile(r"^[ \t]*\t[ \t]*(?:\n|\Z)", re.MULTILINE)
 _DATE_REMEDY = f"convert dates and clock times to seconds, or give the sampling time (dt, --dt); as the time {READ}"
 _WORDS = {".": "decimal point", ",": "comma"}
 
@@ -134,7 +136,9 @@ def read(path: Path) -> Table:
     if layout.title:
         first, last = layout.title[0], layout.title[-1]
         lines = f"line {first} is" if first == last else f"lines {first} to {last} are"
-        notes.append(f"{path}: {lines} above the names, and left out")
+        what = "names" if layout.names_line else "data"
+        called = "" if layout.names_line else f"; the columns are called {listed(layout.names)}"
+        notes.append(f"{path}: {lines} above the {what}, and left out{called}")
     left_out: dict[str, str] = {}
     if layout.unused:
         counts = f"{len(layout.unused)} names for {len(layout.names)} columns"
@@ -258,6 +262,8 @@ def _parse_in_c(layout: Layout, text: str, columns: Sequence[int]) -> Arrays | N
         if ("," in text and ("." in text or mark == ".")) or ("." in text and mark == ","):
             return None
         text = text.replace(",", ".")
+    if delimiter == "\t":
+        text = _BLANK.sub("", text)
     if text.isspace() or not text:
         return None  # NumPy warns about a block without data
     chosen = None
@@ -312,6 +318,7 @@ def _check_width(path: Path, layout: Layout, number: int, row: list[str]) -> Non
         return
     model = f"line {layout.names_line or layout.data_line}"
     cells = "1 cell" if len(row) == 1 else f"{len(row)} cells"
-    raise LogError(
-        f"{path}: line {number} has {cells} where {model} has {width}; complete the line, or put # before it"
-    )
+    remedy = "complete the line, or put # before it"
+    if len(row) > width:
+        remedy = "correct the line, or put # before each line above it that is no data"
+    raise LogError(f"{path}: line {number} has {cells} where {model} has {width}; {remedy}")

@@ -92,6 +92,7 @@ _SAMPLE_CHARACTERS = 1 << 18  # characters that the layout is detected from, of 
 _HEAD_BYTES = 1 << 16  # beginning of a file that its layout is detected from [bytes]
 _CONTROL_BYTES = bytes(set(range(32)) - set(b"\t\n\v\f\r\x1a"))
 _BEGUN_NUMBER = re.compile(r"[+-]?[.,]?\d")
+_WORD = re.compile(r"[^\s,;|]+")
 _EXCEL_HINT = re.compile(r"sep=.?", re.IGNORECASE)  # a first line that tells Excel the delimiter
 
 
@@ -144,7 +145,7 @@ def sniff(path: Path) -> Layout:
         numbered = _names([str(column) if cell else "" for column, cell in enumerate(first)], others)
         at, text = comment
         found = _commented_names(text, delimiter)
-        layout = Layout(numbered, delimiter, None, number, encoding)
+        layout = Layout(numbered, delimiter, None, number, encoding, range(above, number))
         if len(found) == len(numbered):
             layout = replace(layout, names=found)
         elif len(found) > len(numbered) and delimiter is not None:  # blanks stand between the words of any comment
@@ -243,14 +244,27 @@ def split_or_none(line: str, delimiter: str | None) -> list[str] | None:
 def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tuple[int, str]]:
     """Return the rows from the names on: lines of fewer cells above a row of names are a title.
 
-    Empty cells at the end of a line do not count: a spreadsheet fills up each line to the widest one.
+    Above a row of numbers they are one if no line of them can be names or data.  Empty cells at the end of a line do
+    not count: a spreadsheet fills up each line to the widest one.
     """
     widths = [_filled(split_or_none(line, delimiter) or ()) for _, line in rows]
     usual = Counter(widths).most_common(1)[0][0]
     at = widths.index(usual)
-    names = split_or_none(rows[at][1], delimiter) or []
-    is_title = at > 0 and max(widths[:at]) < usual and len(rows) > at + 1
-    return rows[at:] if is_title and all(name[:1].isalpha() for name in names) else rows
+    if at == 0 or len(rows) <= at + 1:
+        return rows
+    cells = split_or_none(rows[at][1], delimiter) or []
+    if all(is_number(cell, delimiter) for cell in cells):
+        is_title = all(_is_text(line, delimiter, usual) for _, line in rows[:at])
+    else:
+        is_title = max(widths[:at]) < usual and all(name[:1].isalpha() for name in cells)
+    return rows[at:] if is_title else rows
+
+
+def _is_text(line: str, delimiter: str | None, columns: int) -> bool:
+    """Return whether a line is text alone: one cell, that begins with a letter and cannot be a name for each column."""
+    cells = split_or_none(line, delimiter) or []
+    is_one = delimiter is None or _filled(cells) == 1  # any text has blanks
+    return is_one and cells[:1] != [] and cells[0][:1].isalpha() and len(_WORD.findall(line)) != columns
 
 
 def _filled(cells: Sequence[str]) -> int:
