@@ -170,6 +170,13 @@ def test_a_damaged_cell_makes_its_column_text_and_names_the_place(tmp_path: Path
     assert options_of(found) == ()
 
 
+def test_columns_of_text_with_one_name_leave_the_others_readable(tmp_path: Path) -> None:
+    """X-Plane writes a bar between two columns: of each, line and name of what is no number are the same."""
+    path = tmp_path / "log.csv"
+    path.write_text("u,|,y,|\n" + "".join(f"{k % 7},|,{k % 5},|\n" for k in range(30)))
+    assert [column.name for column in inspect(path).contents.columns if column.is_signal] == ["u", "y"]
+
+
 @every(
     ("text", "message"),
     [
