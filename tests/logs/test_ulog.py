@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError, MissingDependencyError
+from replant.fitting.inspect import inspect
 from replant.logs import read_columns, read_log
 
 pyulog = pytest.importorskip("pyulog")
@@ -52,6 +53,19 @@ def test_topics_of_different_rates_are_merged(tmp_path: Path) -> None:
     assert log.time.tolist() == [k / 1000 for k in range(K)]
     np.testing.assert_array_equal(log.input, np.repeat(np.float32(U[:10]), 4))
     np.testing.assert_array_equal(log.output, np.float32(Y))
+
+
+def test_a_stamp_within_a_message_is_not_its_clock(tmp_path: Path) -> None:
+    """As in position_setpoint_triplet.previous.timestamp, which stays zero."""
+    formats = b"part:uint64_t timestamp;float x;", b"drive:uint64_t timestamp;part held;float u;float y;"
+    samples = [struct.pack("<HQQ3f", 0, START + 1000 * k, 0, 0.0, U[k], Y[k]) for k in range(K)]
+    added = [message(b"A", struct.pack("<BH", 0, 0) + b"drive"), *(message(b"D", each) for each in samples)]
+    head = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", START) + message(b"B", bytes(40))
+    path = tmp_path / "log.ulg"
+    path.write_bytes(head + b"".join([*(message(b"F", each) for each in formats), *added]))
+    clock = inspect(path, input="drive.u", output="drive.y").clock
+    assert clock is not None
+    assert (clock.dt, clock.problem, clock.guess) == (0.001, "", "")
 
 
 def test_instances_of_a_topic(tmp_path: Path) -> None:

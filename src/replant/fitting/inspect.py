@@ -145,12 +145,14 @@ def inspect(
     time: str | int | None = None,
 ) -> Inspection:
     """Return what is in a log file; what is guessed is marked as a guess."""
-    table = side_by_side(read_columns(path))
+    read = read_columns(path)
+    table = side_by_side(read)
+    own = None if table is read else len(table.names) - 1  # the time of channels with stamps of their own
     given = {role: table.find(key) for role, key in ((INPUT, input), (OUTPUT, output)) if key is not None}
     for number in given.values():
         table.column(number)  # raises, with the place of the cell that is no number
     contents = read_contents(table)
-    clock = find_clock(table, contents, None if time is None else table.find(time), set(given.values()))
+    clock = find_clock(table, contents, own if time is None else table.find(time), set(given.values()))
     record = _record(contents, clock, given)
     signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
     signals = _without_clocks(signals, contents, set(given.values()))
