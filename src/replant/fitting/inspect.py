@@ -6,7 +6,6 @@ import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,9 +18,11 @@ from replant.logs.log import Log
 from replant.logs.merged_channels import side_by_side
 from replant.logs.recording import Recording
 from replant.logs.table import Table
+from replant.model.preprocess import Preprocess
+from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.verdict.assess import MOST_SAMPLES
-from replant.verdict.other_columns import OtherColumn
+from replant.verdict.other_columns import OtherColumn, other_columns
 
 MOST_SAMPLES_OF_FIRST = 1000  # samples that a first model is made from: evenly spaced ones of a longer record [samples]
 DELAYS = 12  # dead times that it tries beside 0, from a sample to a quarter of the record, by equal factors [count]
@@ -83,17 +84,27 @@ def beside_first_model(
     u: FloatArray, y: FloatArray, dt: float, delay: float, others: Mapping[str, FloatArray]
 ) -> tuple[OtherColumn, ...]:
     """Return the columns that explain a part of what a model of one pole leaves; none if there is no model."""
-    from replant.fitting.fit import fit
+    from replant.estimation.solver.solve import solve
+    from replant.fitting.fit import check_delay, check_length
+    from replant.fitting.samples import RawRecord
 
     if not others:
         return ()
     rows = slice(0, MOST_SAMPLES)
-    shown = {name: signal[rows] for name, signal in others.items()}
+    u, y = u[rows], y[rows]
     try:
-        log = Log(u[rows], y[rows], dt, None, "u", "y", Path("log"), others=shown)
-        return fit(log, poles=1, delay=delay, method="srivc").other_columns
+        structure = Structure(poles=1, delay=delay)
+        check_length(int((np.isfinite(u) & np.isfinite(y)).sum()), structure)
+        check_delay(delay, dt, u.size, None)
+        raw = RawRecord(structure, dt, Preprocess("identity", "mean", "mean").resolve(u, y), u, y, None, "zoh")
+        # no loads are looked for: a load may be what another column tells
+        solution = solve(structure, raw.made_ready(y, None))
     except ReplantError:
         return ()
+    if solution is None:
+        return ()
+    shown = {name: signal[rows][raw.made_use_of] for name, signal in others.items()}
+    return other_columns(structure, solution.found.theta[: structure.size], solution.record, dt, shown)
 
 
 POLES = 2  # poles of the model that is suggested first [count]

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError
-from replant.fitting.inspect import first_model, inspect, options_of
+from replant.fitting.inspect import beside_first_model, first_model, inspect, options_of
 from replant.logs.column_roles import role_by_name
 from replant.logs.columns import Column, Kind, describe
 from replant.logs.read import read_log
 from replant.model.transfer_function import TransferFunction
 from replant.report.log_as_text import as_json, findings_of
-from replant.signals import prbs, random_steps
+from replant.signals import prbs, random_steps, white_noise
 from support.cases import every
 
 DT = 0.02
@@ -390,6 +390,15 @@ def test_of_a_step_that_no_correlation_shows_a_first_model_is_made() -> None:
     found = first_model(u, y + 0.01 * np.random.default_rng(1).standard_normal(200), 0.5)
     assert found is not None
     assert (round(found.delay), round(found.time_constant)) == (3, 2)
+
+
+def test_a_column_that_moves_the_output_in_steps_is_named() -> None:
+    """As a load without a column it would be left out of what the model is to explain."""
+    k = np.arange(2000)
+    u, d = prbs(k.size, hold=16), np.where((k > 700) & (k < 1500), 1.0, 0.0)
+    y = TransferFunction([0.5], [2.0, 1.0]).simulate(u, 0.1) + 3.0 * d + white_noise(k.size, 0.05)
+    found = beside_first_model(u, y, 0.1, 0.0, {"d": d, "noise": white_noise(k.size, 1.0)})
+    assert [other.name for other in found] == ["d"]
 
 
 def test_where_neither_column_answers_either_may_be_the_input_unless_it_is_given(tmp_path: Path) -> None:
