@@ -18,7 +18,7 @@ from replant.logs.log import Log
 from replant.logs.merged_channels import side_by_side
 from replant.logs.recording import Recording
 from replant.logs.table import Table
-from replant.model.preprocess import Preprocess
+from replant.model.preprocess import Preprocess, screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.verdict.assess import MOST_SAMPLES
@@ -94,7 +94,7 @@ def beside_first_model(
     u, y = u[rows], y[rows]
     try:
         structure = Structure(poles=1, delay=delay)
-        check_length(int((np.isfinite(u) & np.isfinite(y)).sum()), structure)
+        check_length(structure, *screen(u, y))
         check_delay(delay, dt, u.size, None)
         raw = RawRecord(structure, dt, Preprocess("identity", "mean", "mean").resolve(u, y), u, y, None, "zoh")
         # no loads are looked for: a load may be what another column tells
