@@ -87,13 +87,13 @@ class Explained:
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A residual (K,) less what known columns explain of it, whitened, over the W samples whose past is known."""
+    """A residual (K,) less what known columns explain of it, whitened, over the U samples used."""
 
     noise: Autoregression  # of the residual
     known: FloatArray  # (K, N): the known columns, scaled to one
-    white_known: FloatArray  # (W, N): whitened
+    white_known: FloatArray  # (U, N): whitened
     from_known: FloatArray  # (N, R): what makes them orthonormal
-    white: FloatArray  # (W,): the whitened residual
+    white: FloatArray  # (U,): the whitened residual
     lengths: FloatArray  # (N,): of the known columns as they were given
     past: IntArray  # (K,): how many samples in a row come before each
     used: BoolArray  # (K,)
@@ -108,8 +108,7 @@ class Residual:
         known = known / lengths
         error = error - error[used].mean()
         noise = Autoregression.of_residual(error, past, error.size) if noise is None else noise
-        (white_known, whole), (white, _) = (noise.whiten_whole(each, past, used) for each in (known, error))
-        white_known, white = white_known[whole], white[whole]
+        white_known, white = noise.whiten_known(known, past)[used], noise.whiten_known(error, past)[used]
         basis = orthogonal(products(white_known, white_known))
         explained = basis @ (basis.T @ products(white_known, white[:, None])[:, 0])
         white = white - np.einsum("ij,j->i", white_known, explained)
@@ -161,8 +160,7 @@ class Residual:
         return Explained(weights, max(power, 0.0), std, part / limit, spread)
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
-        white, whole = self.noise.whiten_whole(columns, self.past, self.used)
-        return white[whole]
+        return np.asarray(self.noise.whiten_known(columns, self.past)[self.used])
 
 
 def _widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:
