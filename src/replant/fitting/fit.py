@@ -26,7 +26,7 @@ from replant.kernels.schema import Doubt
 from replant.logs.log import without_rest
 from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
-from replant.model.preprocess import Preprocess, accepted, screen
+from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
@@ -248,9 +248,9 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Reco
 
 def check_length(structure: Structure, usable: BoolArray, rejected: Mapping[str, int]) -> None:
     """Raise InvalidArgumentError where the usable samples are fewer than the parameters need."""
-    samples, others = int(usable.sum()), [f"{count:,} {reason}" for reason, count in rejected.items() if count]
+    samples, others = int(usable.sum()), rejected_in_words(rejected)
     if samples < structure.size + 1:
-        beside = f" ({', '.join(others)})" if others else ""
+        beside = f" ({others})" if others else ""
         raise InvalidArgumentError(
             f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
             f"{structure.size} parameters need{beside}: record more, or ask for fewer poles and zeros"

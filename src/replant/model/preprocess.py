@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -110,9 +110,10 @@ class Preprocess:
             return self
         u, y = record(u, y)
         mapped = self.map_input(u)
-        valid = screen(mapped, y)[0]
+        valid, rejected = screen(mapped, y)
         if not valid.any():
-            raise InvalidArgumentError("the working point needs at least one sample that is finite in input and output")
+            none = rejected_in_words(rejected) or "there is no sample"
+            raise InvalidArgumentError(f"the working point needs at least one sample that can be used: {none}")
         return Preprocess(
             self.input_map,
             _level(self.input_offset, mapped[valid]),
@@ -131,6 +132,15 @@ def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np
         small = (np.abs(mapped) <= LARGEST) & (np.abs(y) <= LARGEST)
     rejected = {"not finite": int((~finite).sum()), "too large": int((finite & ~small).sum())}
     return finite & small, rejected
+
+
+def rejected_in_words(rejected: Mapping[str, int]) -> str:
+    """Return how many samples are rejected for which reason; empty where none is.
+
+    >>> rejected_in_words({"not finite": 1200, "too large": 0, "stuck": 3})
+    '1,200 not finite, 3 stuck'
+    """
+    return ", ".join(f"{count:,} {reason}" for reason, count in rejected.items() if count)
 
 
 def accepted(signal: FloatArray) -> tuple[FloatArray, BoolArray]:

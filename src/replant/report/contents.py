@@ -17,7 +17,7 @@ from replant.estimation.solver.least_squares import regressors
 from replant.fitting.model import Model
 from replant.logs.log import Log
 from replant.logs.recording import digest
-from replant.model.preprocess import Preprocess, screen
+from replant.model.preprocess import Preprocess, rejected_in_words, screen
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import places_on_grid
@@ -186,7 +186,7 @@ def _zeros(result: Result) -> str:
 def origin(material: Material) -> str:
     """Return facts about the record, the use of its samples, and the versions of the software."""
     log, result = material.log, material.result
-    rejected = ", ".join(f"{count:,} {reason}" for reason, count in result.rejected.items() if count) or "none"
+    rejected = rejected_in_words(result.rejected) or "none"
     return facts(
         [
             *of_record(log),

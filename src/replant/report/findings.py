@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.fitting.miso_fit import RowFit
+from replant.model.preprocess import rejected_in_words
 from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Result
 from replant.plotting.numbers import complex_number, number
@@ -163,9 +164,8 @@ def _of_samples(result: Result | RowFit, total: int) -> list[Finding]:
         text = f"{count} cannot determine {size} parameters: record at least {FEW_SAMPLES * size}."
         found.append(Finding(BAD, "Too short", text, usable=False))
     if rejected > MANY_REJECTED * max(total, 1):
-        reasons = ", ".join(f"{count:,} {reason}" for reason, count in result.rejected.items() if count)
-        share = number(100.0 * rejected / total, 3)
-        found.append(Finding(WARN, "Rejected samples", f"{share} % of the record could not be used: {reasons}."))
+        text = f"{number(100.0 * rejected / total, 3)} % of the record could not be used"
+        found.append(Finding(WARN, "Rejected samples", f"{text}: {rejected_in_words(result.rejected)}."))
     return found
 
 

@@ -16,6 +16,7 @@ from replant.fitting.miso_fit import RowFit
 from replant.fitting.model import Model
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
+from replant.model.preprocess import rejected_in_words
 from replant.numerics.arguments import FloatArray
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
 from replant.online.runs.result import MOST_SHADES, Clock
@@ -277,6 +278,6 @@ def _origin(outputs: Sequence[Output]) -> str:
     logs = [each.log for each in outputs]
     said = [*tables.of_record(logs[0], *logs[1:])]
     for each in outputs:
-        rejected = ", ".join(f"{count:,} {reason}" for reason, count in each.fitted.rejected.items() if count) or "none"
+        rejected = rejected_in_words(each.fitted.rejected) or "none"
         said.append((f"{each.name}, used", f"{each.fitted.samples:,} samples; rejected: {rejected}"))
     return facts([*said, ("versions", tables.versions())])

@@ -13,6 +13,7 @@ from replant.fitting.model import Model
 from replant.fitting.model_json import finite, verdict_object
 from replant.fitting.search_result import Candidate, SearchResult
 from replant.fitting.validation import Validation
+from replant.model.preprocess import rejected_in_words
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.online.runs.result import Result
@@ -130,7 +131,7 @@ def _fits(simulated: float, how: str, one_step: float) -> str:
 
 
 def _samples(samples: int, rejected: Mapping[str, int]) -> str:
-    left_out = ", ".join(f"{count} {reason}" for reason, count in rejected.items() if count)
+    left_out = rejected_in_words(rejected)
     return f"{samples:,}" + (f", rejected: {left_out}" if left_out else "")
 
 
