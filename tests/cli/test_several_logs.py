@@ -65,3 +65,12 @@ def test_what_does_not_fit_together_is_one_line(capsys, steps: list[Path], tmp_p
         code, _, err = call(capsys, command, *steps[:2], "-i", "u", "-o", "y", "-p", 1)
         assert (code, err.count("\n")) == (2, 1)
         assert "one log" in err
+
+
+def test_a_copy_of_a_log_is_noted(capsys, steps: list[Path], tmp_path: Path) -> None:
+    copy = tmp_path / "copy.csv"
+    copy.write_bytes(steps[0].read_bytes())
+    code, _, err = call(capsys, "fit", *steps, copy, "-i", "u", "-o", "y", "-p", 1, "--delay", 3)
+    assert code == 0
+    assert err.startswith(f"replant: note: {copy}: the same samples as in {steps[0]}: they count twice")
+    assert err.count("\n") == 1

@@ -6,10 +6,12 @@ import functools
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import click
+import numpy as np
 
 from replant.cli.conditioning_options import CONDITIONING, STRETCHES, conditioned, input_hold_of, is_conditioned
 from replant.cli.notes import ASKED, QUIET, note
@@ -163,8 +165,16 @@ def open_log(options: dict[str, Any]) -> tuple[Log, Request]:
 
 
 def read_several(options: dict[str, Any]) -> list[Log]:
-    """Read the logs that the options name, which are fitted together."""
-    return [read(options | {"log": path}) for path in options["logs"]]
+    """Read the logs that the options name, which are fitted together; say where two hold the same samples."""
+    logs = [read(options | {"log": path}) for path in options["logs"]]
+    for (path, log), (again, other) in combinations(zip(options["logs"], logs, strict=True), 2):
+        pairs = (log.output, other.output), (log.inputs, other.inputs)
+        if all(np.array_equal(*pair, equal_nan=True) for pair in pairs):
+            note(
+                f"{again}: the same samples as in {path}: they count twice, and make standard deviations too small; "
+                "leave one out"
+            )
+    return logs
 
 
 def request_of(options: dict[str, Any], dt: float) -> Request:
