@@ -11,6 +11,7 @@ A residual that has grown has many causes.  Each is a supposition, fitted to the
     WHOLE     one other model holds for these samples and those before: the model was wrong
 
 What was known before is a prior, of which a supposition forgets some directions (`estimation.solver.change_prior`).
+PART, PLANT and CUT are supposed only where the input moves.
 
 All are compared over the same samples by the log-likelihood of their residuals.  These are whitened by the noise model
 from before the change, or at the price of its numbers by one of their own: an autoregression fitted to a step nearly
@@ -232,8 +233,11 @@ class Contest:
 
     def _of_models(self) -> Iterator[Claim]:
         """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""
+        begins = [(Supposition.LOAD, self._without_moving())]
+        if self._is_driven(*self._driven(self.known.mean)):  # else the gain is not told
+            begins.append((Supposition.PART, self._scaled()))
         starts = []
-        for supposition, start in ((Supposition.LOAD, self._without_moving()), (Supposition.PART, self._scaled())):
+        for supposition, start in begins:
             claim = self._with_prior(supposition, start)
             if claim is not None and claim.model is not None:
                 starts.append(claim.model)
@@ -307,6 +311,12 @@ class Contest:
         without = self.problem.run(still)
         return without, without.error - self.problem.run(moving).error
 
+    def _is_driven(self, without: Pass, driven: FloatArray) -> bool:
+        """Return whether the driven part (K,) of an output is more than offset and initial state: the input moves."""
+        columns = without.phi[:, self.structure.coefficients :]
+        beside = driven - combined(columns, least_norm(columns, driven, WEAKEST)[0])
+        return float(np.std(beside)) > HARMLESS * float(np.std(driven))
+
     def _with_prior(self, supposition: Supposition, start: tuple[FloatArray, FloatArray]) -> Claim | None:
         """Return the claim of a model that was known but for some directions, its fit begun at ``start``."""
         # in a load that drifts a fit without it may lead astray, and one with it may take for it what is none
@@ -350,9 +360,12 @@ class Contest:
         return Root(model, done, self.known.noise, innovation, power, converged, converged, filters=self.known.filters)
 
     def _plant(self, given: Sequence[FloatArray]) -> Claim | None:
-        """Return the claim of a model of the samples since alone; one that has not settled cannot win."""
+        """Return the claim of a model of the samples since alone; one that has not settled cannot win.
+
+        None where its numerator is not told: with an input that rests any gain and a fitting offset explain them.
+        """
         found = refine(self.structure, self.since, given, afresh=True, filtered=self.known.filters)
-        if found is None:
+        if found is None or not self._is_driven(*self._driven(found.theta)):
             return None
         run = self.problem.run(found.theta)
         if not found.settled:
@@ -371,8 +384,7 @@ class Contest:
         for model in models:
             done, driven = self._driven(model)
             columns, error = done.phi[:, self.structure.coefficients :], done.ahead
-            beside = driven - combined(columns, least_norm(columns, driven, WEAKEST)[0])
-            if not float(np.std(beside)) > HARMLESS * float(np.std(driven)):  # the input rests
+            if not self._is_driven(done, driven):
                 continue
             left = error - combined(columns, least_norm(columns, error, WEAKEST)[0])
             # the initial state of an output that wanders is told by the noise model alone
