@@ -184,7 +184,8 @@ def parameter_table(
     columns = {"coefficient": list(names), heading: [f"{value:.{digits}g}" for value in values]}
     if std is not None:
         columns["std"] = [*map(std_alone, std)]
-    if truth is not None:
+    sizes = [sum(name.startswith(letter) for name in names) for letter in "ab"]
+    if truth is not None and sizes == [truth.den.size - 1, truth.num.size]:
         true = true_parameters(truth)
         columns["true"] = [f"{value:.{digits}g}" for value in true]
         columns["off by"] = [*map(off_by, values, true)]
