@@ -427,3 +427,11 @@ def test_a_short_line_above_numbers_is_no_title(tmp_path: Path, above: str) -> N
 def test_a_file_of_comments_is_empty_if_its_beginning_is_all_of_it(write: Write, size: int, message: str) -> None:
     with pytest.raises(LogError, match=message):
         read_columns(write("# a line\n".ljust(size - 1, "#") + "\n"))
+
+
+def test_a_line_of_any_number_of_empty_cells_is_read_in_one_pass(tmp_path: Path) -> None:
+    """Patterns that try each way to divide blanks take hours for this one."""
+    path = tmp_path / "log.txt"
+    path.write_text("t\tu\n0\t1\n1\t2\n" + 1_000_000 * "\t" + "5\n")
+    with pytest.raises(LogError, match=r"log\.txt: line 4 has .* where line 1 has 2"):
+        read_columns(path).columns([0, 1])

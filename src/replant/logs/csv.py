@@ -48,7 +48,7 @@ from replant.numerics.arguments import FloatArray
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
 _DATE = re.compile(r"\s*\d+[-/.:]\d+[-/.:]\d+")
 # a line without numbers, as a spreadsheet fills up a log
-_BLANK = re.compile(r"^[ \t]*\t[ \t]*(?:\n|\Z)", re.MULTILINE)
+_BLANK = re.compile(r"^[ \t]+(?:\n|\Z)", re.MULTILINE)
 _DATE_REMEDY = f"convert dates and clock times to seconds, or give the sampling time (dt, --dt); as the time {READ}"
 _WORDS = {".": "decimal point", ",": "comma"}
 
