@@ -164,22 +164,26 @@ Tried = TypeVar("Tried", bound=Likely)
 def likeliest_between(
     trials: dict[float, Tried], low: float, high: float, dt: float, tried: Callable[[float, Tried], Tried | None]
 ) -> Tried:
-    """Return the likeliest trial of the dead times between two points of a grid, ``tried`` beside the nearest one.
+    """Return the likeliest trial of the dead times between two points of a grid, of which ``trials`` are known.
 
-    A zero can make up for a part of a dead time, so that there may be several tops: where the grid is coarser than the
-    samples, both sides of its best point are looked into.
+    ``tried`` makes one of a dead time and the nearest trial.  A zero can make up for a part of a dead time, so that
+    there may be several tops: where the grid is coarser than the samples, both sides of its best point are looked into.
     """
+
+    def is_tried(delay: float) -> bool:
+        trial = tried(delay, trials[min(trials, key=lambda at: abs(at - delay))])
+        if trial is not None:
+            trials[delay] = trial
+        return trial is not None
+
     best = max(trials, key=lambda at: trials[at].likelihood)
     sides = [0.5 * (best + end) for end in (low, high) if abs(end - best) > dt]
-    for _ in range(BETWEEN):
-        top = top_of_parabola({at: trial.likelihood for at, trial in trials.items()}, low, high)
-        delay, gain = (sides.pop(), math.inf) if sides else top
-        if gain < WORTH or delay in trials:
+    for delay in sides:
+        is_tried(delay)
+    for _ in range(BETWEEN - len(sides)):
+        delay, gain = top_of_parabola({at: trial.likelihood for at, trial in trials.items()}, low, high)
+        if gain < WORTH or delay in trials or not is_tried(delay):
             break
-        trial = tried(delay, trials[min(trials, key=lambda at: abs(at - delay))])
-        if trial is None:
-            break
-        trials[delay] = trial
     return max(trials.values(), key=lambda trial: trial.likelihood)
 
 

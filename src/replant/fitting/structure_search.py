@@ -302,7 +302,8 @@ class _Sweep:
         low, high = self._delays[max(k - 1, 0)], self._delays[min(k + 1, len(self._delays) - 1)]
         if not high > low or (top is not None and best.evidence < top.evidence - 3.0 * self._reach):
             return
-        found = {trial.structure.delay: trial for trial in self._of(_size(best.structure))}
+        alike = self._of(_size(best.structure))
+        found = {trial.structure.delay: trial for trial in alike if low <= trial.structure.delay <= high}
 
         def tried(delay: float, beside: Trial) -> Trial | None:
             return self._evidence.of(replace(best.structure, delay=delay), [beside.found.theta])
