@@ -11,6 +11,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.estimation.solver.feedback_test import Feedback
 from replant.kernels.schema import LAGS
+from replant.numerics.autoregression import in_a_row
 from replant.numerics.levels import ALPHA
 from replant.verdict.evidence import Evidence
 from replant.verdict.loop_tests import answer, colour_left
@@ -82,9 +83,7 @@ def test_colour_beside_holes_that_the_noise_model_takes_is_none() -> None:
     """Of 20 records with 15 % of the outputs missing: the statistic over its limit at 1e-4 stays below 1."""
     for seed in range(20):
         noise, there = coloured(seed, 3000, 0.98), np.random.default_rng(seed).random(3000) > 0.15
-        index = np.arange(3000)
-        past = np.minimum(index - np.maximum.accumulate(np.where(there, -1, index)) - 1, LAGS)
-        assert colour_left(np.where(there, noise, np.nan), np.maximum(past, 0)) < 1.0
+        assert colour_left(np.where(there, noise, np.nan), np.minimum(in_a_row(there), LAGS)) < 1.0
 
 
 def test_the_rounding_of_a_coarse_sensor_answers_nothing() -> None:

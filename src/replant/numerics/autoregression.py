@@ -141,9 +141,9 @@ class Autoregression:
         return result.reshape(signals.shape)
 
     def whiten_whole(self, signals: FloatArray, known: IntArray, used: BoolArray) -> tuple[FloatArray, BoolArray]:
-        """Return D(q) x of ``signals`` (K, ...) at samples used whose p predecessors are known, else zero; and which.
+        """Return D(q) x of ``signals`` (K, ...), zero but where a sample used has p known predecessors; and where (K,).
 
-        A sample with a shorter past is not independent of those before the hole: of slow noise all of them tell one
+        A sample with a shorter past is not independent of those before the hole: slow noise puts all of them on one
         level.
         """
         whole = used & (known >= self.order)
@@ -170,10 +170,22 @@ def _mirrored(model: FloatArray) -> tuple[FloatArray, float]:
     return np.asarray(np.poly(moved).real), float(np.abs(places[outside]).prod())
 
 
-def in_a_row(whole: BoolArray) -> IntArray:
-    """Return how many samples come before each (K,) of those that are ``whole``, in a row."""
-    index = np.arange(whole.size)
-    return np.where(whole, index - np.maximum.accumulate(np.where(whole, -1, index)) - 1, 0)
+def since_break(broken: BoolArray) -> IntArray:
+    """Return how many samples came since the last break before each (K,); 0 where it is one."""
+    index = np.arange(broken.size)
+    if not broken[1:].any():
+        return index
+    return index - np.maximum.accumulate(np.where(broken, index, 0))
+
+
+def in_a_row(used: BoolArray, broken: BoolArray | bool = False) -> IntArray:
+    """Return how many samples used come right before each one used (K,), without a break; 0 where it is not used.
+
+    >>> in_a_row(np.array([True, True, False, True, True]))
+    array([0, 1, 0, 0, 1])
+    """
+    behind_hole = np.concatenate([[True], ~used[:-1]]) if used.size else ~used
+    return np.where(used, since_break(behind_hole | broken), 0)
 
 
 def sums_of(error: FloatArray, known: IntArray) -> tuple[FloatArray, int]:

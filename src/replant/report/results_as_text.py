@@ -180,7 +180,7 @@ def parameter_table(
     heading: str = "identified",
     digits: int = 4,
 ) -> Any:
-    """Return the table of coefficients, with standard deviations and true values if known."""
+    """Return the table of coefficients, with standard deviations, and true values of a plant of the same structure."""
     columns = {"coefficient": list(names), heading: [f"{value:.{digits}g}" for value in values]}
     if std is not None:
         columns["std"] = [*map(std_alone, std)]

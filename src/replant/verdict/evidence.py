@@ -129,7 +129,7 @@ class Evidence:
 
     @property
     def past(self) -> IntArray:
-        """That of the samples that the estimate should explain."""
+        """The same of the samples that the estimate should explain."""
         return self.past_of(self.known)
 
     @property

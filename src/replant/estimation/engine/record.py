@@ -14,6 +14,7 @@ from replant.model.preprocess import Preprocess, centre, screen
 from replant.model.state_space import unknown_outputs
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+from replant.numerics.autoregression import in_a_row, since_break
 from replant.numerics.linear_algebra import quiet
 
 SAME = 1e-9
@@ -30,14 +31,6 @@ Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, not
 """
 
 MOST_GAPS = 500  # gaps that part a record, the longest ones of them: each costs a pass over its part [count]
-
-
-def _since(broken: BoolArray) -> IntArray:
-    """Return how many samples came since the last break before each (K,); 0 where it is one."""
-    index = np.arange(broken.size)
-    if not broken[1:].any():
-        return index
-    return index - np.maximum.accumulate(np.where(broken, index, 0))
 
 
 def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
@@ -89,15 +82,14 @@ class Record:
         """How many outputs before each (K,) were measured a sampling time apart, up to LAGS; jitter counts as none."""
         broken = self._breaks
         if self.measured is None:
-            since = _since(broken)
+            since = since_break(broken)
             return np.minimum(since, LAGS, out=since)
-        broken[1:] |= ~self.measured[:-1]
-        return np.where(self.measured, np.minimum(_since(broken), LAGS), 0)
+        return np.minimum(in_a_row(self.measured, broken), LAGS)
 
     @property
     def inputs_before(self) -> IntArray:
         """How many inputs before each (K,) came a sampling time apart; jitter counts as none."""
-        return _since(self._breaks)
+        return since_break(self._breaks)
 
     @property
     def _breaks(self) -> BoolArray:
