@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import NamedTuple
 
 from replant.estimation.simulation.miso import Row, RowRecord
@@ -14,7 +14,7 @@ from replant.estimation.solver.miso_change import Change, Judge
 from replant.estimation.solver.record_changes import Modelled, Parted, find_plant_change, may_have_loads, parted
 from replant.estimation.solver.solve import Solution, solve
 from replant.estimation.solver.srivc_steps import Problem
-from replant.fitting.miso_solve import RowSolution, begun_at, solve_with, started
+from replant.fitting.miso_solve import RowSolution, solve_with
 from replant.fitting.model_fields import has_rest
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
@@ -45,13 +45,13 @@ def solve_parted_row(
 ) -> PartedRow:
     """Return the estimate of a record, see `solve_with`, and what has changed within it, ``loads`` maybe."""
 
-    def solved(loads: tuple[int, ...], theta: FloatArray | None) -> PartedRow:
+    @cache
+    def solved(loads: tuple[int, ...]) -> PartedRow:
         record = replace(ready.record, begins=tuple(sorted({*ready.record.begins, *loads})))
-        begins = started if theta is None else partial(begun_at, theta)
-        return PartedRow(*solve_with(structures, replace(ready, record=record), references, names, begins))
+        return PartedRow(*solve_with(structures, replace(ready, record=record), references, names))
 
-    kept, tried, loads, _ = parted(solved((), None), _model_of_row, solved, loads=loads)
-    findings, plant = list(kept.findings), None
+    kept, suspected, loads, _ = parted(solved(()), _model_of_row, solved, loads=loads)
+    findings, plant, tried = list(kept.findings), None, solved(suspected)
     if tried.solution is not None and tried.solution.row.record.begins != ready.record.begins:
         row, found, _ = tried.solution
         plant = find_plant_change(row, found.point.theta)
@@ -81,12 +81,12 @@ def solve_parted(
     ``whole`` is its solution without them, ``with_loads`` gives it with some.  A slow pole may have followed a load and
     left nothing of it: then ``others``, models (T,), tell of it, or those of its halves.
     """
-    model_of, first = partial(_model_of, structure), Parted[Solution | None](whole, whole)
+    model_of, first = partial(_model_of, structure), Parted[Solution | None](whole)
     row = Row.of_one(structure, whole.record)
     for theta in itertools.chain([whole.found.theta], others, _of_halves(structure, whole)):
         judge = Judge.of(row, theta[: structure.coefficients])
         if may_have_loads(row, judge.theta):
-            return parted(first.solution, model_of, lambda loads, _: with_loads(loads), judge)
+            return parted(first.solution, model_of, with_loads, judge)
     return first
 
 

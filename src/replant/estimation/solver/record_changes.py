@@ -50,7 +50,7 @@ class Parted(NamedTuple, Generic[Solved]):
     """The likeliest solution of a record: of the whole, or parted at loads, since these samples of it."""
 
     solution: Solved
-    tried: Solved  # with all that may have changed, likelier or not; where that is too much, with the surest of it
+    suspected: tuple[int, ...] = ()  # all loads that may have acted, likelier or not; of too many the surest
     loads: tuple[int, ...] = ()
     is_sure: bool = True  # also beside how differently the model fits each stretch
 
@@ -66,39 +66,56 @@ def may_have_loads(row: Row, theta: FloatArray, *, of_plant: bool = False) -> bo
 def parted(
     whole: Solved,
     model_of: Callable[[Solved], Modelled | None],
-    solved: Callable[[tuple[int, ...], FloatArray | None], Solved],
+    solved: Callable[[tuple[int, ...]], Solved],
     judge: Judge | None = None,
     loads: tuple[int, ...] = (),
 ) -> Parted[Solved]:
     """Return the solution of a record that is parted at each load; ``whole`` where that is no likelier.
 
-    ``solved`` gives the solution of a record with loads, begun at a model, or afresh at None.  The first load is looked
-    for by ``judge``, in the place of the model of the whole, and beside ``loads``, which may act.
+    ``solved`` gives the solution of a record with loads.  The first load is looked for by ``judge``, in the place of
+    the model of the whole, and beside ``loads``, which may act.
     """
-    without = set[tuple[int, int]]()
-    once = solved(loads, None) if loads else whole
-    first, model = model_of(whole), model_of(once)
+    first = model_of(whole)
+    model = model_of(solved(loads)) if loads else first
     if model is not None and judge is not None:
         model = model._replace(judge=judge)
+    surest, without = loads, set[tuple[int, int]]()
     while model is not None and (change := _find_break(*model, without)) is not None:
         if len(loads) >= PARTS:
-            return Parted(whole, once)
+            return Parted(whole, surest)
         loads = tuple(sorted((*loads, change.begin)))
-        found = solved(loads, model.judge.theta)
-        once, model = found if once is whole else once, model_of(found)
+        surest, model = surest or loads, _begun_at(model, loads)
     if not loads or first is None:
-        return Parted(whole, whole)
-    tried = found = solved(loads, None)
-    while (model := model_of(found)) is not None and loads and (needless := _needless(first.row, model.judge, loads)):
-        loads = tuple(load for load in loads if load != needless)
-        found = solved(loads, model.judge.theta)
-    if loads and model is not None:
-        more, least = _explained(model, first, loads)
+        return Parted(whole)
+    found = solved(loads)
+    kept, model = loads, model_of(found)
+    while model is not None and kept and (needless := _needless(first.row, model.judge, kept)):
+        kept = tuple(load for load in kept if load != needless)
+        model = _begun_at(first._replace(judge=model.judge), kept)
+    if kept and kept != loads:
+        found = solved(kept)
+        model = model_of(found)
+    if kept and model is not None:
+        more, least = _explained(model, first, kept)
         if more > least:
             differently, numbers = dispersion(*model)
             is_sure = math.isfinite(numbers) and weighed(more, differently, numbers) > least
-            return Parted(found, tried, loads, is_sure)
-    return Parted(whole, tried)
+            return Parted(found, loads, kept, is_sure)
+    return Parted(whole, loads)
+
+
+def _begun_at(model: Modelled, loads: tuple[int, ...]) -> Modelled:
+    """Return the model that steps from another one lead to with loads, and the noise that it leaves."""
+    row = _with_loads(model.row, loads)
+    point = refine(row, *model.judge)
+    point = refine(row, point.theta, noise_of(row, point))
+    return Modelled(row, Judge(point.theta, noise_of(row, point)))
+
+
+def _with_loads(row: Row, loads: tuple[int, ...]) -> Row:
+    """Return a row with other offsets and initial states since some samples."""
+    record = replace(row.record, begins=tuple(sorted({*row.record.begins, *loads})))
+    return Row(row.structures, record, row.inputs, row.names)
 
 
 def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change | None:
@@ -125,8 +142,7 @@ def _needless(whole: Row, judge: Judge, loads: tuple[int, ...]) -> int:
     row = without_unknown(whole, set(loads))
 
     def cost(loads: tuple[int, ...]) -> float:
-        record = replace(row.record, begins=tuple(sorted({*row.record.begins, *loads})))
-        return evaluate(Row(row.structures, record, row.inputs, row.names), *judge).cost
+        return evaluate(_with_loads(row, loads), *judge).cost
 
     usual = cost(loads)
     if not 0.0 < usual < math.inf:
