@@ -207,7 +207,7 @@ class Problem:
             power = float(np.sum(white(done.ahead) ** 2)) if whitened and math.isfinite(done.cost) else done.power
             return power + known.cost(tried)
 
-        done, exact = self.run(model), False
+        done, exact, halved = self.run(model), False, 0
         for _ in range(POLISH):
             slopes = white(self._slopes(model, done) if exact else done.zeta)
             gradient = products(slopes, white(done.error)) + known.pull(model)
@@ -218,12 +218,13 @@ class Problem:
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
             if float(direction @ gradient) <= DONE * variance or self.is_rounding(done):
                 return model, done, True
-            better = self._damped(model, direction, cost, cost(model, done), own=True)
+            better = self._damped(model, direction, cost, cost(model, done), halved=halved)
             if better is not None:
-                model, done = better
+                model, done, halved = better
             elif exact:
                 return model, done, float(direction @ gradient) <= NEARLY_DONE * variance
-            exact = exact or better is None
+            else:
+                exact, halved = True, 0
         return model, done, False
 
     def polished(self, start: FloatArray, *, stable: bool = False) -> Root:
@@ -237,23 +238,25 @@ class Problem:
         return conclude(self.structure, self.record, self.known, root, self.projection, prior)
 
     def _damped(
-        self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], limit: float, *,
-        own: bool,
-    ) -> tuple[FloatArray, Pass] | None:  # fmt: skip
-        """Return the model after the longest step, halved up to `HALVINGS` times, that costs less, and its pass.
+        self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], limit: float,
+        slack: float = 0.0, halved: int = 0,
+    ) -> tuple[FloatArray, Pass, int] | None:  # fmt: skip
+        """Return the model after the longest step that costs less, its pass, and how short the next one begins.
 
-        None where none does, or where the limit is the model's ``own`` cost and the parabola through it and the last
-        two steps rises from there on.
+        A step begins as short as ``halved`` says, in halvings, up to four times as long as the last one that was taken.
+        The limit is the model's own cost; a part of the step may exceed it by as large a part of the slack.  None where
+        no step is short enough, or where the parabola through the limit and the last two steps rises from there on.
         """
         longer, fastest = math.inf, max(self.fastest, self._speed(model))
-        for halvings in range(HALVINGS):
-            tried = model + direction * 0.5**halvings
+        for halvings in range(halved, HALVINGS):
+            part = 0.5**halvings
+            tried = model + direction * part
             if self._speed(tried) <= fastest:
                 done = self.run(tried)
-                above = cost(tried, done) - limit
+                above = cost(tried, done) - limit - part * slack
                 if above < 0.0:
-                    return tried, done
-                if own and halvings > 1 and longer <= 4.0 * above < math.inf:
+                    return tried, done, max(halvings - 2, 0)
+                if halvings > halved + 1 and longer <= 4.0 * above < math.inf:
                     return None
                 longer = above
         return None
@@ -285,9 +288,9 @@ class Problem:
         done = self.run(model)
         if not math.isfinite(done.cost):
             return None
-        slack, settled, moved = 1.0 + SLACK[self.projection is not None], max(renewals, default=0), math.inf
+        slack, settled, moved = SLACK[self.projection is not None], max(renewals, default=0), math.inf
         costs: list[float] = []  # of the steps since the noise model was last renewed
-        stuck = False  # whether no step lowers the last of them
+        stuck, halved = False, 0  # whether no step lowers the last of them
 
         def cost(_: FloatArray, done: Pass) -> float:
             return self.misfit(done) if math.isfinite(done.cost) else math.inf
@@ -300,7 +303,7 @@ class Problem:
                 self.renew_noise(done)
             zeta, white = self.whiten(done.zeta), self.whiten(done.error)
             variance = max(sum_of_squares(white) / self.record.count, 1e-300)
-            limit, better = self.misfit(done) * slack, None
+            limit, better = self.misfit(done), None
             # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for sure
             # where that is the innovation's power, but J has the noise of the instruments in it
             companions = [self.whiten(done.phi), zeta]
@@ -311,13 +314,13 @@ class Problem:
                 if direction is None:
                     continue
                 moved = sum_of_squares(combined(zeta, direction)) / variance
-                better = self._damped(model, direction, cost, limit, own=False)
+                better = self._damped(model, direction, cost, limit, slack * limit, halved)
                 if better is not None:
                     break
             if better is None:
                 stuck = step > settled
                 break
-            model, done = better
+            model, done, halved = better
             if moved < STILL and step >= settled:
                 break
             if step > settled:

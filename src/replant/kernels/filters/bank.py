@@ -157,18 +157,8 @@ def new_discretization(bank, n, T, interval, work):
     bank[NEXT] = (slot + 1) % KEPT
     at = at_kept(n, T) + slot * size
     wide = n + 2
-    matrix, power, spare = work[: wide * wide], work[wide * wide : 2 * wide * wide], work[2 * wide * wide :]
-    for i in range(wide * wide):
-        matrix[i] = 0.0
-    rate = bank[SCALE] * interval
-    characteristic = bank[DENOMINATOR + n : DENOMINATOR + 2 * n]
-    for i in range(n):
-        matrix[i] = -rate * characteristic[i]
-    for i in range(1, n):
-        matrix[i * wide + i - 1] = rate
-    matrix[n] = rate
-    matrix[n * wide + n + 1] = 1.0
-    exponential(matrix, power, spare, wide)
+    power, spare = work[: wide * wide], work[wide * wide :]
+    exponential(n, bank[SCALE] * interval, bank[DENOMINATOR + n : DENOMINATOR + 2 * n], power, spare)
     bank[at] = interval
     for i in range(n):
         for j in range(n):
@@ -320,40 +310,65 @@ _MOST_SQUARINGS = 1000
 """Halvings at the most, where the norm is not finite [count]."""
 
 
-def _product(a, b, result, size):
-    for i in range(size):
-        for j in range(size):
-            total = 0.0
-            for k in range(size):
-                total += a[i * size + k] * b[k * size + j]
-            result[i * size + j] = total
+def exponential(n, rate, characteristic, result, work):
+    """Write the exponential of a companion matrix with a constant and a ramp beside it, (n + 2)^2 numbers.
 
-
-def exponential(matrix, result, work, size):
-    """Write exp(matrix) into ``result``; all are flat (size^2,), ``matrix`` is used up, ``work`` is work."""
-    norm = 0.0
-    for i in range(size):
-        row = 0.0
-        for j in range(size):
-            row += abs(matrix[i * size + j])
-        norm = max(norm, row)
+    The matrix has -rate d_(n-1) .. -rate d_0, rate, 0 as its first row, rates below the diagonal, and in row n a one at
+    its end, for the ramp's slope.
+    """
+    row = 0.0
+    for i in range(n):
+        row += abs(rate * characteristic[i])
+    norm = max(1.0, row + abs(rate))
     squarings = 0
     factor = 1.0
     while norm * factor > _LARGEST_NORM and squarings < _MOST_SQUARINGS:
         factor *= 0.5
         squarings += 1
-    for i in range(size * size):
-        matrix[i] *= factor
+    wide = n + 2
+    for i in range(wide * wide):
         result[i] = 0.0
-    for i in range(size):
-        result[i * size + i] = 1.0
+    for i in range(wide):
+        result[i * wide + i] = 1.0
     for term in range(_TERMS, 0, -1):  # Horner: result = I + matrix/term result
-        _product(matrix, result, work, size)
-        for i in range(size * size):
+        _times(n, rate * factor, characteristic, factor, result, work)
+        for i in range(wide * wide):
             result[i] = work[i] / term
-        for i in range(size):
-            result[i * size + i] += 1.0
+        for i in range(wide):
+            result[i * wide + i] += 1.0
     for _ in range(squarings):
-        _product(result, result, work, size)
-        for i in range(size * size):
-            result[i] = work[i]
+        _square(n, result, work)
+
+
+def _times(n, rate, characteristic, slope, power, result):
+    """Write the product of the matrix of `exponential` and a power of it: all but its first row only shifts rows."""
+    wide = n + 2
+    for j in range(wide):
+        result[j] = 0.0
+        result[n * wide + j] = slope * power[(n + 1) * wide + j]
+        result[(n + 1) * wide + j] = 0.0
+    for k in range(n):
+        for j in range(wide):
+            result[j] += -rate * characteristic[k] * power[k * wide + j]
+    for j in range(wide):
+        result[j] += rate * power[n * wide + j]
+    for i in range(1, n):
+        for j in range(wide):
+            result[i * wide + j] = rate * power[(i - 1) * wide + j]
+
+
+def _square(n, power, work):
+    """Square an exponential in its place; its last two rows are those of a ramp."""
+    wide = n + 2
+    for i in range(n):
+        for j in range(wide):
+            work[i * wide + j] = 0.0
+        for k in range(n):
+            for j in range(wide):
+                work[i * wide + j] += power[i * wide + k] * power[k * wide + j]
+        work[i * wide + n] += power[i * wide + n]
+        work[i * wide + n + 1] += power[i * wide + n] * power[n * wide + n + 1]
+        work[i * wide + n + 1] += power[i * wide + n + 1]
+    for i in range(n * wide):
+        power[i] = work[i]
+    power[n * wide + n + 1] *= 2.0
