@@ -32,8 +32,8 @@ HALVINGS = 10  # halvings of a Gauss-Newton step at the most: a thousandth is le
 POLISH = 30  # Gauss-Newton steps at the most [count]
 STALLS = 6  # steps that may gain nothing to speak of before an iteration counts as ended: a limit of effort [count]
 SLOW = 0.01  # gain of the last `STALLS` whitened steps below which they end: .1 deviations [innovation's variances]
-# growth of the cost that a whitened step may bring, without and with a reference [part of the cost]: the root of the
-# instruments' equations lies beside the least cost, and J is chi-squared at it
+# growth of the cost that a whitened step may bring [part of the cost]: the root of the instruments' equations lies
+# beside the least cost.  With a reference J is chi-squared at it, and may grow however short a step towards it is
 SLACK = {False: 1e-3, True: 0.02}
 FASTEST = 3.0  # bound of a pole's magnitude: beyond pi / dt it lies above half the sampling rate [1 / sampling time]
 
@@ -218,7 +218,7 @@ class Problem:
             # converged: the step is a thousandth of a standard deviation, or the error is rounding
             if float(direction @ gradient) <= DONE * variance or self.is_rounding(done):
                 return model, done, True
-            better = self._damped(model, direction, cost, cost(model, done), halved=halved)
+            better = self._damped(model, direction, cost, cost(model, done), halved)
             if better is not None:
                 model, done, halved = better
             elif exact:
@@ -238,14 +238,15 @@ class Problem:
         return conclude(self.structure, self.record, self.known, root, self.projection, prior)
 
     def _damped(
-        self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], limit: float,
-        slack: float = 0.0, halved: int = 0,
+        self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], own: float,
+        halved: int = 0, *, slack: float = 0.0, rise: float = 0.0,
     ) -> tuple[FloatArray, Pass, int] | None:  # fmt: skip
         """Return the model after the longest step that costs less, its pass, and how short the next one begins.
 
         A step begins as short as ``halved`` says, in halvings, up to four times as long as the last one that was taken.
-        The limit is the model's own cost; a part of the step may exceed it by as large a part of the slack.  None where
-        no step is short enough, or where the parabola through the limit and the last two steps rises from there on.
+        The model's ``own`` cost may be exceeded by a part of the slack as large as that of the step, or by a ``rise``
+        however short it is.  None where no step is short enough, or, without a rise, where the parabola through the
+        model's own cost and the last two steps' goes up from there on.
         """
         longer, fastest = math.inf, max(self.fastest, self._speed(model))
         for halvings in range(halved, HALVINGS):
@@ -253,10 +254,10 @@ class Problem:
             tried = model + direction * part
             if self._speed(tried) <= fastest:
                 done = self.run(tried)
-                above = cost(tried, done) - limit - part * slack
+                above = cost(tried, done) - own - rise - part * slack
                 if above < 0.0:
                     return tried, done, max(halvings - 2, 0)
-                if halvings > halved + 1 and longer <= 4.0 * above < math.inf:
+                if not rise and halvings > halved + 1 and longer <= 4.0 * above < math.inf:
                     return None
                 longer = above
         return None
@@ -288,7 +289,7 @@ class Problem:
         done = self.run(model)
         if not math.isfinite(done.cost):
             return None
-        slack, settled, moved = SLACK[self.projection is not None], max(renewals, default=0), math.inf
+        settled, moved = max(renewals, default=0), math.inf
         costs: list[float] = []  # of the steps since the noise model was last renewed
         stuck, halved = False, 0  # whether no step lowers the last of them
 
@@ -303,7 +304,8 @@ class Problem:
                 self.renew_noise(done)
             zeta, white = self.whiten(done.zeta), self.whiten(done.error)
             variance = max(sum_of_squares(white) / self.record.count, 1e-300)
-            limit, better = self.misfit(done), None
+            own, better = self.misfit(done), None
+            more = SLACK[self.projection is not None] * own
             # the instrumental-variable step finds its way from far; that of Gauss and Newton lowers the cost for sure
             # where that is the innovation's power, but J has the noise of the instruments in it
             companions = [self.whiten(done.phi), zeta]
@@ -314,7 +316,10 @@ class Problem:
                 if direction is None:
                     continue
                 moved = sum_of_squares(combined(zeta, direction)) / variance
-                better = self._damped(model, direction, cost, limit, slack * limit, halved)
+                if self.projection is None:
+                    better = self._damped(model, direction, cost, own, halved, slack=more)
+                else:
+                    better = self._damped(model, direction, cost, own, rise=more)
                 if better is not None:
                     break
             if better is None:
