@@ -12,6 +12,7 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import chi2_quantile, combined, least_norm, products, sum_of_squares
 
 TAKEN_AWAY = 1e-9  # length of a column, something taken off, that is rounding: a million times it [part of it before]
+LEFT = 1e-6  # length left of a column below which it cannot be told from known ones: the root of rounding [part of it]
 WEAKEST = 1e-13  # eigenvalue of scaled sums of a direction that is not there: a hundred roundings [part of the largest]
 SHIFTS = 9  # of a residual against columns, by which `widening` is measured to a fifth [count]
 GOLDEN = 0.6180339887498949  # distance of two shifts, so that no period meets several of them [part of the record]

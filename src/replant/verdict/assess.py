@@ -26,6 +26,7 @@ from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import GAP, SHORTEST_STEP, State
 from replant.estimation.settings import STORED, Request, Settings
+from replant.estimation.simulation.model_run import PER_COEFFICIENT
 from replant.estimation.solver.change_search import PlantChange, change_within
 from replant.kernels.schema import PAST, Doubt, Supposition
 from replant.model.shared_root import cancelled_pole
@@ -38,7 +39,7 @@ from replant.verdict.estimate_tests import (
     movement_findings,
     uncertainty_findings,
 )
-from replant.verdict.evidence import CONSTANT, FEWEST, LEAST_POWER, PER_COEFFICIENT, Evidence, is_constant, moving
+from replant.verdict.evidence import CONSTANT, FEWEST, LEAST_POWER, Evidence, is_constant, moving
 from replant.verdict.judge import POOREST_FIT, judge
 from replant.verdict.sensor_and_excitation import (
     REFUSED,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.model_run import ModelRun, run_model
+from replant.estimation.simulation.model_run import PER_COEFFICIENT, ModelRun, run_model
 from replant.estimation.solver.change_search import PlantChange
 from replant.model.structure import Structure
 from replant.model.uncertainty import UncertainMode, Uncertainty
@@ -19,7 +19,6 @@ from replant.numerics.robust import usual_step
 from replant.verdict.verdict import duration
 
 FEWEST = 100  # samples held out below which one column explains as much as MATTERS by chance [samples]
-PER_COEFFICIENT = 10  # samples held out for each, else a model explains a tenth of the noise by chance [samples]
 LEAST_POWER = 0.01 * MATTERS  # variance of the newest input below which it rests [part of the largest it has been]
 RESTED = 2500  # rest after which it is noted whether the model is trusted: half of the way between reviews [samples]
 CONSTANT = "the input is constant: move it"

@@ -38,9 +38,9 @@ from replant.estimation.simulation.model_run import ModelRun
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, combined, products, roots, sum_of_squares
-from replant.numerics.projections import TAKEN_AWAY, lengths_of, orthogonal
-from replant.verdict.evidence import PER_COEFFICIENT, Evidence, Runs
+from replant.numerics.linear_algebra import chi2_quantile, combined, products, sum_of_squares
+from replant.numerics.projections import LEFT, TAKEN_AWAY, lengths_of, orthogonal
+from replant.verdict.evidence import Evidence, Runs
 
 LARGEST_PART = (1.0 / 16.0) ** 2
 """What an alternative could still explain, up to which a model is trusted with a caveat: a sixteenth of the output's
@@ -51,8 +51,6 @@ Sensitivity: at 1 %, of 417 verdicts on right models of field records three more
 """
 
 NEGLIGIBLE = 0.01 * MATTERS  # what could still be explained that is not worth a word [part of the output's power]
-LONGEST = 3.0  # longest delay of the columns: a response has decayed to a twentieth [slowest time constants]
-LEFT = 1e-6  # length left of a column below which it cannot be told from known ones: the root of rounding [part of it]
 STRETCHES = 16  # of the record, whose scores tell their scatter: of two columns and more to a quarter [count]
 WIDER = 4.0  # scatter of the scores beyond which it is no chance [standard deviations]
 
@@ -221,17 +219,4 @@ def unexplained_before(evidence: Evidence, runs: Runs) -> Explained:
 
 def dynamics(evidence: Evidence, run: ModelRun, *, feedback: bool = False) -> FloatArray:
     """Return the columns (K, C) of other dynamics over the samples that the estimate should explain."""
-    begin, end, _ = evidence.known.indices(run.error.size)
-    index = np.arange(begin, end) - (1 if run.is_direct and feedback else 0)
-
-    def late(signal: FloatArray, delay: int) -> FloatArray:
-        return np.asarray(signal[np.maximum(index - delay, 0)])
-
-    slowest = float(np.abs(roots(np.concatenate([[1.0], run.parameters[: run.structure.poles]])).real).min())
-    longest = LONGEST / max(slowest, 1.0 / evidence.record.span) / evidence.dt
-    columns, delay = [late(run.states, 0), late(run.zeta[:, : run.structure.poles], 0)], 1
-    room = index.size // PER_COEFFICIENT - 2 * run.structure.poles - 4
-    while delay == 1 or (delay <= min(longest, index.size / PER_COEFFICIENT) and room > 1):
-        columns += [late(run.u, delay)[:, None], late(run.forced, delay)[:, None]]
-        delay, room = 2 * delay, room - 2
-    return np.hstack(columns)
+    return run.dynamics(evidence.known, evidence.dt, evidence.record.span, feedback=feedback)

@@ -14,7 +14,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.estimation.solver import srivc
 from replant.estimation.solver.refined_estimate import Refined
-from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, is_answered
+from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, chance_of_dynamics, is_answered
 from replant.estimation.solver.srivc import refine
 from support.loops import DT, coloured, controlled, loaded_loop, steps
 
@@ -69,6 +69,34 @@ def test_a_filtered_model_of_the_wrong_order_is_given_up() -> None:
         plain, filtered = estimates(record)
         assert plain.variance < filtered.variance
         assert not is_right(STRUCTURE, record, plain, filtered)
+
+
+def walking(seed: int) -> Record:
+    u = steps(seed, SAMPLES)
+    walk = np.cumsum(np.random.default_rng(seed).standard_normal(SAMPLES))
+    return record_of(u, LAG.simulate(u, DT) + 0.1 * (walk - walk.mean()) / walk.std())
+
+
+def test_beside_a_random_walk_a_filtered_model_in_doubt_is_taken_unless_its_own_residual_accuses_it() -> None:
+    """The plain one is ten times less sure there; of the doubted ones the second test gives up as many as promised."""
+    doubted = given_up = 0
+    for record in map(walking, range(40)):
+        plain, filtered = estimates(record)
+        if is_right(STRUCTURE, record, plain, filtered):
+            continue
+        found = refine(STRUCTURE, record)
+        assert found is not None
+        doubted, given_up = doubted + 1, given_up + (found.theta.tolist() != filtered.theta.tolist())
+    assert doubted > 0
+    assert given_up <= binom.ppf(0.999, doubted, FALSE_ALARM)
+
+
+def test_other_dynamics_show_in_the_whitened_residual_of_a_wrong_structure_alone() -> None:
+    right = [chance_of_dynamics(STRUCTURE, record, estimates(record)[1]) for record in map(in_open_loop, range(20))]
+    assert sum(chance < FALSE_ALARM for chance in right) <= binom.ppf(0.999, 20, FALSE_ALARM)
+    plant = rp.TransferFunction([1.0, 0.4], [1.0, 1.05, 0.05])
+    for record in (in_open_loop(seed, plant) for seed in range(5)):
+        assert chance_of_dynamics(STRUCTURE, record, estimates(record)[1]) < FALSE_ALARM
 
 
 def test_in_feedback_the_filtered_model_is_taken_though_the_plain_one_simulates_better() -> None:

@@ -24,6 +24,9 @@ from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import combined, quiet, roots
 
+PER_COEFFICIENT = 10  # samples held out for each, else a model explains a tenth of the noise by chance [samples]
+LONGEST = 3.0  # longest delay that tells other dynamics: a response has decayed to a twentieth [slowest time constants]
+
 
 @dataclass(frozen=True, eq=False)
 class ModelRun:
@@ -39,6 +42,27 @@ class ModelRun:
     nuisances: FloatArray  # (K, n + 1): outputs by a unit offset and by unit initial states
     is_direct: bool = False  # whether the output depends on the input of the same sample
     instruments: FloatArray | None = None  # (K, n + m + 1): the derivatives of what a reference explains of u and y
+
+    def dynamics(self, rows: slice, dt: float, span: float, *, feedback: bool = False) -> FloatArray:
+        """Return columns (J, C) that tell other dynamics in some rows of a record, under feedback by the past alone.
+
+        Input, simulated output and their states, delayed by powers of two samples.
+        """
+        begin, end, _ = rows.indices(self.error.size)
+        index = np.arange(begin, end) - (1 if self.is_direct and feedback else 0)
+
+        def late(signal: FloatArray, delay: int) -> FloatArray:
+            return np.asarray(signal[np.maximum(index - delay, 0)])
+
+        poles = self.structure.poles
+        slowest = float(np.abs(roots(np.concatenate([[1.0], self.parameters[:poles]])).real).min())
+        longest = LONGEST / max(slowest, 1.0 / span) / dt
+        columns, delay = [late(self.states, 0), late(self.zeta[:, :poles], 0)], 1
+        room = index.size // PER_COEFFICIENT - 2 * poles - 4
+        while delay == 1 or (delay <= min(longest, index.size / PER_COEFFICIENT) and room > 1):
+            columns += [late(self.u, delay)[:, None], late(self.forced, delay)[:, None]]
+            delay, room = 2 * delay, room - 2
+        return np.hstack(columns)
 
 
 @quiet

@@ -44,7 +44,13 @@ import numpy as np
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import simulate
 from replant.estimation.solver.refined_estimate import Refined, Root, without_nuisances
-from replant.estimation.solver.specification_test import FALSE_ALARM, chance_of, disagreement, is_answered
+from replant.estimation.solver.specification_test import (
+    FALSE_ALARM,
+    chance_of,
+    chance_of_dynamics,
+    disagreement,
+    is_answered,
+)
 from replant.estimation.solver.srivc_steps import STALLS, Problem, is_long_enough
 from replant.estimation.solver.undetermined_poles import INFINITE, grown, with_poles
 from replant.kernels.schema import LAGUERRE
@@ -173,8 +179,9 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     chance = chance_of(problem.structure, problem.whole, estimate, other)
     if chance >= FALSE_ALARM:
         return other
-    if chance >= ALPHA:  # too little to accuse the structure
-        return estimate
+    if chance >= ALPHA:  # too little to accuse the structure by itself
+        chance = chance_of_dynamics(problem.structure, problem.whole, other)
+        return other if chance >= FALSE_ALARM else estimate
     return replace(estimate, disagreement=disagreement(problem.structure, problem.whole, estimate, other))
 
 
