@@ -54,6 +54,28 @@ def test_samples_with_a_missing_past_are_as_white_and_as_loud_as_the_others() ->
     np.testing.assert_allclose(white[whole], model.whiten(np.append(np.zeros(model.order), error))[whole], atol=1e-9)
 
 
+def exact_model(a: float) -> Autoregression:
+    """Of e_k = a e_{k-1} + w_k with variance one of w, whose order 0 has the variance of e."""
+    models, powers = np.zeros((LAGS + 1, LAGS + 1)), np.ones(LAGS + 1)
+    models[:, 0], models[1:, 1], powers[0] = 1.0, -a, 1.0 / (1.0 - a * a)
+    return Autoregression(np.array([1.0, -a]), 1.0, models, powers, np.zeros_like(models), 1.0)
+
+
+@pytest.mark.parametrize("missing", [[4], [0, 1], [3, 4, 5, 9], [2, 11], [11]])
+def test_where_samples_are_missing_the_likelihood_is_that_of_the_known_ones(missing: list[int]) -> None:
+    """The sum of squares is e' C^-1 e of the known samples with their covariance C, whatever stands for the others."""
+    a, samples = 0.8, 12
+    rng = np.random.default_rng(1)
+    signals, is_known = rng.standard_normal((samples, 3)), ~np.isin(np.arange(samples), missing)
+    past = np.minimum(np.arange(samples), LAGS)
+    model = exact_model(a)
+    white = model.without_unknown(model.whiten_known(signals, past), past, np.array(missing))
+    covariance = a ** np.abs(np.subtract.outer(np.arange(samples), np.arange(samples))) / (1.0 - a * a)
+    known = signals[is_known]
+    expected = known.T @ np.linalg.solve(covariance[np.ix_(is_known, is_known)], known)
+    np.testing.assert_allclose(white.T @ white, expected, rtol=1e-12)
+
+
 def test_channels_are_whitened_one_by_one() -> None:
     """And nothing before the first row is read, whatever is said to be known."""
     signals = np.random.default_rng(1).standard_normal((400, 3))

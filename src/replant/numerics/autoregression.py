@@ -135,10 +135,44 @@ class Autoregression:
         if self.order == 0:
             return signals
         flat = np.ascontiguousarray(signals, np.float64).reshape(-1)
-        weights = np.append(np.sqrt(self.powers[self.order] / self.powers[: self.order]), 1.0)
         result, channels = np.empty(flat.size), flat.size // max(known.size, 1)
-        series.whiten_known(self.models, weights, flat, channels, np.ascontiguousarray(known, np.int64), result)
+        series.whiten_known(self.models, self._weights, flat, channels, np.ascontiguousarray(known, np.int64), result)
         return result.reshape(signals.shape)
+
+    @property
+    def _weights(self) -> FloatArray:
+        """Factors (p + 1,) of samples with 0 .. p known predecessors."""
+        return np.append(np.sqrt(self.powers[self.order] / self.powers[: self.order]), 1.0)
+
+    def without_unknown(self, white: FloatArray, known: IntArray, missing: IntArray) -> FloatArray:
+        """Return what `whiten_known` gives (K, ...) of signals that at ``missing`` samples are what makes it least.
+
+        An impulse x at a missing sample m adds d_i x to sample m + i.  With these columns E the normal equations
+        E'E x = -E'w are a band of width p, and what is left has the likelihood of the samples that are known.
+        """
+        from scipy.linalg import solveh_banded  # slow to import
+
+        p, rows = self.order, missing[:, None] + np.arange(self.order + 1)
+        there = rows < known.size
+        rows = np.where(there, rows, 0)
+        orders = np.minimum(known[rows], p)
+        lags = np.arange(p + 1)
+        impulses = np.where(there & (orders >= lags), self.models[orders, lags] * self._weights[orders], 0.0)
+        left = white.reshape(len(white), -1).copy()
+        told = np.einsum("mi,mic->mc", impulses, left[rows])
+        band = np.zeros((p + 2, missing.size))  # three rows at least: SciPy's routine for two fails at one sample
+        for j in range(min(p + 1, missing.size)):
+            early, late = impulses[: missing.size - j], impulses[j:]
+            places = (missing[j:] - missing[: missing.size - j])[:, None] + lags  # of the late ones' rows in the early
+            shared = np.take_along_axis(early, np.minimum(places, p), axis=1)
+            band[j, : missing.size - j] = np.sum(np.where(places <= p, shared, 0.0) * late, axis=1)
+        try:
+            amounts = solveh_banded(band, told, lower=True, check_finite=False)
+        except np.linalg.LinAlgError:  # weights have left float64
+            return np.full_like(white, np.nan)
+        for lag in lags:  # no two impulses meet at the same lag
+            left[rows[:, lag]] -= impulses[:, lag, None] * amounts
+        return left.reshape(white.shape)
 
     def whiten_whole(self, signals: FloatArray, known: IntArray, used: BoolArray) -> tuple[FloatArray, BoolArray]:
         """Return D(q) x of ``signals`` (K, ...), zero but where a sample used has p known predecessors; and where (K,).

@@ -14,7 +14,7 @@ from replant.model.preprocess import Preprocess, centre, screen
 from replant.model.state_space import unknown_outputs
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
-from replant.numerics.autoregression import in_a_row, since_break
+from replant.numerics.autoregression import Autoregression, in_a_row, since_break
 from replant.numerics.linear_algebra import quiet
 
 SAME = 1e-9
@@ -80,11 +80,24 @@ class Record:
     @cached_property
     def predecessors(self) -> IntArray:
         """How many outputs before each (K,) were measured a sampling time apart, up to LAGS; jitter counts as none."""
-        broken = self._breaks
         if self.measured is None:
-            since = since_break(broken)
-            return np.minimum(since, LAGS, out=since)
-        return np.minimum(in_a_row(self.measured, broken), LAGS)
+            return self._unbroken
+        return np.minimum(in_a_row(self.measured, self._breaks), LAGS)
+
+    @cached_property
+    def _unbroken(self) -> IntArray:
+        """How many outputs before each (K,) came a sampling time apart, measured or not, up to LAGS."""
+        since = since_break(self._breaks)
+        return np.minimum(since, LAGS, out=since)
+
+    def whitened(self, noise: Autoregression, signals: FloatArray) -> FloatArray:
+        """Return D(q) x of ``signals`` (K, ...) along the first axis, weighted where the past is not known.
+
+        Where no output was measured the signal is whatever makes the result least: its likelihood is exact.
+        """
+        white = noise.whiten_known(signals, self._unbroken)
+        missing = np.flatnonzero(~self.is_measured)
+        return noise.without_unknown(white, self._unbroken, missing) if noise.order and missing.size else white
 
     @property
     def inputs_before(self) -> IntArray:

@@ -374,7 +374,7 @@ class Contest:
         problem = self._drifting(run)
         if problem is not self.problem:
             root = problem.polished(found.theta)
-            again = conclude(self.structure, problem.record, problem.known, root)
+            again = conclude(self.structure, problem.record, root)
             if again is not None and again.settled:
                 found, run = again, self.problem.run(again.theta)
         return self._claim(Supposition.PLANT, self._likelihood(run), found.theta.size, model=found.theta, refined=found)

@@ -22,7 +22,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import Pass
 from replant.kernels.schema import FIXED, LAGS, LAGUERRE, ColourSlots, NoiseSlots, PathSlots, ReferenceSlots
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.batch_means import no_less_than_scattered, path_of_record, scatter_of
 from replant.numerics.linear_algebra import (
@@ -192,14 +192,14 @@ def without_nuisances(structure: Structure, parameters: FloatArray) -> FloatArra
 
 @quiet
 def conclude(
-    structure: Structure, record: Record, known: IntArray, root: Root, projection: Projection | None = None,
+    structure: Structure, record: Record, root: Root, projection: Projection | None = None,
     prior: Prior | None = None,
 ) -> Refined | None:  # fmt: skip
     """Return the estimate that an iteration comes to, with its covariance; None if not finite."""
     model, done, noise = root.model, root.done, root.noise
     samples, size = record.count, model.size
     applied = noise if root.filters else Autoregression.white(1.0, samples)
-    zeta, white = applied.whiten_known(done.zeta, known), applied.whiten_known(done.error, known)
+    zeta, white = record.whitened(applied, done.zeta), record.whitened(applied, done.error)
     prior = Prior.none(size) if prior is None else prior
     variance = sum_of_squares(done.error) / max(samples - size, 1)
     innovation = sum_of_squares(white) / max(samples - size, 1)
@@ -207,7 +207,7 @@ def conclude(
     upper, diagonal = factor_information(products(zeta, zeta) + before)
     inverse = compose(upper, diagonal)
     if projection is not None:  # the instruments are not the regressor without its noise: M^-1 (sum zeta zeta') M^-T
-        inverse = inverse_of(products(zeta, applied.whiten_known(done.phi, known)))
+        inverse = inverse_of(products(zeta, record.whitened(applied, done.phi)))
         plain = innovation * inverse @ products(zeta, zeta) @ inverse.T
     else:
         plain = innovation * inverse

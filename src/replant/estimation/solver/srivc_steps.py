@@ -143,7 +143,7 @@ class Problem:
 
     def whiten(self, signals: FloatArray) -> FloatArray:
         """Return D(q) x of ``signals`` (K, ...), weighted where the past is not known."""
-        return self.noise.whiten_known(signals, self.known)
+        return self.record.whitened(self.noise, signals)
 
     def is_rounding(self, done: Pass) -> bool:
         """Return whether only rounding is left of the residual."""
@@ -235,7 +235,7 @@ class Problem:
 
     def conclude(self, root: Root, prior: Prior | None = None) -> Refined | None:
         """Return the estimate that an iteration has come to."""
-        return conclude(self.structure, self.record, self.known, root, self.projection, prior)
+        return conclude(self.structure, self.record, root, self.projection, prior)
 
     def _damped(
         self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], own: float,

@@ -70,7 +70,7 @@ def with_untold(structure: Structure, record: Record, found: Refined) -> Refined
     along = np.column_stack(ways)
     zeta = problem.run(found.theta).zeta
     if found.noise.filters:
-        zeta = found.noise_model.whiten_known(zeta, problem.known)
+        zeta = problem.record.whitened(found.noise_model, zeta)
     # a recursion that goes on from here has the covariance P Q P with P = (sum zeta zeta')^-1
     scores, colour = products(zeta, combined(zeta, along)), found.colour
     power = Autoregression.of_covariances(colour.covariances).power
@@ -87,7 +87,7 @@ def _ways(problem: Problem, found: Refined) -> Iterator[FloatArray]:
     noise, limit = found.noise_model, 2.0 * math.log(0.5 * problem.record.count / ALPHA)
 
     def white(signals: FloatArray) -> FloatArray:
-        return noise.whiten_known(signals, problem.known)
+        return problem.record.whitened(noise, signals)
 
     error, columns = white(done.error), white(done.zeta)
     variance = sum_of_squares(error) / max(problem.record.count - found.theta.size, 1)
