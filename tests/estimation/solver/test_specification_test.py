@@ -91,6 +91,13 @@ def test_beside_a_random_walk_a_filtered_model_in_doubt_is_taken_unless_its_own_
     assert given_up <= binom.ppf(0.999, doubted, FALSE_ALARM)
 
 
+def test_a_filtered_model_that_runs_away_is_never_cleared_by_its_residual() -> None:
+    _, filtered = estimates(in_open_loop())
+    theta = filtered.theta.copy()
+    theta[0] = -0.05
+    assert chance_of_dynamics(STRUCTURE, in_open_loop(), replace(filtered, theta=theta)) == 0.0
+
+
 def test_other_dynamics_show_in_the_whitened_residual_of_a_wrong_structure_alone() -> None:
     right = [chance_of_dynamics(STRUCTURE, record, estimates(record)[1]) for record in map(in_open_loop, range(20))]
     assert sum(chance < FALSE_ALARM for chance in right) <= binom.ppf(0.999, 20, FALSE_ALARM)
@@ -130,6 +137,7 @@ def test_what_a_plant_does_at_once_is_not_taken_for_a_controllers_answer() -> No
         assert run is not None
         assert is_answered(record, filtered.noise_model, run.error), "so it seems"
         found.append(is_right(STRUCTURE, record, plain, filtered))
+        found.append(chance_of_dynamics(STRUCTURE, record, filtered) >= FALSE_ALARM)
     assert not any(found)
 
 

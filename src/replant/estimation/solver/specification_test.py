@@ -25,9 +25,9 @@ where :math:`\delta_r^T e_f` is more than chance.  Its variance is the mean over
 :math:`|\Delta_r|^2 |V|^2`; as the data choose the direction of :math:`\delta`, its square over that is held against
 :math:`\chi^2_h` (Scheffe).
 
-Where q tells little by itself the whitened residual of FILTERED is asked as well: a structure that is not right leaves
-there what other dynamics explain (an F test).  Noise that drifts hides a wrong structure from it no more than from q,
-while PLAIN is up to ten times less sure beside it.
+Where q doubts but does not refute FILTERED, its whitened residual is asked as well: a structure that is not right
+leaves there what other dynamics explain (an F test), in open loop with the input of the same sample.  Noise that drifts
+hides a wrong structure from it no more than from q, while PLAIN is up to ten times less sure beside it.
 
 A controller opposes a disturbance: where input and residual of the same sample move as the plant's output follows its
 input, the plant does something faster than the model, and :math:`\varphi = 1`.  Nor is an unstable FILTERED taken where
@@ -99,11 +99,15 @@ def chance_of(structure: Structure, record: Record, plain: Refined, filtered: Re
 def chance_of_dynamics(structure: Structure, record: Record, filtered: Refined) -> float:
     """Return the chance that other dynamics explain so much of what the filtered estimate leaves, were it right."""
     run = run_model(structure, filtered.theta[: structure.size], record, record.dt)
-    if run is None:
+    if run is None or runs_away(np.append(1.0, filtered.theta[structure.denominator]), record.span):
         return 0.0
     noise, known = filtered.noise_model, np.hstack([run.zeta, run.nuisances])
     whole, size = _whole(record, noise.order), known.shape[1]
-    signals = np.column_stack([known, run.dynamics(slice(None), record.dt, record.span, feedback=True), run.error])
+    columns = run.dynamics(slice(None), record.dt, record.span, feedback=True)
+    answer = _answering(record, noise, run.error)
+    if not answer.found or _is_direct(structure, filtered.theta, answer.at_once):  # what acts at once is the plant's
+        columns = np.column_stack([columns, run.u])
+    signals = np.column_stack([known, columns, run.error])
     white = noise.ahead(signals / lengths_of(signals)) * whole[:, None]
     left = without(white[:, size:], white[:, :size])
     columns, error = left[:, :-1], left[:, -1]
