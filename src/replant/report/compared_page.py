@@ -357,7 +357,7 @@ def compare(models: Mapping[str, Model] | Sequence[Model], log: Log) -> ModelCom
     >>> log = rp.examples.motor()
     >>> found = compare({"one pole": rp.fit(log, poles=1, delay=0.01).model, "two": rp.fit(log, poles=2).model}, log)
     >>> found.best, len(found.rows)
-    ('two', 2)
+    ('one pole', 2)
     """
     if not isinstance(models, Mapping | Sequence):
         raise ArgumentTypeError("models must be several: compare([model, other], log); model.validate(log) takes one")
