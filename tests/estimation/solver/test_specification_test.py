@@ -123,6 +123,28 @@ def test_a_filtered_model_that_runs_away_is_taken_in_feedback_alone() -> None:
         assert is_right(STRUCTURE, record, plain, replace(filtered, theta=theta)) == closed
 
 
+@pytest.mark.parametrize(("record", "runs_away"), [(in_open_loop(), False), (in_feedback(), True)])
+def test_of_roots_one_that_runs_away_stands_for_a_plant_in_feedback_alone(
+    record: Record, runs_away: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However small its innovation is: where noise drifts an unstable model may leave less than the right one."""
+    descend, promising, seen = srivc.Problem.descend, srivc._promising, list[Any]()
+
+    def first_runs_away(*given: Any) -> Any:
+        root = descend(*given)
+        if root is None or seen:
+            return root
+        seen.append(root)
+        model = root.model.copy()
+        model[0] = -0.05
+        return replace(root, model=model, innovation=0.1 * root.innovation)
+
+    monkeypatch.setattr(srivc.Problem, "descend", first_runs_away)
+    monkeypatch.setattr(srivc, "_promising", lambda *given, **how: promising(*given, **how) * 2)
+    _, filtered = estimates(record)
+    assert (filtered.theta[0] < 0.0) == runs_away
+
+
 def test_what_a_plant_does_at_once_is_not_taken_for_a_controllers_answer() -> None:
     """A direct path that the structure lacks ties the input to the residual of the same sample, as a loop does."""
     found = []
