@@ -226,8 +226,14 @@ def test_recorded_logs_keep_what_the_page_says_is_kept(
     assert ["yes" if promise.is_met else "no" for promise in promises] == told, promises
 
 
-def test_of_the_recorded_logs_two_promises_are_broken_and_by_no_more_than_is_known() -> None:
-    """The test above holds the table to what is measured; this one, that a renewed table is no way to break another."""
+def test_of_the_recorded_logs_one_promise_is_broken_and_by_no_more_than_is_known() -> None:
+    """The test above holds the table to what is measured; this one, that a renewed table is no way to break another.
+
+    The published tau2 of the motor is that of a fit without a noise model, and less than half a sampling time: such a
+    fit tells it to 17 % (standard deviation), so that 7 % are met by chance alone.  With the noise model, which the
+    test of both keeps, it is told to 6 %, and the gain and tau1 follow another log by 69 % where those of the fit
+    without it follow it by 64 %.
+    """
     rows = [row for row in results.read(ROOT / "docs" / "accuracy")["promises"] if row["experiment"].startswith("I")]
     promised = {key for key in EXPERIMENTS if key.startswith("I") and EXPERIMENTS[key].bounds}
     assert {row["experiment"] for row in rows} == promised
@@ -237,7 +243,7 @@ def test_of_the_recorded_logs_two_promises_are_broken_and_by_no_more_than_is_kno
             figure, value, *_ = words.split()
             if share < 1.0 if "at least" in row["promise"] else share > 1.0:
                 broken[row["experiment"], figure] = float(value)
-    known = {("I motor-second-order", "tau2"): 7.54, ("I tclab-2", "K"): 3.42}  # of 7 and of 3 %
+    known = {("I motor-second-order", "tau2"): 31.7}  # of 7 %
     assert broken == {figure: pytest.approx(value, rel=0.05) for figure, value in known.items()}
     assert [row["experiment"] for row in rows if row["kept"] == "no"] == [experiment for experiment, _ in known]
 
