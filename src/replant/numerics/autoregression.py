@@ -159,7 +159,9 @@ class Autoregression:
         lags = np.arange(p + 1)
         impulses = np.where(there & (orders >= lags), self.models[orders, lags] * self._weights[orders], 0.0)
         left = white.reshape(len(white), -1).copy()
-        told = np.einsum("mi,mic->mc", impulses, left[rows])
+        told = np.zeros((missing.size, left.shape[1]))
+        for lag in lags:
+            told += impulses[:, lag, None] * left[rows[:, lag]]
         band = np.zeros((p + 2, missing.size))  # three rows at least: SciPy's routine for two fails at one sample
         for j in range(min(p + 1, missing.size)):
             early, late = impulses[: missing.size - j], impulses[j:]

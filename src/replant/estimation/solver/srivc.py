@@ -167,9 +167,9 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     root = _best(ends)
     if root is None:
         return problem.conclude(plain)
-    is_in_doubt = problem.is_stable(plain.model) and not problem.is_stable(root.model)
-    if is_in_doubt and not is_answered(problem.record, root.noise, root.done.error):
-        # what runs away is a plant in feedback alone
+    root_alone_is_unstable = problem.is_stable(plain.model) and not problem.is_stable(root.model)
+    if root_alone_is_unstable and not is_answered(problem.record, root.noise, root.done.error):
+        # an unstable plant is recorded in feedback only
         root = _best([end for end in ends if end is not None and problem.is_stable(end.model)]) or root
     if not root.converged:  # a cost with a bend at the axis takes longer
         root = _best([root, problem.descend(root.model, WHITENED, RENEWALS)]) or root
