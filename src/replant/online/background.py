@@ -143,19 +143,11 @@ class Schedule:
 
 
 class Job:
-    """What is due at a count of samples, and where it stands.
-
-    Attributes
-    ----------
-    numbers : State
-        As it was, without raw samples.
-    place : Place or None
-        The memory shared with the second Python.
-    """
+    """What is due at a count of samples, and where it stands."""
 
     def __init__(self, numbers: State, rows: int) -> None:
-        self.numbers = numbers
-        self.place: Place | None = None
+        self.numbers = numbers  # the state as it was, without raw samples
+        self.place: Place | None = None  # the memory shared with the second Python
         self._rows, self._fits, self._copied, self._written = rows, False, 0, WROTE_NOTHING
         self._sent: tuple[Worker, Place] | None = None
         self._numbers: list[Any] = []

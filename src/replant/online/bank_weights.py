@@ -29,12 +29,9 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import quiet
 from replant.online.estimate import Estimate
 
-FORGETTING = 1.0 - 1.0 / RECENT
-"""Factor by which what a sample told of the structures is forgotten with the next one [number].
-Derivation: the weights remember as many samples as the verdict looks at, and forget half of it within 6931 samples.
-With a tenth of the memory two structures must differ by ten times as much, as the price of a number hardly falls.
-Sensitivity: not measured.
-"""
+# the weights remember as many samples as the verdict looks at, and forget half of it within 6931 samples; with a tenth
+# of the memory two structures must differ by ten times as much, as the price of a number hardly falls
+FORGETTING = 1.0 - 1.0 / RECENT  # factor by which what a sample told of structures is forgotten with the next [number]
 
 MOST = 10  # structures: a handful; replant fit searches more [count]
 EVENTS = 100  # changes of the lead kept, the newest [count]
@@ -151,10 +148,7 @@ class _Run:
     @classmethod
     @quiet
     def of(cls, member: Estimate, since: int, counts: BoolArray | None = None) -> _Run | None:
-        """Return it over samples that came after so many accepted ones; None where there is none.
-
-        Outputs (K,) count that are given, else those that were measured, and that the member takes for no outlier.
-        """
+        """Return it over the outputs (K,) that count after so many accepted samples; None where there is none."""
         if member._settings is None:
             return None
         kept = RecentSamples.of(member._state)

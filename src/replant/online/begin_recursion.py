@@ -67,14 +67,11 @@ def _memory(state: State, settings: Settings) -> int:
 
 
 def _rates(state: State, settings: Settings) -> FloatArray:
-    """Return the divisors (T,) that turn the refined filter's parameters into those of this state's filter.
-
-    Only the bias differs: a fixed filter multiplies it by 1/lambda_0.
-    """
+    """Return the divisors (T,) that turn the refined filter's parameters into those of this state's filter."""
     from replant.kernels.filters.bank import DENOMINATOR
 
     rates = np.ones(state.entries)
-    if settings.structure.bias and not state.refined:
+    if settings.structure.bias and not state.refined:  # a fixed filter multiplies the bias by 1/lambda_0
         rates[-1] = state.banks[0, DENOMINATOR + settings.structure.poles - 1]
     return rates
 
@@ -96,15 +93,12 @@ def _write_covariance(state: State, settings: Settings, refined: Refined, rate: 
 
 
 def _write_tracking(state: State, settings: Settings, refined: Refined, record: Record) -> None:
-    """Write the residual's variance and the process noise of the constant into the Kalman filter's memory.
-
-    With the working point taken off, the constant of A y = B u + c is c = b0 u_R - a0 y_R: where a0 and b0 walk,
-    so does the constant.
-    """
+    """Write the residual's variance and the process noise of the constant into the Kalman filter's memory."""
     size, structure = state.entries, settings.structure
     scale = settings.scaling.output
     state.memory[size * size + size] = max(refined.variance / scale**2, np.finfo(float).tiny)
     if state.refined and not structure.bias:
+        # with the working point taken off, A y = B u + c has c = b0 u_R - a0 y_R: where a0 and b0 walk, so does c
         noise = state.settings[1 : 1 + size]
         constant, a0, b0 = structure.size, structure.poles - 1, structure.poles + structure.zeros
         of_a0 = noise[a0] * state.unit[a0] ** 2 * float(np.var(record.y))
@@ -198,11 +192,7 @@ def clear_doubt(state: State, kept: RecentSamples) -> None:
 
 
 def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray | None, *, learn: bool) -> float:
-    """Run samples that were collected through the kernel; return the error of the last one.
-
-    No past estimate is kept meanwhile: settings or estimate were chosen with all of these samples, so that none of them
-    is unseen.
-    """
+    """Run samples that were collected through the kernel; return the error of the last one."""
     _, steps = step_kernels(state, regular=t.size == 0)
     rested = state.rested
     state.adapt, state.held_at = learn, BELIEVED  # leaps among the held samples have been judged
@@ -213,6 +203,7 @@ def warm_up(state: State, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatA
         state.change_began = state.samples
     if not learn:
         state.rested = rested
+    # no past estimate is kept: settings or estimate were chosen with all of these samples, so that none is unseen
     state.past_kept, state.past_due = 0, state.samples
     state.learned = state.samples
     return float(errors[-1])

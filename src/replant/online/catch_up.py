@@ -33,26 +33,12 @@ IN_INTS = [slot.index for slot in MEANWHILE if not isinstance(slot, Real)]
 
 
 class CatchUp:
-    """A new state with a ring of its own, ``spare`` where that fits, that follows the one in use.
-
-    Each part of it is done in an update of its own: code that has not run for long takes many times as long.
-
-    Attributes
-    ----------
-    state : State
-        The new one.
-    kernels : tuple or None
-        That for single samples and that for many, when it has come so far.
-    bound : tuple or None
-        The one for single samples, bound to the state, and the gate of that.
-    regular : bool
-        Whether the samples have no time stamps.
-    """
+    """A new state that follows the one in use, some in each update; its ring is ``spare`` where that fits."""
 
     def __init__(self, found: State, spare: FloatArray, *, regular: bool) -> None:
-        self.regular, self._spare = regular, spare
-        self.kernels: tuple[Kernel, Kernel] | None = None
-        self.bound: tuple[Step, IntArray] | None = None
+        self.regular, self._spare = regular, spare  # regular: without time stamps
+        self.kernels: tuple[Kernel, Kernel] | None = None  # for single samples and for many, when it has come so far
+        self.bound: tuple[Step, IntArray] | None = None  # that for single samples, bound to the state, and its gate
         self._begun, self._copied, self._learned = found.samples, 0, 0
         self._table, self._is_awake = bytearray(), False
         self.state = State(found.ints.copy(), found.reals.copy(), found.banks.copy(), found.buffer.copy(), NOTHING)

@@ -43,11 +43,8 @@ AGAIN = 1.5  # growth of a record after which it is solved again: of all samples
 
 @quiet
 def first_look(state: State, settings: Settings) -> int:
-    """Return the number of accepted samples at which an alarm is first looked into; until then nothing is learned.
-
-    0: never, as too few samples are kept; nothing is learned until the residual is as usual again.
-    """
-    state.alarm = Alarm.RESTS
+    """Return the number of accepted samples at which an alarm is first looked into; 0: never, as too few are kept."""
+    state.alarm = Alarm.RESTS  # nothing is learned until the look, or without one until the residual is as usual again
     if not tells_of_changes(state, settings):
         return 0
     return max(_began(state) + least_since(settings.structure), state.samples + 1)
@@ -55,10 +52,7 @@ def first_look(state: State, settings: Settings) -> int:
 
 @quiet
 def look(old: State, settings: Settings) -> tuple[State, int]:
-    """Look for what has changed since the alarm began.
-
-    Returns the state to go on with, and the number of accepted samples at which to look again; 0: no further look.
-    """
+    """Look for what has changed since the alarm; return the state to go on with, and when to look again: 0, never."""
     from replant.kernels.monitoring import outliers
 
     if old.alarm == Alarm.NONE or not tells_of_changes(old, settings):  # the residual is as usual again
@@ -78,7 +72,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
     record = kept.record(settings.dt, settings.filter.input_hold)
     information = _information(settings, covariance(old, settings), old.entries)
     present = _known(old, settings, record, earliest, old.physical, information)
-    if present is None:
+    if present is None:  # it cannot be run over them, as after a start-up that took the controller for the plant
         new = _anew(old, settings, first)
         return (old, later) if new is None else (new, 0)
     if old.alarm == Alarm.FLOATS:
@@ -110,10 +104,7 @@ def look(old: State, settings: Settings) -> tuple[State, int]:
 
 
 def _anew(old: State, settings: Settings, first: int) -> State | None:
-    """Return the state at a solution of the samples since an accepted one; None where they have none.
-
-    For a present estimate that cannot be run over them, as after a start-up that took the controller for the plant.
-    """
+    """Return the state at a solution of the samples since an accepted one; None where they have none."""
     kept = RecentSamples.of(old, STORED)[first - old.samples :]
     solution = solve(settings.structure, kept.record(settings.dt, settings.filter.input_hold, parted=True))
     if solution is None or not solution.found.settled:
@@ -144,10 +135,7 @@ def _afloat(settings: Settings, record: Record, begin: int, present: Known) -> t
 
 
 def since_change(old: State, settings: Settings, parted: int = 0) -> Contest | None:
-    """Return the contest over all samples since the last change, which begins behind those before; None without these.
-
-    ``parted``: accepted samples before the part of another variance.
-    """
+    """Return the contest over all samples since the last change; ``parted``: those before another variance."""
     kept, first = kept_since(old, gap_before(old))
     begin = old.changed_at - first
     if begin <= 0:
@@ -256,16 +244,14 @@ def believed(old: State, settings: Settings, found: Claim, *, undecided: bool) -
 
 
 def behind_loads(old: State, settings: Settings, parted: Solution) -> State | None:
-    """Return the state that goes on behind the last load of a record, which was solved parted at its loads.
-
-    What the samples before tell of G(s) is known, as where the load is believed while the record grows.
-    """
+    """Return the state that goes on behind the last load of a record, which was solved parted at its loads."""
     *earlier, load = parted.record.begins
     first = earlier[-1] if earlier else 0
     before = solve(settings.structure, parted.record.first(load), [parted.found.theta])
     if before is None:
         return None
     record = replace(parted.record.last(parted.record.u.size - first), begins=())
+    # what the samples before tell of G(s) is known, as where the load is believed while the record grows
     mean, information = before.found.theta, _information(settings, before.found.covariance, old.entries)
     known = _known(old, settings, record, load - first, mean, information)
     if known is None:

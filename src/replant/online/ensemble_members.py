@@ -48,10 +48,7 @@ def is_ready(member: Identifier) -> bool:
 
 
 def form_blocks(members: Sequence[Identifier], reached: dict[int, int]) -> list[tuple[Block, int]]:
-    """Return blocks of members that are ready and alike, each with the row of the chunk it begins at.
-
-    ``reached`` holds, by the member's number, how many samples of the chunk it has taken.
-    """
+    """Return blocks of ready members that are alike, each with its first row; ``reached``: samples each has taken."""
     from replant.kernels.lanes import LANES
 
     ready = [n for n in reached if may_join(members[n]) and is_ready(members[n])]
@@ -169,18 +166,14 @@ class Chunk:
 
 
 def carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], chunk: Chunk, *results: FloatArray) -> None:
-    """Run all tasks over a chunk, each from its start row on, in one thread for each workspace.
-
-    A thread that is free takes the next portion of the task that has waited longest.  After an error other threads may
-    be at work: `Chunk.stop` waits for them.
-    """
+    """Run all tasks over a chunk, each from its start row on, in one thread for each workspace."""
     u, y = chunk.u, chunk.y
     waiting = deque(task for task in tasks if task[1] < len(u))
 
     def work(room: Room) -> None:
         while not chunk.stopped:
             try:
-                take, start = waiting.popleft()
+                take, start = waiting.popleft()  # the task that has waited longest
             except IndexError:  # the other threads work on the last portions
                 return
             end = start + PORTION
@@ -201,7 +194,7 @@ def carry_out(tasks: Iterable[tuple[Take, int]], rooms: Sequence[Room], chunk: C
     mine, *others = rooms[: max(len(waiting), 1)]
     for each in zip(others, chunk.locks, strict=False):
         _thread.start_new_thread(help_with, each)  # threading.Thread waits until it runs, a pool longer still
-    work(mine)
+    work(mine)  # after an error others may be at work: `Chunk.stop` waits for them
     chunk.wait()
     if failed:
         raise failed[0]

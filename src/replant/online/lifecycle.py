@@ -110,12 +110,10 @@ class Lifecycle(Estimate):
         return self._but(_state=self._state.copy(recent=recent), _step=in_turn, _gate=NO_GATE)
 
     def _as_one(self, work: Callable[..., T], *given: Any, recent: bool = True) -> T:
-        """Do some work on a draft, and take it over in one bytecode: interrupted, it was not begun.
-
-        Whoever still has the arrays before finds them waiting for attention, or their gate shut, and takes no sample.
-        """
+        """Do some work on a draft, and take it over in one bytecode: interrupted, it was not begun."""
         draft = self._draft(recent=recent)
         result = work(draft, *given)
+        # who still has the arrays before finds them waiting for attention, or their gate shut, and takes no sample
         vars(self).update(vars(draft))
         return result
 
@@ -134,10 +132,8 @@ class Lifecycle(Estimate):
         self, u: FloatArray, y: FloatArray, t: FloatArray, r: FloatArray, errors: FloatArray, parameters: FloatArray,
         later: Later | None = None,
     ) -> int:  # fmt: skip
-        """Take samples up to one that needs attention, attend to it, and return how many were taken.
-
-        ``parameters`` is (K, P), or (K, 0) where nobody asks.  A start-up leaves its own for ``later``.
-        """
+        """Take samples up to one that needs attention, attend to it, and return how many were taken."""
+        # parameters are (K, P), or (K, 0) where nobody asks; a start-up leaves its own for later
         chunk, starting = (u, y, t, r, errors, parameters, later), self._settings is None
         other = (t.size and self._regular) or (r.size and not self._reference)
         taken = self._as_one(Lifecycle._change_kernels, *chunk) if other else self._run(*chunk)
@@ -225,10 +221,7 @@ class Lifecycle(Estimate):
         return max(self._wakes_at, now + 1) if self._background and first else first
 
     def _attend_in_background(self) -> None:
-        """Do what is due, as `_attend`, without a copy of the state: begin a job, go on with it, or take it up.
-
-        Interrupted anywhere, it is done again.
-        """
+        """Do what is due without a copy of the state; interrupted anywhere, it is done again."""
         state, settings = self._state, self._settings
         assert settings is not None
         if state.samples == self._wakes_at:

@@ -29,12 +29,10 @@ class Begins(NamedTuple):
     def afresh(
         self, row: Row, *, also_white: bool = False, newest: int | None = None
     ) -> Callable[[Autoregression], list[Point]]:
-        """Return what begins at a start, too: without a noise model only where none is known, or that is asked for.
-
-        Where but the colour of the noise is in doubt, a start of the newest samples tells of other models.
-        """
+        """Return what begins at a start, too: without a noise model only where none is known, or that is asked for."""
         others, outside = self.there(row), row.from_outside
         is_coloured = self.noise is not None and self.noise.order > 0 and not also_white
+        # where but the colour of the noise is in doubt, a start of the newest samples tells of other models
         begin = started(row if newest is None else row.last(min(newest, row.record.u.size)))
 
         def begins(noise: Autoregression) -> list[Point]:

@@ -35,10 +35,7 @@ class Newest(NamedTuple):
 
 @quiet
 def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) -> Newest | None:
-    """Return the newest samples, and what the estimate is over them; None where they are too few.
-
-    The verdict names the other column of these samples that explains most of what is left, if one does.
-    """
+    """Return the newest samples, and what the estimate is over them; None where they are too few."""
     known = state.recursion
     if known is None:
         return None
@@ -63,7 +60,7 @@ def newest_of(state: RowState, others: Mapping[str, FloatArray] = NO_COLUMNS) ->
     if known.counts[2]:
         findings.append(Finding("diverged", "an update would have left float64: begin again, with reset"))
     rest = {name: signal[ready.used] for name, signal in others.items()}
-    findings += [*state.of_references, *left_out(row, point, known.noise, rest)]
+    findings += [*state.of_references, *left_out(row, point, known.noise, rest)]  # the column that explains most
     findings += left_out_finding(int((doubt == Doubt.STUCK).sum()))
     if state.record_began:
         findings.append(followed_finding(state.length * state.settings.dt))

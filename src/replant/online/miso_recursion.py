@@ -35,15 +35,11 @@ from replant.numerics.linear_algebra import (
     sum_of_squares,
 )
 
-DIFFUSE = 1e3
-"""Standard deviation of offset and initial states behind a gap, before a sample tells of them [sizes of the output].
-Derivation: a thousandth of the output's size is then as good as nothing known, and float64 keeps half of its digits.
-"""
+# a thousandth of the output's size is then as good as nothing known, and float64 keeps half of its digits
+DIFFUSE = 1e3  # standard deviation of offset and initial states behind a gap, before a sample [sizes of the output]
 
-SURPRISE = -2.0 * math.log(ALPHA)
-"""Limit of Page's sum, beyond which the innovations are larger than they were [nats].
-Derivation: it goes beyond h within n samples with the chance n exp(-h): within 1 / `ALPHA` samples with `ALPHA`.
-"""
+# the sum goes beyond h within n samples with the chance n exp(-h): within 1 / `ALPHA` samples with `ALPHA`
+SURPRISE = -2.0 * math.log(ALPHA)  # limit of Page's sum, beyond which the innovations are larger than before [nats]
 
 DYING = 100  # samples after which a response to an initial state has shown how large it is [samples]
 
@@ -120,10 +116,7 @@ class RowRecursion:
     @classmethod
     @quiet
     def of(cls, row: Row, found: RowEstimate, level: float, newest: int) -> RowRecursion:
-        """Return the recursion that goes on behind the last stretch of a record, of an output with that mean.
-
-        Innovations as large as those of so many newest samples raise no alarm.
-        """
+        """Return the recursion that goes on behind the last stretch of a record, of an output with that mean."""
         point, stretch, theta = found.point, row.stretches[-1], found.point.theta
         weights = point.nuisances[-1]
         outputs, slopes, free = row.signals(theta, stretch, weights[1:])
@@ -146,6 +139,7 @@ class RowRecursion:
             point.power / max(row.count - columns.shape[1], 1), scale,
             row.ended(theta, stretch, weights[1:]), row.inputs[stretch.rows][0], level, 0.0,
             tail, np.zeros(columns.shape[1]), factor, diagonal, np.array([known, row.count, 0, 0]),
+            # innovations as large as those of the newest samples raise no alarm
             np.array([point.cost, 0.0, _variance_of(point, stretch, newest)]),
             Instruments.of(row, stretch, theta, weights[1:], zeta),
         )  # fmt: skip
@@ -195,11 +189,8 @@ class RowRecursion:
     def take(
         self, u: FloatArray, y: FloatArray, r: FloatArray, intervals: FloatArray, *, learns: bool = True
     ) -> tuple[RowRecursion, FloatArray, FloatArray, int]:
-        """Take K samples of q inputs and p references; return the recursion after them, errors (K,), estimates (K, P).
-
-        And the first sample at which the innovations are larger beyond chance, K where they are at none.  An output
-        that is not finite was not measured.  The interval before each sample is in s.
-        """
+        """Take K samples; return the recursion after them, errors (K,), estimates (K, P) and the row of an alarm."""
+        # the alarm: where the innovations are larger beyond chance, else K; intervals, before each sample, are in s
         taken, errors, estimates, alarm = self, np.empty(y.size), np.empty((y.size, self.theta.size)), y.size
         gaps = np.flatnonzero(intervals > GAP * self.dt).tolist()
         for begin, end in zip([0, *gaps], [*gaps, y.size], strict=True):
@@ -215,10 +206,7 @@ class RowRecursion:
         self, u: FloatArray, y: FloatArray, r: FloatArray, intervals: FloatArray, learns: bool, errors: FloatArray,
         estimates: FloatArray,
     ) -> tuple[RowRecursion, int]:  # fmt: skip
-        """Take samples without a gap but before the first; write errors and estimates less theta.
-
-        Also return the sample of an alarm, how many there are where there is none.
-        """
+        """Take samples without a gap but before the first; write errors, estimates less theta; return an alarm."""
         from replant.kernels.step.miso import learn
 
         models, waits = self.models.copy(), self.waits

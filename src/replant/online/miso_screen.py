@@ -26,11 +26,8 @@ class RowClock(NamedTuple):
     def judged(
         self, t: FloatArray, usable: BoolArray, last: float, dt: float
     ) -> tuple[RowClock, FloatArray, IntArray, int | None]:
-        """Return the clock after stamps (K,), their times as they are kept, and what becomes of each sample.
-
-        Further which of them leaps ahead and waits for its successor: it is to come again, before that.
-        ``last`` is the newest time kept, -inf before the first.
-        """
+        """Return the clock after stamps (K,), times as kept, what becomes of each, and which waits for the next."""
+        # last: the newest time kept, -inf before the first; what waits comes again, before its successor
         times = t + self.shift
         steps = np.diff(times[usable], prepend=last)
         if last > -np.inf and bool(((steps > 0.0) & (steps <= LEAP * dt)).all()):

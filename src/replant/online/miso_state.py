@@ -111,11 +111,8 @@ class RowState:
         self, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, errors: FloatArray,
         estimates: FloatArray,
     ) -> tuple[RowState, int]:  # fmt: skip
-        """Take samples up to one at which the record is to be solved; return the state after it and how many they were.
-
-        References (K, p) come with them, p = 0 where there are none.
-        ``errors`` (K,), which are NaN, and ``estimates`` (K, P) are written.
-        """
+        """Take samples up to one at which the record is to be solved; return the state after and how many they were."""
+        # r is (K, p), p = 0 without references; errors (K,), which are NaN, and estimates (K, P) are written
         if held := self.clock.held:
             return self._with_held(held, u, y, t, r, errors, estimates)
         y = np.where(np.isfinite(r).all(axis=1), y, np.nan)
@@ -253,10 +250,7 @@ class RowState:
 
     @quiet
     def solved(self, *, afresh: bool = False) -> RowState:
-        """Return the state after the record is solved, where that is possible, and when that is due again.
-
-        It begins at the present estimate, and ``afresh``, or where something is found against that, at a start, too.
-        """
+        """Return the state after the record is solved, where that is possible, and when that is due again."""
         whole, starting = self.length <= len(self.kept.values), self.recursion is None
         later = math.ceil(AGAIN * (self.kept.measured if starting else self.length))
         solve_at = self.record_began + later if later <= RECENT or starting else 0
@@ -298,12 +292,9 @@ class RowState:
 
     @quiet
     def finished(self) -> RowState:
-        """Return the state after all samples kept are solved as `fit` does.
-
-        What was taken for a change is asked once more, as the samples since may tell that there was none; where
-        nothing was, and one model does not explain the record, a change is looked for within all of it.
-        """
+        """Return the state after all samples kept are solved as `fit` does."""
         done = self.solved(afresh=True)
+        # samples since a change may tell that there was none; one may lie where one model does not explain the record
         is_asked = self.record_began or self.loads or (done.recursion is not None and done._may_have_changed)
         return self._parted() or done if is_asked else done
 

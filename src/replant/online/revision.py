@@ -3,8 +3,7 @@
 The record is solved again, and suppositions of what the plant has done compete.  An estimate that forgets nothing
 follows a change the more slowly, the longer the record is.  A change that makes the residual grow is noticed by its
 CUSUM test (`online.change_response`).  A gain that is off by a tenth, or by a quarter where the noise is strong, makes
-it grow little: it shows in the score (`fitting.change_search`).  At the end of a record the estimate is solved for with
-every sample, as `fit` does, unless the plant has changed.  Nothing that was decided is final.
+it grow little: it shows in the score (`estimation.solver.change_search`).  Nothing that was decided is final.
 """
 
 from __future__ import annotations
@@ -63,10 +62,7 @@ doubled, no verdict changes, and no error by a quarter.
 
 
 def revise(state: State, settings: Settings, due: int, most: int) -> tuple[State, int]:
-    """Return the state to go on with, and the accepted samples at which the record is next looked into.
-
-    Now it is as long as ``due`` says, see `next_revision`, or an alarm is raised or looked into again, see `look`.
-    """
+    """Return the state to go on with, and the accepted samples at which the record is next looked into."""
     samples = state.samples
     state.attention_at, state.attention = 0, False  # samples that are learned again must not stop for attention
     if state.alarm == Alarm.RAISED:
@@ -87,10 +83,7 @@ def revise(state: State, settings: Settings, due: int, most: int) -> tuple[State
 
 
 def next_revision(state: State, settings: Settings, most: int) -> int:
-    """Return the number of accepted samples at which the estimate is next looked into, of ``most`` kept; 0: never.
-
-    The record is solved again at growing lengths (`AGAIN`), and before where the plant has changed.
-    """
+    """Return the accepted samples, of ``most`` kept, at which the estimate is next looked into; 0: never."""
     if not tells_of_changes(state, settings):
         return 0
     origin, samples = state.changed_at or state.record_began, state.samples
@@ -104,10 +97,7 @@ def next_revision(state: State, settings: Settings, most: int) -> int:
 
 @quiet
 def reconsider(old: State, settings: Settings) -> State | None:
-    """Return the state that goes on where the samples since the last change lead to; None where that is open.
-
-    What has changed is asked again of more samples, and whether one model holds for those before as well.
-    """
+    """Return the state that goes on where the samples since the last change lead to; None where that is open."""
     if (
         old.alarm
         or old.gap_at > old.changed_at
@@ -132,11 +122,7 @@ def reconsider(old: State, settings: Settings) -> State | None:
 
 @quiet
 def renew(old: State, settings: Settings) -> State | None:
-    """Return the state that goes on at a solution of the record as it was measured, or where the plant has changed.
-
-    None where the record has not grown by `AGAIN` and one plant explains it, where no usable model is found, or where
-    older samples are forgotten.
-    """
+    """Return the state at a solution of the record, or since its plant changed; None where the present one goes on."""
     if old.alarm or not (old.adapt and remembers_all(old, settings)):
         return None
     began = max(old.record_began, old.gap_at)
@@ -171,12 +157,10 @@ def renew(old: State, settings: Settings) -> State | None:
 
 
 def _advantage(solution: Solution, settings: Settings, present: FloatArray) -> float:
-    """Return how much likelier a solution is than the present estimate [nats].
-
-    Infinitely if it is certain, never if it has not settled.  Without a reference, of two models of which one runs away
-    the other one is taken, unless that one is certain and explains the record better: an integrator.
-    """
+    """Return how much likelier a solution is than the present estimate [nats]."""
     structure, found, record = settings.structure, solution.found, solution.record
+    # without a reference, of two models of which one runs away the other one is taken, unless that one is certain and
+    # explains the record better: an integrator
     models = found.theta, present
     away = [
         not settings.reference and runs_away(np.append(1.0, each[structure.denominator]), record.span)
@@ -193,12 +177,7 @@ def _advantage(solution: Solution, settings: Settings, present: FloatArray) -> f
 
 @quiet
 def solve_whole(old: State, settings: Settings) -> State | None:
-    """Return the state that begins at a solution of every sample so far; None where the present estimate stays.
-
-    It stays where older samples are forgotten or no longer kept, where it is that of the plant since a change which the
-    whole record shows, and where it explains the record better beyond chance.  Where loads have acted the state goes on
-    behind the last one.
-    """
+    """Return the state that begins at a solution of every sample so far; None where the present estimate stays."""
     kept = RecentSamples.of(old, STORED)
     if not (old.adapt and remembers_all(old, settings) and old.finished_at < old.samples == len(kept)):
         return None
@@ -222,10 +201,7 @@ def solve_whole(old: State, settings: Settings) -> State | None:
 
 
 def _parted(old: State, settings: Settings, record: Record, whole: Solution) -> tuple[Solution, State | None, bool]:
-    """Return the solution of a record parted at its loads, and the state behind the last one.
-
-    Else that of the whole record, None, and whether loads may have acted and G(s) be another one.
-    """
+    """Return the solution of a record, the state behind its last load, and whether loads leave G(s) in doubt."""
     structure = settings.structure
     if record.r is not None:
         return whole, None, False

@@ -63,16 +63,13 @@ def take_held(state: State, steps: Callable[..., Any]) -> None:
 
 
 def drop_misread(state: State, request: Request, *, stamped: bool) -> bool:
-    """Reject collected samples whose input was misread before it was known how far inputs lie; return whether any were.
-
-    The kernel cannot tell of the first two values of the input how far apart they may be.  It can once the samples are
-    given to it from their end, and then of the others.
-    """
+    """Reject collected samples whose input was misread before it was known how far inputs lie; say if any were."""
     kept = collected(state)
     u = kept.input.copy()
     moved = np.flatnonzero(u != u[:1])[:1]
     if not moved.size:
         return False
+    # of the first two values the kernel cannot tell how far apart they may be; given the samples from their end, it can
     first = np.append(0, moved) if moved[0] == 1 else moved
     misread = np.setdiff1d(first, u.size - 1 - _believed(request, u[::-1].copy()))
     if not misread.size:
@@ -133,11 +130,8 @@ def modelled(
 
 
 def cleaned(request: Request, kept: RecentSamples) -> tuple[Request, RecentSamples]:
-    """Return samples of a start-up as settings and a first model are made from them, and the request for such samples.
-
-    Their input is mapped already.  Where a model is made, gross outliers are taken out.
-    """
-    mapped = replace(request, preprocess=replace(request.preprocess, input_map="identity"))
+    """Return samples as settings and a first model are made from them, and the request for such samples."""
+    mapped = replace(request, preprocess=replace(request.preprocess, input_map="identity"))  # as it is mapped already
     if not request.wants_instruments:
         return mapped, kept
     output, there = kept.output.copy(), kept.is_measured
@@ -155,10 +149,8 @@ def settled(request: Request, kept: RecentSamples) -> Settings:
 def begin(
     old: State, settings: Settings, kept: RecentSamples, solution: Solution | None, most: int, *, at_once: bool = False
 ) -> tuple[State, float]:
-    """Return the state that has learned the samples of a start-up, and the error of the last one.
-
-    It keeps ``most`` raw samples; it has room for all of them ``at_once``, or where its kernels do not ask for room.
-    """
+    """Return the state that has learned a start-up and keeps ``most`` samples, and the error of the last one."""
+    # there is room for all from the beginning where the kernels do not ask for room, too
     room = room_for(len(kept), most) if settings.optimizer.keeps_covariance and not at_once else most
     state, error = State.of_settings(settings, room), math.nan
     if len(kept) > 0:
@@ -272,10 +264,7 @@ def _solved(request: Request, kept: RecentSamples, given: Refined | None) -> Ref
 
 
 def _sizes(request: Request, held: int) -> Iterator[tuple[int, int]]:
-    """Yield at how many measured outputs, up to ``held``, a provisional model is solved for, the most first.
-
-    Beside each comes the number whose model it starts from; the same number where it starts from none.
-    """
+    """Yield sizes of provisional models, the largest first, and of the ones they start from: the same, afresh."""
     size = request.first_hold
     while 2 * size <= held:
         size *= 2

@@ -152,11 +152,8 @@ def check_job(job: Job, state: State) -> None:
 
 
 def _check_decided(state: State, fresh: State, settings: Settings | None) -> None:
-    """Check the numbers that follow from the settings: sizes, offsets, scaling, the optimizer's numbers.
-
-    The blocks' contents are compared last, after a check of their offsets.
-    """
-    for block in StateSlots.blocks:
+    """Check the numbers that follow from the settings: sizes, offsets, scaling, the optimizer's numbers."""
+    for block in StateSlots.blocks:  # before their contents are compared
         if state.ints[block.index] != fresh.ints[block.index]:
             raise DamagedCheckpointError(f"its state and its settings differ in where {block.name} begins")
     for slot in DECIDED:

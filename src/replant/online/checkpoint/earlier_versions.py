@@ -17,14 +17,10 @@ LAYOUT_BEFORE = "8d799f7d9cd3f93f"  # fingerprint of its layout of a state
 
 
 def from_before(header: dict[str, Any], body: memoryview) -> tuple[dict[str, Any], memoryview]:
-    """Return header and arrays of a checkpoint of the version before as those of this one.
-
-    It knew no ``history``: every state kept 30,000 raw samples and a path of estimates, and no sums; work arrays were
-    stored.
-    Another layout than that version's is left as it is, and refused later.
-    """
+    """Return header and arrays of a checkpoint of the version before as those of this one; others as they are."""
     if header["layout"] != LAYOUT_BEFORE:
-        return header, body
+        return header, body  # it is refused later
+    # without ``history`` each state kept 30,000 raw samples, a path of estimates, no sums; work arrays were stored
     declared: list[Any] = header["arrays"]
     ints, body = _first(declared[0], body, "<i8")
     reals, body = _first(declared[1], body, "<f8")

@@ -71,10 +71,7 @@ def _reason(name: str, value: Any) -> str:
 
 
 def from_plain(plain: Any) -> Any:
-    """Return the value that `to_plain` was given.
-
-    Objects are built by their constructors, which refuse invalid values.
-    """
+    """Return the value that `to_plain` was given."""
     if isinstance(plain, list):
         return [from_plain(entry) for entry in plain]
     if not isinstance(plain, dict):
@@ -98,7 +95,7 @@ def from_plain(plain: Any) -> Any:
         raise ValueError(f"{tag} has other settings here")
     with warnings.catch_warnings():  # the user was warned when the settings were chosen
         warnings.simplefilter("ignore")
-        built = kind(**fields)
+        built = kind(**fields)  # refuses invalid values
     for key, entry in fields.items():
         if isinstance(entry, bool) and not isinstance(getattr(built, key), bool):
             raise TypeError(f"{key} is a truth value")

@@ -18,12 +18,7 @@ GROUP_ROWS = 1 << 17  # rows of a row group: what is held before it is written [
 
 
 class FullTrace:
-    """Writes traces to a file with the columns ``time [s]``, one for each parameter by its name, and ``error``.
-
-    The time is that of the trace's stamps; without stamps it counts from the first sample.
-
-    To be used in a ``with`` statement; if that ends in an exception, no file is left.
-    """
+    """Writes columns ``time [s]``, the parameters by name, and ``error``; no file is left if its ``with`` fails."""
 
     def __init__(self, path: Path, dt: float) -> None:
         if path.suffix.lower() not in SUFFIXES:

@@ -72,15 +72,7 @@ def run_source(
     with_history: bool = True,
     structures: Sequence[Structure] = (),
 ) -> Result:
-    """Identify a record of any length in one pass; a second pass simulates the model and computes its fits.
-
-    At the end a record of at most 30000 samples is solved as a whole, see `Identifier.finish`.
-
-    With instruments, the start-up is a tenth of the record, at most 20000 samples.  Without them, the settings left at
-    "auto" are chosen beforehand from the first million samples.
-
-    Several ``structures``, in place of the request's, learn side by side, see `Bank`; the result is that of the lead.
-    """
+    """Identify a record of any length in one pass; a second pass simulates the model and computes its fits."""
     begun = time.perf_counter()
     given = asked_for(structures, {}) if structures else [{"structure": request.structure}]
     requests = [dataclasses.replace(request, **each) for each in given]
@@ -142,10 +134,8 @@ def _signals(batch: Batch, *, irregular: bool) -> tuple[FloatArray, FloatArray, 
 
 
 def _needs_stamps(request: Request, source: Source) -> bool:
-    """Return whether a run on a regular clock needs stamps: samples are missing, and without stamps they take no time.
-
-    The article's filters need a regular clock, so that they get no stamps.
-    """
+    """Return whether a run on a regular clock needs stamps: without them missing samples take no time."""
+    # the article's filters need a regular clock, so that they get no stamps
     regular_only = isinstance(request.filter, Filter) and request.filter.regular_only
     return not source.complete and not regular_only
 

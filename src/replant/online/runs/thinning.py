@@ -55,10 +55,7 @@ class Arrays:
 
 
 def batched(batches: Iterable[Batch], size: int) -> Iterator[Batch]:
-    """Yield a record in batches of ``size`` samples, the last one shorter; one empty batch for an empty record.
-
-    What is computed from a record then does not depend on the batches that it came in.
-    """
+    """Yield a record in batches of ``size``, however it came, the last one shorter; of an empty one one batch."""
     held: list[Batch] = []
     count, some = 0, False
     for batch in batches:
