@@ -213,8 +213,5 @@ def _check_together(chosen: Settings | Request) -> None:
         chosen.optimizer.check(chosen.structure.size)
 
 
-LONGEST_STARTUP = 20_000
-"""Measured outputs collected at the most, before a start-up that does not suffice is taken as it is [samples].
-Derivation: two thirds of what is stored (`STORED`): the record is solved once more as a whole.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# two thirds of what is stored (`STORED`): the record is solved once more as a whole
+LONGEST_STARTUP = 20_000  # measured outputs at the most, before a start-up that does not suffice is taken [samples]

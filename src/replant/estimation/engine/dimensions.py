@@ -131,13 +131,8 @@ def collects_at_most(request: Request) -> int:
     return max(STORED, request.first_hold)
 
 
-FEWEST_JUDGED = 200
-"""Raw samples kept, below which a verdict is made from running sums [samples].
-Derivation: a verdict holds out half of the samples, and takes a hundred of these (`verdict.evidence.FEWEST`).
-"""
-FIRST_ROOM = 1024
-"""Raw samples that there is room for at first; the room doubles when all of it is in use [samples].
-Derivation: two start-ups; in all, the copies then cost less than two of the last one.
-"""
-RECENT = 10_000
-"""Newest raw samples looked at: for solving the start-up again as it grows, and for assessment [samples]."""
+# a verdict holds out half of the samples, and takes a hundred of these (`verdict.evidence.FEWEST`)
+FEWEST_JUDGED = 200  # raw samples kept, below which a verdict is made from running sums [samples]
+# two start-ups; in all, the copies then cost less than two of the last one
+FIRST_ROOM = 1024  # raw samples that there is room for at first; it doubles when all of it is in use [samples]
+RECENT = 10_000  # newest raw samples looked at: to solve a start-up again as it grows, and for assessment [samples]

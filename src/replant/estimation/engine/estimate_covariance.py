@@ -58,10 +58,8 @@ def _of_least_squares(state: State) -> FloatArray:
 def covariance_by_colour(state: State) -> FloatArray:
     """Return sigma_w^2 P Q P (T, T) of the scaled parameters, or where it is larger that of a white residual.
 
-    See `replant.kernels.monitoring.scatter`.
-
     With a white residual Q is sum mu^2j zeta zeta', and P the inverse of sum mu^j zeta zeta': without forgetting that
-    makes sigma^2 P, with it about half as much.
+    makes sigma^2 P, with it about half as much (`replant.kernels.monitoring.scatter`).
     """
     colour, inverse = state.colour, _kept(state)
     seen, forgetting = colour.count, float(state.settings[0])
@@ -75,10 +73,8 @@ def covariance_by_colour(state: State) -> FloatArray:
 def _of_buffer(state: State) -> FloatArray:
     """Return the covariance of the buffer's instrumental-variable estimate, and how far the estimate is from that.
 
-    What an optimizer of the first order would come to rest at, were its steps small and many, is the solution of the
-    buffer's weighted equations sum zeta (z - phi' theta) / m^2 = 0.  That solution has the covariance of an
-    instrumental-variable estimate; the distance to it, by which the steps wander or have not arrived, is known, and
-    its square is added.
+    Small steps of the first order would come to rest at the solution of sum zeta (z - phi' theta) / m^2 = 0.  The
+    distance to it, by which the steps wander or have not arrived, is known: its square is added.
     """
     size, filled = state.entries, state.buffer_filled
     unknown = np.full((size, size), np.nan)

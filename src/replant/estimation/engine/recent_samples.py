@@ -17,10 +17,8 @@ from replant.numerics.arguments import BoolArray, FloatArray
 # what lasts longer may be the plant; a solution of the record tells as many apart
 IN_A_ROW = 5  # outliers in a row that are no more than that [samples]
 
-LONGEST_GAP = 1000.0
-"""Longest that a gap which parts a record counts as [usual intervals].
-Derivation: a gap of any length begins a new part; what is chosen by the record's duration must not depend on it.
-"""
+# a gap of any length begins a new part; what is chosen by the record's duration must not depend on it
+LONGEST_GAP = 1000.0  # longest that a gap which parts a record counts as [usual intervals]
 
 
 @dataclass(frozen=True, eq=False)

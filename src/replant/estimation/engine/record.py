@@ -17,10 +17,8 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression, in_a_row, since_break
 from replant.numerics.linear_algebra import quiet
 
-SAME = 1e-9
-"""Part of an interval that is rounding [ratio].
-Derivation: some million times the precision of float64.
-"""
+# some million times the precision of float64
+SAME = 1e-9  # part of an interval that is rounding [ratio]
 
 GAP = 3.5
 """Interval without a sample, beside the usual one and its neighbours, after which the state is unknown [ratio].
@@ -34,15 +32,11 @@ MOST_GAPS = 500  # gaps that part a record, the longest ones of them: each costs
 
 
 def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
-    """Return the samples (G,) that follow a gap: the input of the meantime is not known, and so is the state.
-
-    An interval is a gap if it is more than `GAP` times as long as the usual one, and as those beside it: samples that
-    come more slowly for a while are no gaps.  Of more than `MOST_GAPS` the longest are returned.
-    """
+    """Return the samples (G,) that follow a gap: the input of the meantime is not known, and so is the state."""
     if intervals.size < 2:
         return np.zeros(0, np.int64)
     steps = np.concatenate([[usual], intervals[1:], [usual]])
-    beside = np.maximum(np.maximum(steps[:-2], steps[2:]), usual)
+    beside = np.maximum(np.maximum(steps[:-2], steps[2:]), usual)  # samples that come more slowly for a while: no gaps
     found = np.flatnonzero(intervals[1:] > GAP * beside) + 1
     if found.size > MOST_GAPS:
         found = np.sort(found[np.argsort(-intervals[found], kind="stable")[:MOST_GAPS]])
@@ -91,12 +85,10 @@ class Record:
         return np.minimum(since, LAGS, out=since)
 
     def whitened(self, noise: Autoregression, signals: FloatArray) -> FloatArray:
-        """Return D(q) x of ``signals`` (K, ...) along the first axis, weighted where the past is not known.
-
-        Where no output was measured the signal is whatever makes the result least: its likelihood is exact.
-        """
+        """Return D(q) x of ``signals`` (K, ...) along the first axis, weighted where the past is not known."""
         white = noise.whiten_known(signals, self._unbroken)
         missing = np.flatnonzero(~self.is_measured)
+        # an output not measured is whatever makes the result least: the likelihood is exact
         return noise.without_unknown(white, self._unbroken, missing) if noise.order and missing.size else white
 
     @property
@@ -167,15 +159,12 @@ class Record:
 
     @property
     def restored(self) -> tuple[Record, IntArray]:
-        """The record with the rows that were lost, and where its samples (K,) are in that.
-
-        The input of a lost row lies on the straight line between its neighbours, its output was not measured.  What
-        lies in a gap stays lost, and where samples come more slowly for a while none is missing.
-        """
+        """The record with rows that were lost, the input on a straight line, and where its samples (K,) are in that."""
         if self.intervals.size == 1:
             return self, np.arange(self.u.size)
         steps = self.intervals / float(np.median(self.intervals[1:]))
         steps[[0, *(rows.start for rows in self.parts)]] = 0.0
+        # what lies in a gap stays lost
         lost = np.where(steps <= GAP, np.maximum(np.rint(steps) - 1.0, 0.0), 0.0).astype(int)
         places = np.arange(self.u.size) + np.cumsum(lost)
         each, along = np.arange(places[-1] + 1), np.cumsum(self.intervals)
@@ -254,20 +243,16 @@ def ready_record(
     structure: Structure, dt: float, preprocess: Preprocess, u: FloatArray, y: FloatArray,
     stamps: FloatArray | None = None, input_hold: str = "zoh", r: FloatArray | None = None,
 ) -> Record:  # fmt: skip
-    """Return a raw record made ready: mapped, samples without an input dropped, working point taken off.
-
-    Without a bias in the structure the mean is subtracted too; the constant beside G(s) takes up the remainder.  Where
-    samples are dropped the intervals grow: the filters are exact for the time that passed.  An output that cannot be
-    used is not `Record.measured`.
-    """
+    """Return a raw record made ready: mapped, samples without an input dropped, working point taken off."""
     mapped = preprocess.map_input(u)
     accepted, measured = screen(mapped, np.zeros(y.size))[0], screen(mapped, y)[0]
     # before the first output and behind the last nothing is told
     accepted &= np.logical_or.accumulate(measured) & np.logical_or.accumulate(measured[::-1])[::-1]
-    if not structure.bias:
+    if not structure.bias:  # the constant beside G(s) takes up what the mean leaves
         preprocess = centre(preprocess, u, y)
     regular = stamps is None and bool(accepted.all())
     clock = np.arange(u.size) * dt if stamps is None else stamps
+    # where samples are dropped the intervals grow: the filters are exact for the time that passed
     intervals = np.array([dt]) if regular else np.diff(clock[accepted], prepend=clock[accepted][:1] - dt)
     u, y = mapped[accepted] - float(preprocess.input_offset), y[accepted] - float(preprocess.output_offset)
     measured = measured[accepted]

@@ -30,28 +30,19 @@ from replant.numerics.arguments import FloatArray, IntArray
 NOTHING = np.zeros(0)
 REGULAR = np.zeros(0)  # the time stamps of a regular clock
 
-GAP = 20.0
-"""Time without a sample after which the filters begin anew [sampling times].
-Derivation: twice MOST_EARLIER: a packet that comes twice, whose samples are refused, is no interruption.  On sixteen
-random plants with holes of up to a hundred samples all estimates are good at 20 and at 10, and trusted at 18 and 19
-looks of 48; at 10 fewer samples behind a hole, 7 in place of 206, are taken for outliers.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# twice MOST_EARLIER: a packet that comes twice, whose samples are refused, is no interruption; on sixteen random plants
+# with holes of up to a hundred samples all estimates are good at 20 and at 10, and trusted at 18 and 19 looks of 48; at
+# 10 fewer samples behind a hole, 7 in place of 206, are taken for outliers
+GAP = 20.0  # time without a sample after which the filters begin anew [sampling times]
 
 #: What an array that the user makes large is for, and what to ask for instead.
 LARGE = {"buffer": ("a replay buffer", "a smaller capacity"), "recent": ("a start-up", "a shorter startup")}
 
-LONGEST_STEP = 1250
-"""Samples between two past estimates kept, at the most [samples].
-Derivation: of the RECENT newest samples at most half are then held out from the oldest of the PAST estimates.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# of the RECENT newest samples at most half are then held out from the oldest of the PAST estimates
+LONGEST_STEP = 1250  # samples between two past estimates kept, at the most [samples]
 
-SHORTEST_STEP = 128
-"""The same where the estimate follows a plant that changes, and is soon out of date by right [samples].
-Derivation: the least power of two that a test needs.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# the least power of two that a test needs
+SHORTEST_STEP = 128  # the same where the estimate follows a plant that changes, and is soon out of date [samples]
 
 
 class State(StateArrays):
@@ -310,12 +301,9 @@ def step_kernels(state: State, *, regular: bool) -> tuple[Kernel, Kernel]:
 
 
 def bound_step(state: State, kernel: Kernel, preprocess: Preprocess) -> tuple[Step, IntArray]:
-    """Return a function of (u, y, t, r) that takes one sample of this state as ``kernel`` does, and its gate (1,).
-
-    Where the input map is a Python function, which no kernel can call, it is called first.  As long as the gate is
-    shut, as it is at first, the function raises Attention and takes nothing (see `replant.kernels.native`).
-    """
+    """Return a function of (u, y, t, r) that takes one sample of this state as ``kernel`` does, and its gate (1,)."""
     check(state)  # a step looks at nothing by itself; kernels that take many samples look each time
+    # an input map in Python is called first; while the gate is shut, as at first, the function raises Attention
     return bound(state, library().table(kernel.name, state.arrays), preprocess)
 
 

@@ -38,15 +38,11 @@ ALIKE = np.array([
 
 
 def kind(state: State) -> tuple[int, ...] | None:
-    """Return what the states in the lanes of one vector must have in common; None where a state fits into none.
-
-    One that fits has a refined filter, keeps its samples, and has neither dead time nor reference.  Nothing of that
-    changes once a state has learned: it is found out once.
-    """
+    """Return what the states in the lanes of one vector must have in common; None where a state fits into none."""
     try:
         return state.lane_kind
     except AttributeError:
-        state.lane_kind = found = _kind(state)
+        state.lane_kind = found = _kind(state)  # it does not change once a state has learned
         return found
 
 

@@ -11,10 +11,8 @@ from replant.estimation.filters.state_variable import Filter, StateVariableFilte
 from replant.numerics.arguments import FloatArray, keep, one_of
 from replant.numerics.linear_algebra import roots
 
-NEAREST_AXIS = 1e-4
-"""Least distance of a fixed filter's pole from the imaginary axis [1 / sampling time].
-Derivation: its memory is then ten thousand samples.
-"""
+# its memory is then ten thousand samples
+NEAREST_AXIS = 1e-4  # least distance of a fixed filter's pole from the imaginary axis [1 / sampling time]
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""StateVariableFilter: a fixed 1/Lambda(s), which turns derivatives into filtered signals, and its discretisation.
-
-`Filter` is what every filter tells about itself: above all the fixed filter that it is, always or at an estimate.
-"""
+"""StateVariableFilter: a fixed 1/Lambda(s), which turns derivatives into filtered signals, and its discretisation."""
 
 from __future__ import annotations
 

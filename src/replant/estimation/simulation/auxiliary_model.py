@@ -182,11 +182,8 @@ class AuxiliaryModel:
     def branch(
         self, theta: FloatArray, record: Record, *, constant: bool = False, rows: FloatArray | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return instruments (K, T) and output (K,) of a record without a gap, from rest: by its input alone.
-
-        Rows that answer to inputs before the record are zero; so is the column of the constant, unless asked for.
-        They are written to ``rows`` (K, T or more), if given.
-        """
+        """Return instruments (K, T), output (K,) of a record without a gap, from rest; 0 where earlier inputs act."""
+        # written to ``rows`` (K, T or more), if given; the column of the constant is zero unless asked for
         self.begin(theta)
         rows, output = self.branch_on(record, constant=constant, rows=rows)
         unknown = record.unknown(self._delay)
@@ -210,10 +207,9 @@ class AuxiliaryModel:
 def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:
     """Return the passes over the parts of a record as one.
 
-    Behind a gap the initial state is unknown once more, in another record the offset is, too.  Those of one part are
-    among the entries of the model: of the first one with more samples that tell them than they are.  What the others
-    explain, the last columns of ``phi``, ``nuisances`` of each part, is taken off all signals, which is what estimating
-    them beside the entries comes to.
+    Behind a gap the initial state is unknown once more, in another record the offset is, too.  Those of the first part
+    that tells them are entries of the model; what the others, the last ``nuisances`` columns of ``phi`` of each,
+    explain is taken off all signals, which is what estimating them beside the entries comes to.
     """
     own = next((i for i, run in enumerate(runs) if int(run.phi[:, -most:].any(axis=1).sum()) > most), 0)
     # a part before that one may be of another record: its offset is unknown as well as its initial state

@@ -257,13 +257,11 @@ class Score:
         self._error, self._output = ErrorSums(), OutputSums()
 
     def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None = None) -> FloatArray:
-        """Take the next samples (K,), stamped ``t`` (K,); return the model's output, `shift` not yet added.
-
-        The first batch must hold `FITTED` samples, or all if there are fewer.  NaN in ``u`` is replaced by the last
-        input, NaN in ``y`` is left out, and so are the outputs that answer to inputs from before the record.
-        """
+        """Take the next samples (K,), stamped ``t`` (K,); return the model's output, `shift` not yet added."""
         if u.size == 0:
             return np.zeros(0)
+        # the first batch holds `FITTED` samples, or all; for NaN in u stands the last input, NaN in y is left out, and
+        # so are the outputs that answer to inputs from before the record
         intervals = None  # since the sample before each stamp
         if t is not None:
             intervals = np.diff(t, prepend=t[0] - self._dt if math.isnan(self._last) else self._last)

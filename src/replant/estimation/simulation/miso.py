@@ -42,10 +42,7 @@ class Stretch:
 
 
 class Row:
-    """The structure of a row, one branch per input, and a record for it with its inputs (K, q).
-
-    Where all branches share one ``common`` denominator, theta has it once.
-    """
+    """The structure of a row, one branch per input, and a record for it with its inputs (K, q)."""
 
     def __init__(
         self,
@@ -55,7 +52,7 @@ class Row:
         names: tuple[str, ...] = (),
         outside: Outside | None = None,
         *,
-        common: bool = False,
+        common: bool = False,  # whether all branches share one denominator, which theta then has once
     ) -> None:
         self.structures, self.is_common, self.record, self.inputs = structures, common, record, inputs
         self.outside = outside
@@ -195,10 +192,7 @@ class Point:
 def evaluate(
     row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, *, pulled: bool = False
 ) -> Point:
-    """Return the point of a model; ``pulled`` takes phi of a common denominator from the measured output.
-
-    The instruments are then the model's slopes.
-    """
+    """Return the point of a model; ``pulled`` takes phi of one denominator from the output, zeta from the model."""
     error, phi, zeta, residual, nuisances = [], [], [], [], []
     for number, stretch in enumerate(row.stretches):
         states = np.zeros(row.nuisances - 1) if before is None else before.nuisances[number][1:]
@@ -284,10 +278,8 @@ class RowRecord:
         input_hold: str = "zoh",
         begins: tuple[int, ...] = (),
     ) -> RowRecord:
-        """Make ready inputs (K, q) and an output (K,), NaN where missing; ``begins`` as in `Record`.
-
-        Of numbers whose squares would leave float64 the same is true as of missing ones.
-        """
+        """Make ready inputs (K, q) and an output (K,), NaN where missing; ``begins`` as in `Record`."""
+        # numbers whose squares would leave float64 count as missing
         measured, used = accepted(y)[1], accepted(inputs)[1].all(axis=1)
         used &= np.logical_or.accumulate(measured) & np.logical_or.accumulate(measured[::-1])[::-1]
         if not (used & measured).any():
@@ -307,17 +299,14 @@ class RowRecord:
         return cls(record, np.ascontiguousarray(inputs[used]), used, level)
 
     def simulated(self, row: Row, point: Point, noise: Autoregression) -> FloatArray:
-        """Return the output (K,) of a point, offset and initial states estimated.
-
-        NaN where the plant answers to inputs from before the record, or from before a gap in it: an initial state
-        estimated from the outputs behind these tells nothing of them.
-        """
+        """Return the output (K,) of a point, offset and initial state estimated; NaN where earlier inputs act."""
         output = np.full(self.record.u.size, np.nan)
         done = evaluate(row, point.theta, noise, point)
         for stretch, weights in zip(row.stretches, done.nuisances, strict=True):
             outputs, _, free = row.signals(point.theta, stretch, weights[1:])
             output[stretch.rows] = outputs.sum(axis=1) + combined(free, weights)
         whole = np.full(self.used.size, np.nan)
+        # initial states estimated from later outputs tell nothing of what answers to inputs before record or gap
         answers = self.record.answers(max(each.delay for each in row.structures))
         whole[self.used] = np.where(answers, self.level + output, np.nan)
         return whole

@@ -19,10 +19,8 @@ from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.linear_algebra import combined
 from replant.numerics.projections import best_pole, weights_of
 
-PARTS = 8
-"""Parts of a record between whose ends the weights of the rest pass over into each other [count].
-Derivation: two of them are left out for each set of weights, so that their variance is a third larger.
-"""
+# two of them are left out for each set of weights, so that their variance is a third larger
+PARTS = 8  # parts of a record between whose ends the weights of the rest pass over into each other [count]
 
 
 def windows(samples: int) -> FloatArray:

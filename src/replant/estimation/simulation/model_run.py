@@ -4,8 +4,7 @@ The residual of B/A is :math:`e = A/D\, y - B/D\, u`.  D is A where that is stab
 the simulated one.  Else D is A with its unstable poles reflected: the residual of a right model is as white as the
 noise, and needs no simulation that diverges.
 
-The predicted output is the one that makes the residual e = A/D y - B/D u zero, where D is A with its unstable poles
-reflected.  It depends on past outputs, and takes the place of the simulated output.
+The predicted output, which makes e zero, depends on past outputs; it then takes the place of the simulated output.
 """
 
 from __future__ import annotations
@@ -44,10 +43,7 @@ class ModelRun:
     instruments: FloatArray | None = None  # (K, n + m + 1): the derivatives of what a reference explains of u and y
 
     def dynamics(self, rows: slice, dt: float, span: float, *, feedback: bool = False) -> FloatArray:
-        """Return columns (J, C) that tell other dynamics in some rows of a record, under feedback by the past alone.
-
-        Input, simulated output and their states, delayed by powers of two samples.
-        """
+        """Return columns (J, C) that tell other dynamics in some rows of a record, under feedback by the past alone."""
         begin, end, _ = rows.indices(self.error.size)
         index = np.arange(begin, end) - (1 if self.is_direct and feedback else 0)
 
@@ -59,6 +55,7 @@ class ModelRun:
         longest = LONGEST / max(slowest, 1.0 / span) / dt
         columns, delay = [late(self.states, 0), late(self.zeta[:, :poles], 0)], 1
         room = index.size // PER_COEFFICIENT - 2 * poles - 4
+        # input, simulated output and their states, delayed by powers of two samples
         while delay == 1 or (delay <= min(longest, index.size / PER_COEFFICIENT) and room > 1):
             columns += [late(self.u, delay)[:, None], late(self.forced, delay)[:, None]]
             delay, room = 2 * delay, room - 2

@@ -38,15 +38,11 @@ MOST = 0.05  # share of outliers beyond which they are none: heavy tails, or ano
 FEWEST = 5  # residuals that tell how large one usually is, at the least [samples]
 JUMP = math.sqrt(MATTERS)  # step of the input that a model without a direct path answers too late [part of its range]
 
-BY_CHANCE = 0.01
-"""Chance below which outliers are at steps of the input for a reason [probability].
-Level: of a binomial test; a lone outlier is taken for an answer where steps are rarer than one sample in 100.
-"""
+# of a binomial test; a lone outlier is taken for an answer where steps are rarer than one sample in 100
+BY_CHANCE = 0.01  # chance below which outliers are at steps of the input for a reason [probability]
 
-TIED_BY_CHANCE = 1e-3
-"""Chance of a run of equal outputs in a record below which the sensor is stuck [probability].
-Level: the run's length follows from the share of equal neighbours elsewhere.
-"""
+# the run's length follows from the share of equal neighbours elsewhere
+TIED_BY_CHANCE = 1e-3  # chance of a run of equal outputs in a record below which the sensor is stuck [probability]
 
 HARM = 0.02  # what a model must move for a stuck sensor to do harm: the root of the recursion's [part of y's deviation]
 
@@ -100,18 +96,14 @@ def _runs(y: FloatArray) -> list[slice]:
 
 
 def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
-    """Return which outputs (K,) are those of a sensor that is stuck, or at its limit.
-
-    The model moves meanwhile by more than the noise, some steps of the scale, and what does no harm.  A plant that
-    rests leaves its rest without a jump, however late; at a limit the model lies beyond it.  Where noise keeps any two
-    outputs in a row from being equal, it does so while a plant rests.
-    """
+    """Return which outputs (K,) are those of a sensor that is stuck, or at its limit."""
     found = np.zeros(y.size, bool)
     known = y[np.isfinite(y)]
     if y.size < 2 * SECTIONS or known.size < 2:
         return found
     step, is_resolved = STEPS * usual_step(known), never_ties(y)
     least, low, high = max(noise, step, HARM * float(known.std())), known.min(), known.max()
+    # the model moves meanwhile by more than the noise, some steps of the scale, and what does no harm
     moved = [rows for rows in _runs(y) if float(np.ptp(modelled[rows])) > least]
     levels = [float(y[rows.start]) for rows in moved]
     limits = set()
@@ -120,6 +112,8 @@ def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
         again = levels.count(level) > 1 and abs(away) > least
         if again or (level == high and away > 0.0) or (level == low and away < 0.0):
             limits.add(level)
+        # a plant that rests leaves its rest without a jump, however late; where noise tells any two outputs in a row
+        # apart, it does so while a plant rests
         elif rows.stop == y.size or is_resolved or not abs(float(y[rows.stop]) - level) <= max(noise, step):
             found[rows] = True
     for level in limits:  # shorter runs too

@@ -101,18 +101,12 @@ def odds_of(supposition: Supposition) -> float:
 
 
 def decided(claims: Sequence[Claim]) -> Claim | None:
-    """Return the claim of most evidence; None while it is open, or where there are no claims.
-
-    What says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds.  A load
-    has to be sure beside no change at all: believed, it leaves little of what the samples before told of G(s).  Beside
-    an output that answers to nothing every other one has to be sure.  What leaves so much of the output that it would
-    raise an alarm again explains nothing: it stays open, unless an output that answers to nothing is likelier.
-    """
+    """Return the claim of most evidence; None while it is open, or where there are no claims."""
     told = dict(zip(claims, weighed(claims), strict=True))
     found = max(claims, key=lambda claim: told[claim].evidence, default=None)
     if found is None or found.supposition is Supposition.CUT:
         return found
-    if found.left > UNEXPLAINED:
+    if found.left > UNEXPLAINED:  # it would raise an alarm again, and explains nothing
         likeliest = max(claims, key=lambda claim: told[claim].fair)
         return likeliest if likeliest.supposition is Supposition.CUT else None
     wins = all(_advantage(found, claim, told) >= _least_advantage(found, claim) for claim in claims)
@@ -120,11 +114,8 @@ def decided(claims: Sequence[Claim]) -> Claim | None:
 
 
 def _advantage(found: Claim, rival: Claim, told: Mapping[Claim, Claim]) -> float:
-    """Return how much likelier a claim is than another one.
-
-    What another G(s) explains beyond an output that answers to nothing is weighed by itself.  Weighed beside a third
-    claim both grow as the logarithm of the samples, and their difference does not grow.
-    """
+    """Return how much likelier a claim is than another one."""
+    # weighed beside a third claim both grow as the logarithm of the samples, and their difference does not grow
     if rival.supposition is Supposition.CUT and found.supposition.is_of_plant:
         return found.contest.weighed(found.fair - rival.fair)
     return told[found].fair - told[rival].fair
@@ -132,21 +123,19 @@ def _advantage(found: Claim, rival: Claim, told: Mapping[Claim, Claim]) -> float
 
 def _least_advantage(found: Claim, rival: Claim) -> float:
     """Return by how much the claim of most evidence must be likelier than another one, the price of G(s) aside."""
+    # a load, believed, leaves little of what the samples before told of G(s): it must be sure beside no change at all
     same = Supposition.NOTHING, Supposition.NOISE
     if rival.supposition is Supposition.CUT or (found.supposition is Supposition.LOAD and rival.supposition in same):
         return -math.log(ALPHA)
+    # what says nothing else of G(s) must win without the price of the others, too: it is as sure that it holds
     return -math.inf if found.supposition.is_of_plant else 0.0
 
 
 def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
-    """Return whether none but the best of the claims could hold that says something else of G(s).
-
-    How much less likely another one is follows from what it leaves, in multiples of the dispersion.  A load leaves G(s)
-    as it was known, whatever the samples since tell of it.  That is sure once they tell G(s) by themselves: no model of
-    another G(s) may then be as likely, its numbers being free.
-    """
+    """Return whether none but the best of the claims could hold that says something else of G(s)."""
 
     def less_likely(claim: Claim) -> float:
+        # a load is sure once the samples since tell G(s) by themselves: no other G(s) is as likely, its numbers free
         is_free = best.supposition is Supposition.LOAD and claim.supposition.is_of_plant
         left = best.fair - (claim.likelihood if is_free else claim.fair + claim.unserved)
         of_plant = next((each for each in (claim, best) if each.supposition.is_of_plant), None)
@@ -157,11 +146,7 @@ def is_sure(claims: Sequence[Claim], best: Claim) -> bool:
 
 
 def weighed(claims: Sequence[Claim]) -> list[Claim]:
-    """Return claims in which a change of G(s) counts beside how differently a model fits any stretch of the record.
-
-    What such a change explains beyond every claim of one G(s), of the most likely model of each, is in the mean the
-    dispersion of the stretches before, times chance (`Contest.weighed`).
-    """
+    """Return claims in which what a change of G(s) explains beyond those of one G(s) counts by `Contest.weighed`."""
     same = [claim for claim in claims if not (claim.supposition.is_of_plant or claim.supposition is Supposition.CUT)]
     base = max((claim.fair for claim in same), default=0.0)
     most = max((claim.fair + claim.unserved for claim in same), default=0.0)
@@ -360,11 +345,9 @@ class Contest:
         return Root(model, done, self.known.noise, innovation, power, converged, converged, filters=self.known.filters)
 
     def _plant(self, given: Sequence[FloatArray]) -> Claim | None:
-        """Return the claim of a model of the samples since alone; one that has not settled cannot win.
-
-        None where its numerator is not told: with an input that rests any gain and a fitting offset explain them.
-        """
+        """Return the claim of a model of the samples since alone; one that has not settled cannot win."""
         found = refine(self.structure, self.since, given, afresh=True, filtered=self.known.filters)
+        # with an input that rests any gain and a fitting offset explain the samples: the numerator is not told
         if found is None or not self._is_driven(*self._driven(found.theta)):
             return None
         run = self.problem.run(found.theta)

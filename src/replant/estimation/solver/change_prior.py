@@ -23,10 +23,8 @@ from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import LEAST, Autoregression
 from replant.numerics.linear_algebra import combined, inverse_of, least_norm, products, quiet, sum_of_squares
 
-UNTOLD = 4.0
-"""Residual beyond which a sample is not what the model tells [standard deviations].
-Level: a normal deviate beyond 4 has the chance 6e-5.
-"""
+# a normal deviate beyond 4 has the chance 6e-5
+UNTOLD = 4.0  # residual beyond which a sample is not what the model tells [standard deviations]
 
 # what two coefficients explain of them is then known to a third
 STRETCHES = 8  # fewest stretches before a change whose scatter is told [count]
@@ -81,10 +79,8 @@ class Known:
         return dispersion_of(self.slopes, white, coefficients, length, self.variance)
 
     def onset(self, record: Record, earliest: int) -> int:
-        """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one.
-
-        The filter is at rest before: a coloured residual that is large there already may be off since before.
-        """
+        """Return the first sample, from ``earliest`` on, that is not what the model tells; ``earliest`` without one."""
+        # the filter is at rest before: a coloured residual that is large there already may be off since before
         error = np.where(np.arange(self.error.size) < earliest, 0.0, self.error)
         white = self.noise.whiten_known(error, record.predecessors)[earliest:]
         untold = np.flatnonzero(np.abs(white) > UNTOLD * math.sqrt(self.variance))
@@ -130,15 +126,10 @@ class Known:
 def dispersion_of(
     slopes: FloatArray, white: FloatArray, coefficients: BoolArray, length: int, variance: float
 ) -> tuple[float, float]:
-    """Return by how much more another G(s) explains of stretches before a change than chance would; at least 1.
+    """Return by how much more (at least 1) another G(s) explains of stretches than chance, and by how many numbers.
 
-    And by how many numbers that is known: where too few samples are before, it counts as certain.
-
-    ``slopes`` (K, T) and residual ``white`` (K,), of that variance, are whitened; ``coefficients`` (T,) says which of
-    the entries are no nuisances.  In each stretch of so many samples, with an offset and an initial state of its own,
-    it would be nothing but chance, if the model were right.  A linear model of a plant that is none fits each stretch
-    differently; a change shows where it explains more than that does.  The stretch next to the begin takes no part: a
-    change that is noticed late lies in it.
+    Slopes (K, T) and residual (K,) before a change are whitened; ``coefficients`` (T,) are no nuisances.  A linear
+    model of a plant that is none fits each stretch differently; a change shows where it explains more than that does.
     Source: the dispersion of quasi-likelihood, Wedderburn (1974), Biometrika 61.
     """
     begin = len(slopes)
@@ -148,6 +139,7 @@ def dispersion_of(
     units = np.linalg.norm(slopes, axis=0)
     slopes = slopes / np.where(units > 0.0, units, 1.0)
     explained, ranks = 0.0, 0
+    # without the stretch next to the begin: a change that is noticed late lies in it
     for end in range(begin - length, length - 1, -length):
         rows = slice(end - length, end)
         beside = slopes[:length, ~coefficients]  # of an initial state at the stretch's begin
@@ -167,8 +159,7 @@ def weighed(more: float, dispersion: float, numbers: float) -> float:
     """Return the evidence of what another G(s) explains more, which for a right model were a chi-square of two.
 
     The dispersion is known from n numbers, so that it becomes that of an F distribution of 2 and n:
-
-        P{F > f} = (1 + 2 f / n)^(-n / 2),   evidence = (n / 2) ln(1 + (2 / n) more / dispersion)
+    P{F > f} = (1 + 2 f / n)^(-n / 2),   evidence = (n / 2) ln(1 + (2 / n) more / dispersion)
     """
     if more <= 0.0 or math.isinf(numbers):
         return more / dispersion

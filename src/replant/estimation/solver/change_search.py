@@ -54,15 +54,13 @@ class PlantChange(NamedTuple):
 
 @quiet
 def change_within(structure: Structure, record: Record, parameters: FloatArray) -> PlantChange | None:
-    """Return that the plant has changed within a record, or changes on and on; None where one G(s) may explain it.
-
-    Which of its coefficients have changed need not be sure.  That it changes on and on counts where it matters.
-    """
+    """Return that the plant has changed within a record, or changes on and on; None where one G(s) may explain it."""
     if record.r is not None or len(record.parts) > 1:
         return None
     model = without_nuisances(structure, parameters)
     begin = begin_of_change(structure, record, model)
     found = change_at(structure, record, model, begin) if begin else None
+    # which of its coefficients have changed need not be sure
     if found is None or not is_sure([each for each in found.claims if not each.supposition.is_of_plant], found.claim):
         return None
     contest = found.claim.contest
@@ -122,11 +120,8 @@ def begin_of_change(structure: Structure, record: Record, model: FloatArray) -> 
 
 
 def surest_begin(signals: FloatArray, size: int, fewest: int, count: int) -> tuple[int, float]:
-    """Return the sample since which ``size`` entries of a model fit worst, and how sure that is; 0 where it is chance.
-
-    ``signals`` (K, T + 1) has their whitened slopes, those of the nuisances, and the whitened residual of so many
-    outputs.  At least ``fewest`` samples are before and since.
-    """
+    """Return the sample since which ``size`` entries of a model fit worst, and how sure that is; 0 by chance."""
+    # signals (K, T + 1): whitened slopes, of nuisances, too, and residual of ``count`` outputs
     samples = len(signals)
     if samples < 3 * fewest:
         return 0, 0.0
@@ -178,13 +173,10 @@ def _worst(since: FloatArray, units: FloatArray, size: int, begins: IntArray) ->
 
 
 def _statistics(whole: FloatArray, since: FloatArray, size: int) -> FloatArray:
-    """Return g' C^-1 g of the first ``size`` scores since each of some samples, less what the nuisances explain.
-
-    ``whole`` (T, T + 1) and ``since`` (B, T, T + 1) are the sums of zeta zeta' and of zeta w over all samples, and over
-    those since each.  All are solved at once: of so few entries a call takes longer than its numbers.
-    """
+    """Return g' C^-1 g of the first ``size`` scores since each of some samples, less what the nuisances explain."""
     if not (np.isfinite(whole).all() and np.isfinite(since).all()):
         return np.zeros(len(since))
+    # whole (T, T + 1), since (B, T, T + 1): sums of zeta zeta' and zeta w; at once, as a call takes longer than numbers
     square, told = since[..., :-1], since[..., -1:]
     learned = _pseudo_inverse(whole[:, :-1])
     left = np.concatenate([square - square @ (learned @ square), told - square @ (learned @ whole[:, -1:])], axis=-1)

@@ -82,11 +82,8 @@ class Feedback:
 def answering(
     u: FloatArray, w: FloatArray, before: IntArray, first: int = 0, others: Sequence[FloatArray] = ()
 ) -> Feedback:
-    """Return how an input (K,) answers a whitened residual (K,), zero where it is not known, from ``first`` on.
-
-    So many inputs came ``before`` each (K,), one sampling time apart.  Where there are ``others`` (K,), what they are
-    now and were before tells the input and the residual as its own past does: it may follow them.
-    """
+    """Return how an input (K,), ``before`` (K,) told ones in a row, answers a whitened residual (K,), 0: unknown."""
+    # what others (K,) are and were tells input and residual as its own past does: the input may follow them
     most = _most(before)
     rows = np.flatnonzero(before >= max(most, ANSWERS))[-NEWEST:]
     if rows.size < PER_COLUMN * (ANSWERS + 2):
@@ -104,10 +101,7 @@ def answering(
 
 @quiet
 def part_answering(u: FloatArray, w: FloatArray, before: IntArray) -> FloatArray:
-    """Return the part (K,) of an input (K,) in feedback that answers a whitened residual; its own past carries it on.
-
-    Whether it is in feedback `answering` tells.
-    """
+    """Return the part (K,) of an input in feedback that answers a whitened residual, carried on by its own past."""
     most = _most(before)
     latest = max(most, ANSWERS)
     rows = np.flatnonzero(before >= latest)[-NEWEST:]
@@ -146,14 +140,11 @@ def _most(before: IntArray) -> int:
 
 @lru_cache(maxsize=1)  # a search asks of one input, structure by structure
 def _known_past(signal: bytes, most: int, samples: bytes, *others: bytes) -> tuple[FloatArray, FloatArray]:
-    """Return the past (K, C) that tells an input at some samples, and the inverse of its R; Akaike tells how far back.
-
-    Twice as far back is looked only where the farther half of it tells something.
-    """
+    """Return the past (K, C) that tells an input at some samples, as Akaike has it, and the inverse of its R."""
     u, rows, beside = np.frombuffer(signal), np.frombuffer(samples, np.int64), [np.frombuffer(x) for x in others]
     told = [each for lag in range(1, most + 1) for each in ((u, lag), *((x, lag - 1) for x in beside))][:most]
     lags, best = -1, 0
-    while lags < most and 2 * best > lags:
+    while lags < most and 2 * best > lags:  # twice as far back only where the farther half tells something
         lags = min(max(2 * lags, SHORTEST), most)
         past = np.column_stack([np.ones(rows.size), *(x[rows - lag] for x, lag in told[:lags]), u[rows]])
         upper = _triangle(past)

@@ -69,10 +69,7 @@ class Change:
 
 @quiet
 def find_change(row: Row, theta: FloatArray, judges: Sequence[Judge] = ()) -> Change | None:
-    """Return what has changed within the last stretch of a row, or with its begin; None where one model explains that.
-
-    Nor does one say what has changed where references move inputs.
-    """
+    """Return what has changed in a row's last stretch, or with its begin; None also where references move inputs."""
     end = row.record.u.size
     if not row.stretches or row.stretches[-1].rows.stop < end or row.outside is not None:
         return None
@@ -89,11 +86,7 @@ def find_change(row: Row, theta: FloatArray, judges: Sequence[Judge] = ()) -> Ch
 def likeliest_change(
     row: Row, theta: FloatArray, judges: Sequence[Judge], *, of_any_noise: bool = True
 ) -> Change | None:
-    """Return what is surest to have changed in a row of one stretch; None where nothing is.
-
-    Where there may be several changes, what one of them explains is told beside the noise of before alone, near the
-    models at hand: what no change leaves would take the others for noise.  They are asked for together, then.
-    """
+    """Return what is surest to have changed in a row of one stretch; None where nothing is."""
     begins = set(_suspected(row, theta, judges))
     first = _parts(row, min(begins))[0] if begins else row
     if not begins or first.count <= row.nuisances + theta.size:
@@ -102,6 +95,7 @@ def likeliest_change(
     begins |= {_Fitted.of(row, before).worst(noise, of_plant=False)} - {0}
     known = without_unknown(row, begins)
     found = _surest(known, begins, [theta, before], noise, of_any_noise)
+    # of several changes one is told beside the noise of before alone: what no change leaves takes the others for noise
     if found is None or not of_any_noise:
         return found
     # one model may explain all, but be far from these
@@ -144,14 +138,11 @@ def _suspected(row: Row, theta: FloatArray, judges: Sequence[Judge]) -> list[int
 
 
 def is_suspect(row: Row, theta: FloatArray, *, of_plant: bool = False) -> bool:
-    """Return whether another load seems to act in a row of one stretch, by the noise of at least half of its parts.
-
-    The noise of a part in which a load begins takes it for noise; that of a calm part takes a drift for a load.
-    Or whether ``of_plant`` another plant may have made a part of it.
-    """
+    """Return whether another load, or plant, seems to act in a row of one stretch, by the noise of half its parts."""
     model = _Fitted.of(row, theta)
     if of_plant and model.worst(model.noise(), of_plant=True):
         return True
+    # the noise of a part in which a load begins takes it for noise; that of a calm part takes a drift for a load
     noises = [noise for parts in (2, 4) for noise in model.noise_of_parts(parts)]
     return 2 * sum(model.surest(noise, of_plant=False)[0] > 0 for noise in noises) >= len(noises)
 
@@ -194,10 +185,8 @@ def _explained_by_a_step(row: Row, theta: FloatArray, noise: Autoregression) -> 
 
 
 def _model_before(before: Row, theta: FloatArray, judges: Sequence[Judge]) -> tuple[FloatArray, Autoregression]:
-    """Return the best model of the samples before a change, and the noise that it leaves.
-
-    A model that the change has led astray is no judge of it, nor is its noise: it takes the change for noise.
-    """
+    """Return the best model of the samples before a change, and the noise that it leaves."""
+    # a model that the change has led astray is no judge of it, nor is its noise: it takes the change for noise
     models, noise = [theta, *(judge.theta for judge in judges)], Autoregression.white(1.0, before.count)
     for _ in range(2):
         if not judges:
@@ -265,13 +254,11 @@ def _cost_of_step(row: Row, begin: int, theta: FloatArray, noise: Autoregression
 
 
 def _costs_of_branches(row: Row, begin: int, theta: FloatArray, noise: Autoregression) -> Iterator[tuple[float, int]]:
-    """Yield the cost of another branch since a sample, and how many numbers it has, for each of the branches.
-
-    An input moves the old branch until then, and the new one since; what the old one has kept dies out as it does.
-    """
+    """Yield the cost of another branch since a sample, and how many numbers it has, for each of the branches."""
     centred = row.inputs - row.inputs.mean(axis=0)
     is_since = np.arange(len(centred)) >= begin
     for number, (structure, branch) in enumerate(zip(row.structures, row.branches(theta), strict=True)):
+        # what the old branch has kept dies out as it does
         inputs = np.column_stack([centred, np.where(is_since, centred[:, number], 0.0)])
         inputs[is_since, number] = 0.0
         both = Row((*row.structures, structure), row.record, inputs)
@@ -290,10 +277,7 @@ def dispersion_before(
 
 
 def dispersion(row: Row, judge: Judge, length: int | None = None) -> tuple[float, float]:
-    """Return by how much a model fits parts of a row differently, and by how many numbers that is known.
-
-    Parts are so many samples long, or as long as each stretch allows.
-    """
+    """Return by how much a model fits parts of so many samples differently, and by how many numbers that is known."""
     parts = (cut(row, stretch.rows) for stretch in row.stretches)
     found = [dispersion_before(part, [judge.theta], judge.noise, length or part.record.u.size) for part in parts]
     known = [(each, numbers) for each, numbers in found if math.isfinite(numbers)]
@@ -388,10 +372,7 @@ def _parts(row: Row, begin: int) -> tuple[Row, Row]:
 
 
 def without_unknown(row: Row, begins: set[int]) -> Row:
-    """Return the row without outputs that answer, since some samples, to inputs before these.
-
-    A stretch begun at any of them has none of these; so all suppositions are told by the same outputs.
-    """
+    """Return the row without outputs that answer to inputs before a begin: all suppositions are told by the same."""
     measured = row.record.is_measured.copy()
     for begin in begins:
         since = row.record.last(row.record.u.size - begin)

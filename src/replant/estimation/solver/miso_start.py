@@ -124,10 +124,7 @@ def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[floa
 
 
 def _split(row: Row, shared: Row, denominator: FloatArray, noise: Autoregression) -> FloatArray | None:
-    """Return the model without numerators whose branches follow those of a common denominator; None where none does.
-
-    Each branch is reduced to its own poles by balanced truncation, and refined on the output of the branch.
-    """
+    """Return the model without numerators whose branches follow those of a common denominator; None where none does."""
     none = np.zeros(sum(each.zeros + 1 for each in shared.structures))
     theta = np.concatenate([denominator, none])
     point = evaluate(shared, theta, noise)
@@ -154,12 +151,7 @@ def truncated(numerator: FloatArray, denominator: FloatArray, poles: int) -> npt
     """Return the poles of a transfer function that balanced truncation leaves; None where it leaves no stable ones.
 
     Of s^n + a' (s^(n-1) .. 1) in modal form, sum r_k / (s - p_k), the Gramians are -1 / (p_k + conj p_l) and
-    -conj(r_k) r_l / (conj p_k + p_l).
-
-    Source: Moore (1981), "Principal component analysis in linear systems".
-
-    >>> truncated(np.array([1.0, 3.0]), np.array([4.0, 3.0]), 1)
-    array([-1.+0.j])
+    -conj(r_k) r_l / (conj p_k + p_l).  Source: Moore (1981), "Principal component analysis in linear systems".
     """
     places = roots(np.concatenate([[1.0], denominator]))
     residues = np.polyval(numerator, places) / (places[:, None] - places + np.eye(places.size)).prod(axis=1)

@@ -23,15 +23,11 @@ from replant.numerics.projections import orthogonal
 
 STEPS = 30  # at the most [count]
 
-DONE = 1e-8
-"""Decrease of the cost below which the steps end [part of the cost].
-Derivation: of 10,000 samples it is a ten-thousandth of a unit of chi-square.
-"""
+# of 10,000 samples it is a ten-thousandth of a unit of chi-square
+DONE = 1e-8  # decrease of the cost below which the steps end [part of the cost]
 
-STILL = 1e-6
-"""What slopes or instruments explain of the error, below which steps end [variances of the error].
-Derivation: the estimate is then a thousandth of a standard deviation from the fixed point.
-"""
+# the estimate is then a thousandth of a standard deviation from the fixed point
+STILL = 1e-6  # what slopes or instruments explain of the error, below which steps end [variances of the error]
 
 HALVINGS = 12  # of a step with instruments, at the most [count]
 DAMPING = (1e-3, 6.0, 8)  # first damping [part of the diagonal], its growth after a step that fails, tries [ratios]
@@ -56,10 +52,7 @@ def path(
     row: Row, theta: FloatArray, noise: Autoregression, before: Point | None = None, steps: int = STEPS,
     done: float = DONE,
 ) -> Iterator[Point]:  # fmt: skip
-    """Yield the points that damped joint steps (Levenberg-Marquardt) pass through, the first one at theta.
-
-    They end where a step makes the cost less by no more than the part ``done`` of it.
-    """
+    """Yield points of damped joint steps (Levenberg-Marquardt), until one gains no more than ``done`` of the cost."""
     point, damping = evaluate(row, theta, noise, before), DAMPING[0]
     yield point
     for _ in range(steps):
@@ -92,11 +85,9 @@ def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> 
 
 
 def is_near(row: Row, point: Point, other: Point) -> bool:
-    """Say whether two points lie within a standard deviation of each other: steps lead to the same from both.
-
-    One of which the samples say nothing has everything near it.
-    """
+    """Say whether two points lie within a standard deviation of each other: steps lead to the same from both."""
     move = point.theta - other.theta
+    # a point of which the samples say nothing has everything near it
     return all(bool(move @ each.information @ move <= each.cost / max(row.count, 1)) for each in (point, other))
 
 

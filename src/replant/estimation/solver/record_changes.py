@@ -70,11 +70,8 @@ def parted(
     judge: Judge | None = None,
     loads: tuple[int, ...] = (),
 ) -> Parted[Solved]:
-    """Return the solution of a record that is parted at each load; ``whole`` where that is no likelier.
-
-    ``solved`` gives the solution of a record with loads.  The first load is looked for by ``judge``, in the place of
-    the model of the whole, and beside ``loads``, which may act.
-    """
+    """Return the solution of a record that is parted at each load; ``whole`` where that is no likelier."""
+    # the first load is looked for by ``judge``, in the place of the model of the whole, and beside ``loads``: may act
     first = model_of(whole)
     model = model_of(solved(loads)) if loads else first
     if model is not None and judge is not None:
@@ -119,11 +116,7 @@ def _with_loads(row: Row, loads: tuple[int, ...]) -> Row:
 
 
 def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change | None:
-    """Return what is surest to have changed within a stretch of a row; None where one model explains each of them.
-
-    Nor does one say what has changed where references move inputs.  Stretches ``without`` a change are not looked into
-    again, and are added to.
-    """
+    """Return what is surest to have changed within a stretch; None without, or with references; fills ``without``."""
     found = []
     for begin, end in ((each.rows.start, each.rows.stop) for each in row.stretches if row.outside is None):
         change = None if (begin, end) in without else _within(cut(row, slice(begin, end)), begin, judge)
@@ -135,10 +128,8 @@ def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change
 
 
 def _needless(whole: Row, judge: Judge, loads: tuple[int, ...]) -> int:
-    """Return the load that explains least beside a model, where that is no more than it costs; else 0.
-
-    What seemed to be a change while another one was not known yet may be none.
-    """
+    """Return the load that explains least beside a model, where that is no more than it costs; else 0."""
+    # what seemed to be a change while another one was not known yet may be none
     row = without_unknown(whole, set(loads))
 
     def cost(loads: tuple[int, ...]) -> float:

@@ -245,12 +245,11 @@ def _noise(model: Autoregression, size: int, *, filters: bool) -> NoiseSlots:
 def relative_uncertainty(
     structure: Structure, model: FloatArray, covariance: FloatArray, phi: FloatArray, record: Record
 ) -> float:
-    """Return the largest relative standard deviation of a coefficient: below 0.25 a start-up is long enough.
+    """Return the largest relative standard deviation of a coefficient: below `ACCEPTABLE` a start-up is long enough.
 
-    For b_j it is half of the output that one std(b_j) makes, over the measured output.  For a_i it is the same, or
-    std(a_i) over the coefficient of prod(s + abs(pole)) where that is less: the size that a_i would have if all poles
-    were real; a pole slower than the record is long counts as one just as long.  An integrator's a_0 has no size of its
-    own.
+    For b_j it is half of the output that one std(b_j) makes, over the measured output; for a_i the same or, if less,
+    std(a_i) over the coefficient of prod(s + abs(pole)), its size if all poles were real, none slower than the record
+    is long.  An integrator's a_0 has no size of its own.
     """
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     sizes = real_coefficients(model[structure.denominator], 1.0 / record.span)

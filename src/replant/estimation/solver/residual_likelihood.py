@@ -63,13 +63,10 @@ class Stretch:
 
     @quiet
     def of_other(self, error: FloatArray, noise: Autoregression, beside: FloatArray | None = None) -> float:
-        """Return the same where each part has the variance that makes it most likely, and the price is taken off.
-
-        The colour is another one where that pays for itself, and so does a load that drifts, where the nuisances
-        ``beside`` it (K, C) are given.
-        """
+        """Return the same where each part has the variance that makes it most likely, and the price is taken off."""
         if not np.isfinite(error).all():
             return -math.inf
+        # another colour, and beside the nuisances (K, C) a load that drifts, where they pay for themselves
         return self._drifted(error, noise, beside)[0] - self.price
 
     @quiet

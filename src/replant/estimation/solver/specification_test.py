@@ -57,11 +57,9 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import combined, inner, products, pseudo_inverse, quiet, sum_of_squares
 from replant.numerics.projections import LEFT, lengths_of, orthogonal, without
 
-FALSE_ALARM = 0.15
-"""Chance that each of the two tests doubts a right filtered estimate; both must to give it up [probability].
-Level: on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of
-real rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points.
-"""
+# on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of real
+# rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points
+FALSE_ALARM = 0.15  # chance that each of two tests, both needed, doubts a right filtered estimate [probability]
 
 MOST = 0.5
 """Share of the difference up to which feedback is its reason: of an answer that is told from noise some is left
@@ -201,13 +199,11 @@ def _score(signal: FloatArray, error: FloatArray, run: ModelRun) -> float:
 
 
 def _is_direct(structure: Structure, model: FloatArray, at_once: float) -> bool:
-    """Return whether input and residual of the same sample move together as the plant's output follows its input.
-
-    A controller opposes a disturbance.  What the plant does faster than the model moves the residual along with the
-    input; its sign is that of the model's first and last answer to a step, where these agree.
-    """
+    """Return whether input and residual of the same sample move together as the plant's output follows its input."""
     from scipy import special  # slow to import
 
+    # a controller opposes a disturbance; what the plant does faster than the model moves the residual along with the
+    # input, by the sign of the model's first and last answer to a step, where these agree
     first, last = model[structure.poles], model[structure.coefficients - 1] * model[structure.poles - 1]
     return bool(first * last > 0.0) and float(special.ndtr(-at_once * np.sign(first))) < ALPHA
 

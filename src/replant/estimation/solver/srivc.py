@@ -95,10 +95,8 @@ Sensitivity: halved or doubled, nothing changes on these records.
 # the root of float64's precision: no measurement tells the initial state better
 MOST_GROWN = 18.0  # growth within the record beyond which an unstable model's simulation says nothing [exponent]
 
-LIKELY = 0.999
-"""Probability of a lower J at the right model, beyond which other starts are tried [probability].
-Level: one right root in a thousand is looked for twice.
-"""
+# one right root in a thousand is looked for twice
+LIKELY = 0.999  # probability of a lower J at the right model, beyond which other starts are tried [probability]
 
 
 @quiet
@@ -106,10 +104,7 @@ def refine(
     structure: Structure, record: Record, given: Sequence[FloatArray] = (), *, afresh: bool = False,
     filtered: bool = True, nested: bool = False,
 ) -> Refined | None:  # fmt: skip
-    """Return the refined instrumental-variable estimate of a record; None where no start leads to a model.
-
-    A ``nested`` one explains no less than that with fewer poles, which is a start, too.
-    """
+    """Return the refined estimate of a record, a ``nested`` one no worse than with fewer poles; None without one."""
     if not is_long_enough(structure, record):
         return None
     problem = Problem(structure, record)
@@ -223,11 +218,9 @@ def _simulated(problem: Problem, model: FloatArray) -> float:
 
 
 def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:
-    """Return the root of which the reference explains least.
-
-    Steps are whitened from the first on: under a load that drifts, the reference explains so little of an unfiltered
-    residual that a model without a numerator seems the best.
-    """
+    """Return the root of which the reference explains least."""
+    # whitened from the first step on: under a load that drifts, the reference explains so little of an unfiltered
+    # residual that a model without a numerator seems the best
     tried = []
     for start in starts:
         problem.noise = Autoregression.white(1.0, problem.record.u.size)
@@ -251,16 +244,12 @@ def _distinct(tried: Sequence[tuple[float, FloatArray]]) -> Iterator[tuple[float
 
 
 def _best(ends: Sequence[Root | None], *, referenced: bool = False) -> Root | None:
-    """Return the root with the least innovation among those that are not too loud, or with a reference the least J.
-
-    Of roots with nearly the same innovation it is one to which the steps have converged.
-
-    J tells a model that leaves the output to the autoregression from a right one, however loud its residual is: that of
-    an integrator under a load of its input wanders far.
-    """
+    """Return the root with the least innovation among those that are not too loud, or with a reference the least J."""
     found = [end for end in ends if end is not None and math.isfinite(end.innovation)]
     if not found:
         return None
+    # J tells a model that leaves the output to the autoregression from a right one, however loud its residual is: that
+    # of an integrator under a load of its input wanders far
     if referenced:
         return min(found, key=lambda end: end.relative_misfit)
     limit = LOUD * min(end.done.cost for end in found)

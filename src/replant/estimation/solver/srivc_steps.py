@@ -77,17 +77,14 @@ class Problem:
         return self._model.run(model, replace(self.whole, measured=None), parts).of(self.whole.measured)
 
     def scores(self, model: FloatArray, signals: FloatArray) -> float:
-        """Write slopes and residual (K, T + 1) of a model without nuisances; return how much larger its error is.
-
-        Of the whole record; both are zero where no output was measured.  The error is the measured less the predicted
-        output; where the model is stable it is the residual itself.
-        """
+        """Write slopes and residual (K, T + 1) without nuisances, record whole; return how much larger its error is."""
         record, alone = self.whole, self.projection is None and len(self.whole.parts) == 1 and self.is_stable(model)
         if alone:
             _, output = self._model.branch(model, record, constant=True, rows=signals)
             np.subtract(record.y, output, out=signals[:, -1])
             signals[: self._unknown] = signals[~record.is_measured] = 0.0
             return 1.0
+        # the error is the measured less the predicted output; where the model is stable it is the residual itself
         done = self.run_whole(model)
         power = sum_of_squares(done.error)
         signals[:, :-1], signals[:, -1] = done.zeta, done.error
@@ -110,10 +107,7 @@ class Problem:
         return float((np.abs(a) ** (1.0 / np.arange(1, a.size + 1))).max()) / a.size
 
     def bounded(self, model: FloatArray, fastest: float = 0.0) -> FloatArray:
-        """Return ``model`` (T,) with no pole faster than the bound, numerator and nuisances as they are.
-
-        Unless none is faster than ``fastest``, in rad/s, either.
-        """
+        """Return ``model`` (T,) with no pole faster than the bound, unless all are slower than ``fastest`` [rad/s]."""
         if self.is_usable(model) or self._speed(model) <= fastest:
             return model
         n = self.structure.poles
@@ -241,12 +235,11 @@ class Problem:
         self, model: FloatArray, direction: FloatArray, cost: Callable[[FloatArray, Pass], float], own: float,
         halved: int = 0, *, slack: float = 0.0, rise: float = 0.0,
     ) -> tuple[FloatArray, Pass, int] | None:  # fmt: skip
-        """Return the model after the longest step that costs less, its pass, and how short the next one begins.
+        """Return the model after the longest step that costs less, its pass, and the halvings the next begins with.
 
-        A step begins as short as ``halved`` says, in halvings, up to four times as long as the last one that was taken.
-        The model's ``own`` cost may be exceeded by a part of the slack as large as that of the step, or by a ``rise``
-        however short it is.  None where no step is short enough, or, without a rise, where the parabola through the
-        model's own cost and the last two steps' goes up from there on.
+        It begins with ``halved``, up to four times as long as the last one taken.  The ``own`` cost may be exceeded by
+        a part of the slack as large as that of the step, or by a ``rise`` however short it is.  None where no step is
+        short enough, or, without a rise, where the parabola through own cost and the last two goes up from there.
         """
         longer, fastest = math.inf, max(self.fastest, self._speed(model))
         for halvings in range(halved, HALVINGS):
@@ -263,11 +256,8 @@ class Problem:
         return None
 
     def _slopes(self, model: FloatArray, done: Pass) -> FloatArray:
-        """Return the derivatives (K, T) of the output, those along the denominator by differences.
-
-        The instruments join the model's output by straight lines between samples: where poles are as fast as the
-        sampling, they are no derivatives.
-        """
+        """Return the derivatives (K, T) of the output, those along the denominator by differences."""
+        # the instruments join the model's output by straight lines: where poles are fast, they are no derivatives
         slopes = done.phi.copy()
         sizes = real_coefficients(model[self.structure.denominator], 1.0 / self.record.span)
         for i, size in enumerate(sizes):
