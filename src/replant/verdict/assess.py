@@ -77,15 +77,7 @@ def assess_record(
     left_out: int = 0,
     plant_change: PlantChange | None = None,
 ) -> Assessment:
-    """Return the verdict on a model by a record: in sample, unless the model has not seen it.
-
-    >>> from replant.model.transfer_function import TransferFunction
-    >>> u = np.where(np.arange(400) // 50 % 2 == 0, 1.0, -1.0)
-    >>> y = TransferFunction([2.0], [1.0, 0.5]).simulate(u, 0.1)
-    >>> verdict = assess_record(Structure(1), np.array([0.5, 2.0]), Record(u, y, np.array([0.1])), 0.1)
-    >>> verdict.status, round(verdict.fit, 6)
-    ('trusted', 100.0)
-    """
+    """Return the verdict on a model by a record: in sample, unless the model has not seen it."""
     irregular = record.intervals.size > 1
     rest = 0 if record.u.size <= MOST_SAMPLES else record.u.size - moving(record.u)
     rest = rest if rest > MOST_SAMPLES // 2 else 0  # of a long rest half of what is looked at is enough
@@ -230,17 +222,14 @@ def _plant_change(settings: Settings, record: Record, state: State) -> PlantChan
 
 
 def _is_well(kept: RecentSamples) -> bool:
-    """Return whether a sensor that was stuck has shown since that it is well.
-
-    It has given other outputs for as long, and before or since some on both sides of those at which it was stuck:
-    else an end of its scale may be there, where it is stuck again as soon as the output comes near.
-    """
+    """Return whether a sensor that was stuck has shown since that it is well."""
     from replant.kernels.monitoring import outliers
 
     stuck = np.flatnonzero(kept.is_stuck)
     if not stuck.size:
         return True
     held, given = kept.output[stuck], kept.output[~kept.is_stuck]
+    # with no outputs beyond, an end of its scale may be there, where it is stuck again as soon as the output comes near
     has_lasted = len(kept) - 1 - stuck[-1] >= max(outliers.CALM, stuck[-1] - stuck[0])
     return bool(has_lasted and (given < held.min()).any() and (given > held.max()).any())
 

@@ -101,10 +101,8 @@ class Step:
 
 
 def distance(run: ModelRun, rows: slice, past: IntArray, used: BoolArray, false_alarm: float) -> Distance:
-    """Return the Gauss-Newton step from an estimate towards the one that some rows (K,) give, with its significance.
-
-    Rows that are not ``used`` count for nothing; ``past``: how many used ones come before each in a row, up to LAGS.
-    """
+    """Return the Gauss-Newton step from an estimate towards the one that some rows (K,) give, with its significance."""
+    # past: how many used samples come before each in a row, up to LAGS
     nuisances = np.hstack([run.nuisances[rows], np.ones((used.size, 1))])
     zeta, error = run.zeta[rows], run.error[rows]
     # With instruments from a reference the noise model is that of the residual itself: they are right whatever the
@@ -134,11 +132,10 @@ def newest_distances(
 ) -> Iterator[tuple[int, Distance]]:
     """Yield the Gauss-Newton step that the newest samples alone ask of an estimate, for each number of them.
 
-    A few samples do not tell the colour of their own residual: tested with it, coloured noise would be taken for a
-    change.  So colour and power are those of the residual over the whole run, and instruments and residual are whitened
-    by them (generalised least squares).  Where the few samples leave more power, that is used.  Slow noise makes steps
-    scatter more than this says: by how much is measured on earlier stretches of the same length.  (The scatter of the
-    estimate's path is no measure of it: the path moves after a change, which would so excuse itself.)
+    A few samples do not tell the colour of their own residual: coloured noise would be taken for a change.  So colour
+    and power are those of the residual over the whole run (generalised least squares).  Slow noise makes steps scatter
+    more than this says: by how much is measured on earlier stretches as long.  (The scatter of the estimate's path is
+    no measure of it: the path moves after a change, which would so excuse itself.)
     """
     error = np.where(used, run.error - run.error[used].mean(), 0.0)
     noise = Autoregression.of_residual(error, past, int(used.sum()))
@@ -199,14 +196,11 @@ def _worst_gain(evidence: Evidence, covariance: FloatArray, omega: FloatArray) -
 
 
 def excited_frequencies(evidence: Evidence, *, slowest: bool = False) -> FloatArray:
-    """Return the frequencies (F,), in rad/s, that the input excites.
-
-    A record shorter than the slowest mode does not resolve the lowest ones: the density there is taken for that of the
-    lowest frequency that it resolves.  A pole slower than the record counts as one as slow, unless ``slowest``.
-    """
+    """Return the frequencies (F,), in rad/s, that the input excites."""
     omega, density = _input_spectrum(evidence)
     poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
     lowest = SLOWEST * max(float(poles.min()), 0.0 if slowest else 1.0 / evidence.record.span)
+    # a record shorter than the slowest mode does not resolve the lowest ones: the density there is that of the lowest
     if 0.0 < lowest < omega[0]:
         below = np.geomspace(lowest, omega[0], SLOW_FREQUENCIES, endpoint=False)
         omega, density = np.concatenate([below, omega]), np.concatenate([np.full(below.size, density[0]), density])

@@ -90,6 +90,7 @@ class Certainty:
             "uncertainty": uncertainty if cancelled is None else math.inf, "movement": sigmas, "distance": distance
         }  # fmt: skip
         more = "" if evidence.finished else "take more samples"
+        # where the input rests for most of the record, more rest tells nothing
         times = "repeat it {} times" if evidence.moving < evidence.samples / 2 else "record {} times as long"
         findings = uncertainty_findings(
             uncertainty, most, math.inf if closed else scatter, cancelled, slow, more, times
@@ -111,10 +112,9 @@ class Certainty:
 class Speeds:
     """How fast the poles are, by which errors of the denominator are judged.
 
-    A pole counts by its magnitude; one slower than the record is long, as one just as long.  Where the loop is closed,
-    the controller and not a slow pole decides what the output does: where a pole may as well lie in the origin, as an
-    integrator's does, every pole counts by its distance from where the output moves, j output, which makes of an error
-    of A(s) that of A(j output).
+    A pole slower than the record is long counts as one just as long.  Where the loop is closed, the controller and not
+    a slow pole decides what the output does: where a pole may be an integrator's, every pole counts by its distance
+    from where the output moves, j output, which makes of an error of A(s) that of A(j output).
     """
 
     poles: FloatArray  # (n,): what each counts as, in rad/s
@@ -163,17 +163,13 @@ def slow_noise(evidence: Evidence, uncertainty: float) -> str:
 def _scatter(
     evidence: Evidence, runs: Runs, covariance: np.ndarray, speeds: Speeds, by_reference: FloatArray | None
 ) -> float:
-    """Return the standard deviation of the modelled output by the estimate's error, over that of the output.
-
-    What counts is the output that is simulated from the input, or with a reference what that makes of it; of both what
-    offset and initial state do not explain, which are estimated with each model.
-    """
+    """Return the standard deviation of the modelled output by the estimate's error, over that of the output."""
     slopes, output = runs.now.zeta, runs.now.forced
     if by_reference is not None and runs.now.instruments is not None:
         slopes, output = runs.now.instruments, by_reference
     signals = np.column_stack([slopes, output, runs.now.nuisances])
     moved = speeds.moved(signals, evidence.dt)[evidence.known][evidence.used[evidence.known]]
-    count = slopes.shape[1] + 1
+    count = slopes.shape[1] + 1  # what follows, offset and initial state, is estimated with each model
     left = without(moved[:, :count], np.column_stack([moved[:, count:], np.ones(len(moved))]))
     made = float(np.trace(covariance @ products(left[:, :-1], left[:, :-1])))
     size = sum_of_squares(left[:, -1])
@@ -181,10 +177,7 @@ def _scatter(
 
 
 def longer(uncertainty: float, most: float, times: str) -> str:
-    """Return in words how much of the same another record has to hold: a standard deviation falls as 1/sqrt(N).
-
-    Where the input rests for most of the record, more rest tells nothing: it is to be repeated.
-    """
+    """Return in words how much of the same another record has to hold: a standard deviation falls as 1/sqrt(N)."""
     return times.format(figure((uncertainty / most) ** 2))
 
 
@@ -223,13 +216,10 @@ def movement_findings(moved: float, sigmas: float, span: str, *, improves: bool 
 
 
 def _surprise(evidence: Evidence, away: Distance, known: FloatArray) -> float:
-    """Return the statistic of a distance over its limit.
-
-    Of two estimates of the same samples, the one without the noise model and the one with it, the difference scatters
-    no more than the first.
-    """
+    """Return the statistic of a distance over its limit."""
     if not (evidence.in_sample and evidence.instruments):
         return away.statistic
+    # of two estimates of the same samples, without noise model and with, the difference scatters no more than the first
     square = float(away.step @ inverse_of(known) @ away.step)  # NaN where that is singular
     return min(away.statistic, square / chi2_quantile(1.0 - ALPHA, away.step.size))
 

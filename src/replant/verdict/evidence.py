@@ -240,8 +240,8 @@ class Runs:
     def size(self, step: FloatArray, speeds: FloatArray) -> float:
         """Return the relative size of a step (n,) or (n + m + 1,) of the coefficients; ``speeds`` (n,) of the poles.
 
-        For a_i it is abs(step) over the coefficient of prod(s + speed), the size of a_i if all poles were real; for b_j
-        half of the output that the step makes, over the output.
+        Of a_i abs(step) over the coefficient of prod(s + speed), the size of a_i if all poles were real; of b_j half of
+        the output that the step makes, over the output.
         """
         n = self.now.structure.poles
         sizes = np.poly(-speeds)[1:]
@@ -254,11 +254,9 @@ class Runs:
 
 
 def rounding_of(modelled: FloatArray, output: FloatArray) -> float:
-    """Return the standard deviation below which a residual is rounding, of which nothing can be told.
-
-    That of the sensor follows from the input's past, but is white where the noise is four tenths of a step, and both
-    together half of one.
-    """
+    """Return the standard deviation below which a residual is rounding, of which nothing can be told."""
+    # a sensor's rounding follows from the input's past, but is white where the noise is four tenths of a step, and both
+    # together half of one
     return max(ROUNDING * float(modelled.std()), 0.5 * usual_step(output))
 
 

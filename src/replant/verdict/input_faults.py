@@ -102,10 +102,7 @@ def hold_findings(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 
 def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained) -> list[Finding]:
-    """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes.
-
-    A pole too few looks like a dead time, too, but leaves more for other dynamics to explain.
-    """
+    """Say where another dead time would explain most of ``part``, what other dynamics could, and what that changes."""
     run, rows = runs.now, evidence.known
     power = power_of(evidence, evidence.record.y[rows])
     later = _later(evidence, run.forced)[rows, None]
@@ -115,6 +112,7 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained) -> list[
     delay = evidence.structure.delay + off
     if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > -0.5 * evidence.dt):
         return []
+    # a pole too few looks like a dead time, too, but leaves more for other dynamics to explain
     left = unexplained(evidence, runs, known=later)
     if left.is_sure and (left.is_large or left.power > 0.5 * part.power):
         return []
@@ -143,9 +141,8 @@ def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:
 
     None where the model cannot be run.  The coefficients make up for the hold, as a zero of little weight can: the
     column is the output by a straight input and the coefficients that go with it, less that by a held one and its own.
-    Where rows are lost a straight line is nearer to what the input did than one step, whatever its hold is: both are
-    run on it.
     """
+    # where rows are lost a straight line is nearer to what the input did than one step, whatever its hold is
     record, places = evidence.record.restored
     rows = places[evidence.known]
 

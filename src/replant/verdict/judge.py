@@ -51,22 +51,18 @@ Figures = dict[str, Any]
 
 @quiet
 def judge(evidence: Evidence) -> Assessment:
-    """Return the verdict on an estimate from the evidence.
-
-    Whether the model is right is one question, whether the newest samples can tell is another.  Where these do not
-    excite the plant, as while the input rests, the estimate is judged by all samples; where none of them does, the
-    verdict from before the rest stays.  By all samples it is judged as well where too few came since it was made, if
-    the record is long or has ended.  At the end of a record that was solved as a whole, a verdict on an earlier
-    estimate that is not "trusted" says little of the present one: that is then judged by all samples, as `fit` is.
-    """
+    """Return the verdict on an estimate from the evidence."""
     evidence = evidence.in_own_units()
+    # too few samples came since the estimate was made
     if evidence.is_young and (evidence.finished or evidence.samples >= MANY * evidence.enough):
         evidence = evidence.as_whole()
     verdict = _judged(evidence)
     if verdict.excited:
+        # solved as a whole at the end, as by `fit`, the record says more of it than a verdict on an earlier estimate
         if evidence.finished and not evidence.in_sample and verdict.status != "trusted":
             return _judged(evidence.as_whole())
         return verdict
+    # the newest samples cannot tell whether the model is right: all samples may, or the verdict from before the rest
     objections = _of_samples(evidence) + _of_guard(evidence)
     if evidence.was_trusted and not any(found.status in ("diverged", "inconsistent") for found in objections):
         return replace(verdict, status="trusted", reasons=(BEFORE, verdict.reasons[0]))

@@ -68,13 +68,7 @@ def answer(evidence: Evidence, run: ModelRun, signal: FloatArray, first: int = 0
 
 
 def colour_left(error: FloatArray, past: IntArray) -> float:
-    """Return the portmanteau statistic of a residual (K,) after its noise model, over its limit; NaN is not known.
-
-    >>> noise, past = np.random.default_rng(0).standard_normal(5000), np.minimum(np.arange(4990), 4)
-    >>> echo = noise[10:] + 0.5 * noise[:-10]
-    >>> colour_left(noise[10:], past) < 1.0 < colour_left(echo, past)
-    True
-    """
+    """Return the portmanteau statistic of a residual (K,) after its noise model, over its limit; NaN is not known."""
     used = np.isfinite(error)
     error = np.where(used, error - error[used].mean(), 0.0)
     model = Autoregression.of_residual(error, past, int(used.sum()))
@@ -153,12 +147,10 @@ class Reference:
 
 
 def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Reference) -> Explained:
-    """Return what a reference could explain by its states and powers: a part of the power that it makes of the output.
-
-    The powers are what a nonlinear plant leaves.
-    """
+    """Return what a reference could explain by its states and powers, as part of the power it makes of the output."""
     rows = evidence.known
     error = run.error[rows]
+    # the powers are what a nonlinear plant leaves
     columns = np.column_stack([reference.states, reference.output**2, reference.output**3])[rows]
     residual = residual_of(evidence, error, np.zeros((error.size, 0)))
     found = residual.explained(columns, evidence.coefficients if evidence.in_sample else 0)

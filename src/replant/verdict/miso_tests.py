@@ -109,11 +109,9 @@ def _moves(signal: FloatArray) -> bool:
 
 
 def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
-    """Inputs that answer to the residual, beside those that references move.
-
-    What is too small to matter, as what a filter that looks ahead puts into both, is not named.
-    """
+    """Inputs that answer to the residual, beside those that references move."""
     free = range(len(row.structures)) if row.outside is None else np.flatnonzero(~row.outside.is_moved).tolist()
+    # what is too small to matter, as what a filter that looks ahead puts into both, is not named
     least = HARMLESS**2 * _power(row, noise)
     for i in free:
         if _answers(row, point, i, row.inputs[:, i], least):
@@ -125,29 +123,24 @@ def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Findin
 
 
 def answering(row: Row, point: Point) -> BoolArray:
-    """Return which inputs (q,) answer to the residual by what does not come from outside of them.
-
-    What a reference explains of an input is taken off it: of one in a loop only the noise is left.
-    """
+    """Return which inputs (q,) answer to the residual by what does not come from outside of them."""
     found = np.zeros(len(row.structures), bool)
     if row.outside is not None:
-        inside = row.inputs - row.outside.inputs
+        inside = row.inputs - row.outside.inputs  # of one in a loop only the noise is left
         for i in np.flatnonzero(row.outside.is_moved).tolist():
             found[i] = _answers(row, point, i, inside[:, i])
     return found
 
 
 def _answers(row: Row, point: Point, number: int, signal: FloatArray, least: float = 0.0) -> bool:
-    """Return whether a signal (K,) of an input answers the whitened residual.
-
-    Where the structure is not right the other inputs explain some of the residual, and the input may follow them: the
-    answer must be one beside them, too.  It counts from the power ``least`` of the residual on.
-    """
+    """Return whether a signal (K,) of an input answers the whitened residual, from the power ``least`` of that on."""
     if _is_rounding(row, point):
         return False
     left, signal = np.zeros(signal.size), signal - signal.mean()
     for stretch, error in zip(row.stretches, point.error, strict=True):
         left[stretch.rows] = error
+    # where the structure is not right the other inputs explain some of the residual, and the input may follow them: the
+    # answer must be one beside them, too
     others = [u - u.mean() for u in np.delete(row.inputs, number, axis=1).T]
     first = int(row.record.input_hold == "foh" and row.structures[number].delay < row.dt)  # a model with a direct path
     told = (feedback_test.answering(signal, left, row.record.inputs_before, first, each) for each in (others, ()))
@@ -157,11 +150,7 @@ def _answers(row: Row, point: Point, number: int, signal: FloatArray, least: flo
 def _of_filters(
     row: Row, point: Point, noise: Autoregression, *signals: FloatArray, covariance: FloatArray | None = None
 ) -> tuple[float, float]:
-    """Return what signals (K,), and filters of them, explain of the error: in limits of chance, and of the output.
-
-    The columns are whitened, and freed of what offset and initial states explain.  A model of this record explains what
-    its instruments do; the error of one of another record is larger, by the model's covariance.
-    """
+    """Return what signals (K,), and filters of them, explain of the error: in limits of chance, and of the output."""
     if _is_rounding(row, point):
         return 0.0, 0.0
     model, span = AuxiliaryModel(Structure(1), row.dt), sum(each.inputs[0].span for each in row.stretches)
@@ -177,6 +166,7 @@ def _of_filters(
     lengths = np.sqrt(np.einsum("ij,ij->j", white, white))
     if not lengths.any():
         return 0.0, 0.0
+    # a model of this record explains what its instruments do; the error of one of another is larger, by its covariance
     left = white[:, lengths > 0.0] if covariance is not None else without(white[:, lengths > 0.0], phi)
     left = left / lengths[lengths > 0.0]
     basis = combined(left, orthogonal(products(left, left)))

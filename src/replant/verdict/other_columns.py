@@ -135,22 +135,17 @@ def _follows(evidence: Evidence, x: FloatArray, run: ModelRun) -> bool:
 
 
 def _explained(residual: Residual, error: FloatArray, columns: FloatArray) -> Explained:
-    """Return what columns (K, C) explain of an error, in the noise that is left beside them.
-
-    The autoregression of the error takes a slow effect for noise.  Of a column that explains nothing, what it seems to
-    explain hardly changes the noise.
-    """
+    """Return what columns (K, C) explain of an error, in the noise that is left beside them."""
     found = residual.explained(columns)
+    # the autoregression of the error takes a slow effect for noise; a column that explains nothing hardly changes that
     for _ in range(REFINED):
         found = residual.beside(error, combined(columns, found.weights)).explained(columns)
     return found
 
 
 def _explicable(residual: Residual, error: FloatArray, columns: FloatArray) -> float:
-    """Return the mean square of an error (K,) that columns (K, C) explain at most, beside the known ones.
-
-    The weights of whitened signals tell little of a slow effect in slow noise: it may come out larger than the error.
-    """
+    """Return the mean square of an error (K,) that columns (K, C) explain at most, beside the known ones."""
+    # not by weights of whitened signals: of a slow effect in slow noise they may make more than the error
     rows = residual.used
     before = without(error[rows, None], residual.known[rows])
     after = without(before, without(columns[rows], residual.known[rows]))

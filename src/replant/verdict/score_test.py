@@ -162,10 +162,8 @@ class Residual:
 
 
 def _widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:
-    """Return by how much colour widens the scores of stretches of a residual's rest (K,); 1 where that may be chance.
-
-    Of a white rest the squares of the scores have the mean of those of the columns (K, R) there, times its variance.
-    """
+    """Return by how much colour widens the scores of stretches of a residual's rest (K,); 1 where it may be chance."""
+    # of a white rest the squares of the scores have the mean of those of the columns (K, R) there, times its variance
     parts = np.array_split(np.arange(rest.size), STRETCHES)
     squares = sum(float(np.sum((products(basis[part], rest[part])) ** 2)) for part in parts)
     wider = squares / (basis.shape[1] * variance)
@@ -204,16 +202,14 @@ def unexplained(
 
 
 def unexplained_before(evidence: Evidence, runs: Runs) -> Explained:
-    """Return what the input could explain of what the earlier estimate leaves of the samples that it has not used.
-
-    Other coefficients are no less a fault of it than other dynamics are, as they would be of an estimate of a plant
-    that has changed.  Its own error counts as samples held out over samples learned.
-    """
+    """Return what the input could explain of what the earlier estimate leaves of the samples that it has not used."""
     newest, run = replace(evidence, follows=True), runs.old  # `known` is then what was held out
     rows = newest.known
     residual = residual_of(newest, run.error[rows], run.nuisances[rows])
+    # other coefficients are no less a fault of it than other dynamics are, as of a plant that has changed
     found = residual.explained(np.hstack([dynamics(newest, run), run.zeta[rows]]))
     part = found.beside(newest, run.error[rows], evidence.record.y[rows])
+    # its own error counts as samples held out over samples learned
     return replace(part, statistic=part.statistic / (1.0 + evidence.held_out / max(evidence.learned, 1)))
 
 

@@ -128,12 +128,9 @@ def is_resolved(y: FloatArray, noise: float) -> bool:
 
 
 def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -> list[Finding]:
-    """Return a finding if the output stays at an end of its scale while the model's output goes beyond.
-
-    How far the model should be there follows from how it goes with the output elsewhere.  Where an output turns round,
-    however coarse its scale, the model is as far; where it is cut off, the model is farther out than rounding explains,
-    and leaves the scale.
-    """
+    """Return a finding if the output stays at an end of its scale while the model's output goes beyond."""
+    # where an output turns round, however coarse its scale, the model is as far; where it is cut off, the model is
+    # farther out than rounding explains, and leaves the scale
     values, counts = np.unique(y, return_counts=True)
     tied = values[counts >= MANY]
     for end, outwards in ((tied[:1], -1.0), (tied[-1:], 1.0)):
@@ -163,18 +160,14 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -
 
 
 def end_finding(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float, seconds: FloatArray) -> list[Finding]:
-    """Return a finding if the end of a record is filled up with a constant.
-
-    The constant is none that the output takes elsewhere.  The output jumps there, other than the model's, or the input
-    rests for longer than ever before.
-    """
+    """Return a finding if the end of a record is filled up with a constant that the output takes nowhere else."""
     begin = int(still_runs(y)[-1, 0])
     if begin < 1 or y.size - begin < MANY or np.count_nonzero(y[:begin] == y[-1]) >= MANY:
         return []
     least = max(MOVED_SIGMAS * noise, STEPS * usual_step(y), ROUNDING * float(y.std()))
     jump = abs(float(y[begin] - y[begin - 1] - (modelled[begin] - modelled[begin - 1])))
     rests = np.diff(still_runs(u))[:, 0]
-    held = rests[-1] > rests[:-1].max(initial=0)
+    held = rests[-1] > rests[:-1].max(initial=0)  # for longer than ever before
     if not (jump > least or (held and float(np.ptp(modelled[begin:])) > least)):
         return []
     lasted = duration(float(seconds[-1] - seconds[begin - 1]))
@@ -252,12 +245,7 @@ def left_out_finding(samples: int) -> list[Finding]:
 def growth_finding(
     evidence: Evidence, runs: Runs, figures: dict[str, Any], *, referenced: bool = False
 ) -> list[Finding]:
-    """Return a finding if the residual grew over the samples held out, or the last quarter, beyond what is usual.
-
-    Of a record that has ended the contest of its parts tells better whether the plant has changed.  In a loop a load
-    that drifts makes the residual large at times.  With a reference it must have grown once it is whitened, too: a
-    change of the plant shows in what the reference explains of it.
-    """
+    """Return a finding if the residual grew over the samples held out, or the last quarter, beyond what is usual."""
     if evidence.follows:
         return []
     count = evidence.held_out or evidence.samples // 4
@@ -267,10 +255,11 @@ def growth_finding(
         return []
     figures["growth"], sigmas = growth(before, after, evidence.usual_power)
     more = float(np.var(after)) - max(float(np.var(before)), evidence.usual_power)
-    if referenced:
+    if referenced:  # in a loop a drifting load makes it large at times; a change shows once it is whitened, too
         white = innovations(evidence.tested(runs.old.error))
         before, after = (part[np.isfinite(part)] for part in (white[:begin], white[begin:]))
         sigmas = min(sigmas, growth(before, after)[1]) if min(before.size, after.size) >= FEWEST else 0.0
+    # of a record that has ended the contest of its parts tells better whether the plant has changed
     if evidence.finished or sigmas < SURE or not more > MATTERS * runs.power:
         return []
     span = f"the last {duration(evidence.seconds(count))}"
@@ -279,13 +268,7 @@ def growth_finding(
 
 
 def growth(before: FloatArray, after: FloatArray, usual: float = 0.0) -> tuple[float, float]:
-    """Return the ratio of a residual's power after to that before, or ``usual``, and its logarithm in deviations.
-
-    >>> noise = np.random.default_rng(0).standard_normal((2, 2000))
-    >>> ratio, sigmas = growth(noise[0], 1.5 * noise[1])
-    >>> round(ratio, 1), sigmas > 4.0, abs(growth(*noise)[1]) < 3.0
-    (2.2, True, True)
-    """
+    """Return the ratio of a residual's power after to that before, or ``usual``, and its logarithm in deviations."""
     first, second = before - before.mean(), after - after.mean()
     p, q = max(float(np.mean(first**2)), usual), float(np.mean(second**2))
     if not (p > 0.0 and q > 0.0):
@@ -296,8 +279,8 @@ def growth(before: FloatArray, after: FloatArray, usual: float = 0.0) -> tuple[f
 def _relative_std(error: FloatArray) -> float:
     r"""Return the relative standard deviation of the mean of e^2.
 
-    It is the larger of two estimates: Bartlett's formula, :math:`\sqrt{2 \sum_\tau r^2(\tau) / N}`, which allows for
-    coloured normal noise, and the scatter of the means over `PARTS` parts, which allows for outliers.
+    The larger of Bartlett's formula, :math:`\sqrt{2 \sum_\tau r^2(\tau) / N}`, which allows for coloured normal noise,
+    and the scatter of the means over `PARTS` parts, which allows for outliers.
     """
     lags = min(error.size // 4, BLOCKS[-1])
     padded = 1 << (2 * error.size - 1).bit_length()  # so that no lag wraps around
@@ -309,11 +292,7 @@ def _relative_std(error: FloatArray) -> float:
 
 
 def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
-    """Return a finding if the residual's power over the newest block exceeds that over every block before.
-
-    The block must also stand out once the residual is whitened by a model of the samples before it: of a residual that
-    drifts any block may be the largest.
-    """
+    """Return a finding if the residual's power over the newest block exceeds that over every block before."""
     first = evidence.newest.start if evidence.follows else 0
     error = evidence.tested(runs.old.error)[first:]
     for count in BLOCKS:
@@ -322,6 +301,7 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
         last, largest, usual = _powers(error, count)
         if not (last > BURST * largest and last - usual > BURST_MATTERS * runs.power):
             continue
+        # it must stand out once whitened by the samples before: of a residual that drifts any block may be the largest
         newest, before, _ = _powers(innovations(error, error.size - count), count)
         if newest > BURST * before:
             span = f"the last {duration(evidence.seconds(count))}"
@@ -332,10 +312,7 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
 
 
 def _powers(error: FloatArray, count: int) -> tuple[float, float, float]:
-    """Return the power of an error (K,) over its newest block, the largest over an earlier block, the median.
-
-    Samples without one count for nothing; a block that has few others has no power.
-    """
+    """Return the power of an error (K,) over its newest block, the largest of earlier ones, and the median; no NaN."""
     blocks = error.size // count
     known = np.isfinite(error)
     squares = np.where(known, (error - np.median(error[known])) ** 2, 0.0) if known.any() else np.zeros(error.size)

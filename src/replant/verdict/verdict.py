@@ -90,13 +90,7 @@ class Finding:
 
 
 def percent(part: float) -> str:
-    """Return a part in percent with two digits; a very small or large one as a bound.
-
-    >>> percent(0.12345), percent(0.00123), percent(6.789)
-    ('12 %', '0.12 %', '680 %')
-    >>> percent(6.6e-32), percent(2e7)
-    ('less than 0.01 %', 'more than 10000 %')
-    """
+    """Return a part in percent with two digits; a very small or large one as a bound."""
     if 0.0 < part < LEAST_PERCENT / 100.0:
         return f"less than {LEAST_PERCENT:g} %"
     return f"{figure(100.0 * part)} %"
@@ -123,11 +117,7 @@ def duration(seconds: float) -> str:
 
 
 def conclude(findings: list[Finding], otherwise: str) -> tuple[str, tuple[str, ...]]:
-    """Return the status of the gravest finding and every reason, the gravest first, or a reason for trust.
-
-    >>> conclude([Finding("trusted", "but for the offset")], "good")
-    ('trusted', ('good', 'but for the offset'))
-    """
+    """Return the status of the gravest finding and every reason, the gravest first, or a reason for trust."""
     ranked = sorted(findings, key=lambda finding: STATUSES.index(finding.status))
     if not ranked or ranked[0].status == "trusted":
         ranked.insert(0, Finding("trusted", otherwise))
