@@ -18,11 +18,8 @@ IntArray = npt.NDArray[np.int64]
 
 
 def keep(instance: object, name: str, check: Callable[..., Any], *limits: Any, called: str = "", **how: Any) -> None:
-    """Check a field of a frozen object, and replace it by the value that the check returns.
-
-    The object never holds the value that the caller passed: a narrow integer would wrap in arithmetic, and an array
-    could be changed later.
-    """
+    """Check a field of a frozen object, and replace it by the value that the check returns."""
+    # not the value that the caller passed: a narrow integer would wrap in arithmetic, an array could be changed later
     object.__setattr__(instance, name, check(called or name, getattr(instance, name), *limits, **how))
 
 

@@ -127,8 +127,8 @@ class Autoregression:
     def whiten_known(self, signals: FloatArray, known: IntArray) -> FloatArray:
         """Return D(q) x of ``signals`` (K, ...) along the first axis, of as many predecessors as are known: (K, ...).
 
-        A sample with j < p known predecessors is filtered by the best model of order j, whose residual has the larger
-        variance V_j, and weighted by the root of V_p / V_j: the likelihood of an autoregression with a missing past.
+        With j < p known ones by the best model of order j, whose residual has the larger variance V_j, weighted by the
+        root of V_p / V_j: the likelihood of an autoregression with a missing past.
         """
         from replant.kernels.filters import series
 
@@ -177,11 +177,8 @@ class Autoregression:
         return left.reshape(white.shape)
 
     def whiten_whole(self, signals: FloatArray, known: IntArray, used: BoolArray) -> tuple[FloatArray, BoolArray]:
-        """Return D(q) x of ``signals`` (K, ...), zero but where a sample used has p known predecessors; and where (K,).
-
-        A sample with a shorter past is not independent of those before the hole: slow noise puts all of them on one
-        level.
-        """
+        """Return D(q) x of ``signals`` (K, ...), 0 but where a sample used has p known predecessors; and where (K,)."""
+        # a shorter past is not independent of the samples before the hole: slow noise puts all of them on one level
         whole = used & (known >= self.order)
         white = self.ahead(signals)
         white[~whole] = 0.0
@@ -253,10 +250,7 @@ def one_step(residual: FloatArray) -> FloatArray:
 
 
 def innovations(residual: FloatArray, end: int | None = None) -> FloatArray:
-    """Return the error (K,) of a residual predicted by an autoregression of its samples before ``end``, or of all.
-
-    NaN without a whole past; the residual itself where there is too little for a model.
-    """
+    """Return the error (K,) of a residual predicted by an autoregression of its samples before ``end``, or of all."""
     if residual.size <= LAGS:
         return residual
     known = np.isfinite(residual)
@@ -268,7 +262,7 @@ def innovations(residual: FloatArray, end: int | None = None) -> FloatArray:
         whole[end:] = False
     sums, count = sums_of(filled, np.where(whole, LAGS, 0))
     if count < LEAST:
-        return residual
+        return residual  # there is too little for a model
     error = np.convolve(filled, Autoregression.of_sums(sums, count).coefficients)[: filled.size]
     return np.where(usable, error, np.nan)
 
@@ -285,11 +279,8 @@ def ahead(coefficients: FloatArray, residual: FloatArray, horizon: int) -> Float
 
 
 def whiteness(error: FloatArray, spent: int = 0, level: float = WHITENESS_LEVEL) -> float:
-    r"""Return the portmanteau statistic :math:`\sum_\tau N_\tau \hat r_e^2(\tau)` of a residual (K,) over its limit.
-
-    ``N_tau`` pairs are known; NaN is not.  Of a residual that a model of so many coefficients has whitened it has as
-    many degrees of freedom less.
-    """
+    r"""Return the portmanteau statistic :math:`\sum_\tau N_\tau \hat r_e^2(\tau)` of a residual (K,) over its limit."""
+    # N_tau pairs are known; a model of ``spent`` coefficients that has whitened it takes as many degrees of freedom
     known = np.isfinite(error)
     error, count = np.where(known, error, 0.0), int(known.sum())
     lags = min(WHITENESS_LAGS, count // 4)

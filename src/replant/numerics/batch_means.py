@@ -42,14 +42,11 @@ LONGER = (2, 4, 8)  # lengths of the longer blocks [blocks]
 
 @dataclass(frozen=True, eq=False)
 class Scatter:
-    """How an estimate scatters by its path: by blocks of rows, whose lengths may be multiplied.
-
-    ``inverse`` is the last P, the inverse of the information.
-    """
+    """How an estimate scatters by its path: by blocks of rows, whose lengths may be multiplied."""
 
     scores: FloatArray  # (B, C): W along the path
     diagonals: FloatArray  # (B, C): of P
-    inverse: FloatArray  # (C, C)
+    inverse: FloatArray  # (C, C): the last P, the inverse of the information
 
     def steps(self, length: int = 1) -> FloatArray:
         """Return P dW (B, C) of blocks of so many rows."""
@@ -79,14 +76,11 @@ class Scatter:
 
 
 def no_less_than_scattered(covariance: FloatArray, scatter: Scatter) -> FloatArray:
-    """Return a covariance (T, T), widened where the variances along the path exceed its own.
-
-    First in directions, those in which the path scatters beyond chance, then in each coordinate.  Noise that is slow
-    may be so in one direction only: what errors that go together leave known stays known.
-    """
+    """Return a covariance (T, T), widened where the variances along the path exceed its own."""
     size = len(scatter.inverse)
     if len(scatter.scores) < LEAST_ROWS:
         return covariance
+    # noise that is slow may be so in one direction only: what errors that go together leave known stays known
     for direction in _slow_directions(covariance[:size, :size], scatter):
         together = covariance[:, :size] @ direction  # its own variance is one
         covariance = covariance + max(scatter.along(direction) - 1.0, 0.0) * np.outer(together, together)
@@ -98,12 +92,7 @@ def no_less_than_scattered(covariance: FloatArray, scatter: Scatter) -> FloatArr
 
 
 def _slow_directions(covariance: FloatArray, scatter: Scatter) -> FloatArray:
-    """Return the directions (D, C) in which the path scatters beyond chance.
-
-    By the covariance they are independent, and each has a variance of one.
-
-    Of C directions and B blocks chance alone makes the largest ratio (1 + sqrt(C / B))^2 (Marchenko and Pastur).
-    """
+    """Return the directions (D, C) in which the path scatters beyond chance, independent, each of variance one."""
     size, blocks = len(covariance), float(scatter.blocks().min())
     scale, steps = np.sqrt(np.diag(covariance)), scatter.steps()
     if blocks < LEAST_BLOCKS:
@@ -114,6 +103,7 @@ def _slow_directions(covariance: FloatArray, scatter: Scatter) -> FloatArray:
         ratios, axes = np.linalg.eigh(white.T @ white / (1.0 - 1.0 / blocks))
     except np.linalg.LinAlgError:  # singular, or outside of float64
         return np.zeros((0, size))
+    # by chance alone the largest ratio is (1 + sqrt(C / B))^2 (Marchenko and Pastur)
     chance = (1.0 + math.sqrt(size / blocks)) ** 2 + BEYOND_CHANCE * math.sqrt(2.0 / blocks)
     return np.asarray(axes[:, ratios > chance].T @ root)
 
@@ -121,8 +111,8 @@ def _slow_directions(covariance: FloatArray, scatter: Scatter) -> FloatArray:
 def stretch(covariance: FloatArray, variances: FloatArray) -> FloatArray:
     """Return the nearest covariance (T, T), by relative entropy, whose first entries have at least some variances (C,).
 
-    That is (C^-1 - D)^-1 with a diagonal D >= 0, zero where a variance is larger than it has to be.  The error of one
-    coordinate so moves the others as the covariance says: errors that cancel still do.
+    It is (C^-1 - D)^-1 with a diagonal D >= 0, zero where a variance is larger than it has to be: the error of one
+    coordinate moves the others as the covariance says, and errors that cancel still do.
     """
     taken, known = np.zeros(len(variances)), np.diag(covariance)[: len(variances)].copy()  # in units of these
     ratios = variances / np.where(known > 0.0, known, np.inf)

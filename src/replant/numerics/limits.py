@@ -13,11 +13,9 @@ from replant.numerics.arguments import FloatArray, iterable, not_negative, posit
 
 MOST_TRIED = 1000  # values of a grid, each of which is tried [count]
 
-SHORTEST, LONGEST = 1e-30, 1e30
-"""Shortest and longest time that is one [s].
-Derivation: the coefficients of ten poles as fast as the sampling are as large as dt^-10, which float64 holds; so it
-holds the number of samples within any time.
-"""
+# the coefficients of ten poles as fast as the sampling are as large as dt^-10, which float64 holds; so it holds the
+# number of samples within any time
+SHORTEST, LONGEST = 1e-30, 1e30  # shortest and longest time that is one [s]
 
 
 def duration(name: str, value: Any) -> float:

@@ -159,12 +159,11 @@ LEAST_PIVOT = 1e-13  # floor of a pivot of the equilibrated information: a hundr
 
 @quiet
 def factor_information(information: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return U (..., T, T), unit upper triangular, and D (..., T) with U D U' = information^-1.
+    """Return U (..., T, T), unit upper triangular, and D (..., T) with U D U' = information^-1; not finite as that is.
 
-    The information matrices (..., T, T) are equilibrated, so that the units of the parameters do not matter, and
-    factored by Cholesky's L D L'.  A direction that the data do not determine has a pivot that is rounding error: the
-    pivot is floored, and the entries below it, rounding errors as well, are taken as zero.  The direction then has a
-    large, finite variance.  The factors are not finite where the information is not.
+    Equilibrated, so that the units of the parameters do not matter, and factored by Cholesky's L D L'.  Where the data
+    do not determine a direction, its pivot is rounding error: the pivot is floored, and the entries below it, rounding
+    errors as well, are taken as zero.  The direction then has a large, finite variance.
     """
     size = information.shape[-1]
     scale = np.sqrt(np.maximum(np.diagonal(information, axis1=-2, axis2=-1), 0.0))

@@ -41,21 +41,16 @@ REMEDIES = {
 
 
 def ask_for_one_thread() -> None:
-    """Have linear algebra that is loaded from now on use one thread, unless the environment says otherwise.
-
-    Matrices here are small: to wake a second thread and to await it takes longer than what it does.
-    """
+    """Have linear algebra that is loaded from now on use one thread, unless the environment says otherwise."""
+    # matrices here are small: to wake a second thread and to await it takes longer than what it does
     for name in THREADS:
         os.environ.setdefault(name, "1")
 
 
 @contextmanager
 def signals_blocked(*numbers: int) -> Iterator[None]:
-    """Start processes to which some signals mean nothing, from their first instruction on.
-
-    Ctrl-C, `timeout` and service managers send signals to every process of a group.  Who started the processes answers
-    them, and ends the others itself.  A signal to this process waits until the block ends.
-    """
+    """Start processes to which some signals mean nothing from their first instruction on; one to this process waits."""
+    # Ctrl-C, `timeout` and service managers signal every process of a group: who started the others ends them itself
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -120,21 +115,13 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextmanager
 def alone(path: Path) -> Iterator[None]:
-    """Hold a file or folder, which may not be there yet, by a lock beside it; it ends with this process at the latest.
-
-    Where no lock can be had, as in a folder that cannot be written, nobody is refused.
-
-    Raises
-    ------
-    SystemRefusedError
-        If another process holds it.
-    """
+    """Hold a file or folder, there or not, by a lock beside it; SystemRefusedError where another process holds it."""
     with contextlib.ExitStack() as held:
         try:
             real = path.resolve()
             lock = held.enter_context(real.with_name(f".{real.name}.lock").open("ab"))
         except (OSError, ValueError, RuntimeError):  # what is wrong with the path is said where it is written
-            lock = None
+            lock = None  # as in a folder that cannot be written: nobody is refused
         if lock is not None and not _locked(lock.fileno()):
             raise SystemRefusedError(f"{path}: another session writes there; end that one, or give another name")
         yield
@@ -174,10 +161,7 @@ START_TIMEOUT = 60.0  # time within which a thread that was started must have be
 
 
 class Worker:
-    """A thread that does not keep the process alive.
-
-    `threading.Thread.start` waits until the thread has begun: without end, if a lack of memory ends the thread before.
-    """
+    """A thread that does not keep the process alive."""
 
     def __init__(self, job: Callable[[], None]) -> None:
         self._job = job
@@ -185,6 +169,7 @@ class Worker:
 
     def start(self) -> None:
         """Start the thread."""
+        # `threading.Thread.start` waits until the thread has begun: without end, if a lack of memory ends it before
         _thread.start_new_thread(self._run, ())
         if not self._begun.wait(START_TIMEOUT):
             self._ended.set()

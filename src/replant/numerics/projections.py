@@ -55,9 +55,8 @@ def amounts_of(columns: FloatArray, signal: FloatArray) -> FloatArray:
 def widening(basis: FloatArray, left: FloatArray) -> float:
     """Return by how much colour widens the part of a residual that unrelated columns explain; 1 where it is white.
 
-    The part, over the residual's variance, is chi-square where the residual is white.  Where it is not quite, the part
-    is compared with that of the same residual shifted against the columns, so far that they have nothing to do with
-    each other: the median over `SHIFTS` shifts, over that of chi-square.
+    The part is compared with that of the same residual shifted against the columns, so far that they have nothing to do
+    with each other: the median over `SHIFTS` shifts, over that of chi-square, which it is where the residual is white.
     """
     if not basis.shape[1] or not left.any():
         return 1.0
@@ -132,11 +131,9 @@ def _least_squares(columns: FloatArray, target: FloatArray) -> FloatArray:
 
 
 def explained_power(functions: FloatArray, signal: FloatArray) -> float:
-    """Return the variance of what functions (K, L) explain of a signal (K,), less what they explain by chance.
-
-    Weights found by generalised least squares have the covariance C = variance of the innovation times (F' F)^-1 of the
-    whitened functions F.  By chance functions f explain the trace of C times the covariance of f.
-    """
+    """Return the variance of what functions (K, L) explain of a signal (K,), less what they explain by chance."""
+    # the weights have the covariance C = variance of the innovation times (F' F)^-1 of the whitened functions F: by
+    # chance functions f explain the trace of C times the covariance of f
     part = combined(functions, weights_of(functions, signal))
     noise = Autoregression.of(signal - part)
     white = noise.whiten(signal - part)

@@ -17,10 +17,7 @@ from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import LEAST, Autoregression
 from replant.numerics.linear_algebra import products, sum_of_squares
 
-BAND_95, BAND_99 = 1.960, 2.576
-"""Two-sided standard normal quantiles, at 95 and 99 % [standard deviations].
-Level: 95 and 99 %.
-"""
+BAND_95, BAND_99 = 1.960, 2.576  # two-sided standard normal quantiles, at 95 and 99 % [standard deviations]
 
 FEWEST = 8  # residuals below which a correlation says nothing [samples]
 
@@ -46,16 +43,11 @@ class Correlations:
 
 
 def correlations(residual: FloatArray, u: FloatArray, lags: int) -> Correlations | None:
-    r"""Return the correlations of a residual with itself and with the input; None if there are too few samples.
-
-    None as well where one of the signals is constant.
+    r"""Return the correlations of a residual with itself and the input; None of a constant, or of too few samples.
 
     The limits of the autocorrelation are those of white noise, :math:`1/\sqrt N`.  Those of the cross-correlation
-    allow for a coloured residual, :math:`\sqrt{\sum_\tau r_e(\tau) r_u(\tau) / N}`, with a triangular taper.
-
-    References
-    ----------
-    Ljung (1999), "System Identification: Theory for the User", section 16.6.
+    allow for a coloured residual, :math:`\sqrt{\sum_\tau r_e(\tau) r_u(\tau) / N}`, with a triangular taper: Ljung
+    (1999), "System Identification: Theory for the User", section 16.6.
     """
     kept = np.isfinite(residual) & np.isfinite(u)
     count = int(kept.sum())
@@ -209,8 +201,7 @@ class ErrorSums:
         return self._all[0, :-1] - mean * self._sums + mean**2 * self._pairs
 
 
-SEGMENTS = 8
-"""Stretches of the record, half overlapping, over whose periodograms the measured spectrum is the mean [count]."""
+SEGMENTS = 8  # stretches, half overlapping, over whose periodograms the measured spectrum is the mean [count]
 SHORTEST = 64  # samples that a stretch needs [samples]
 
 

@@ -72,10 +72,7 @@ class StampResolution:
 
 
 def _is_rounded_resolution(spread: float, median: float, digits: float) -> bool:
-    """Return whether rounding to ``digits`` explains intervals whose lengths differ by ``spread``.
-
-    Rounding of a regular grid leaves intervals of two lengths, one digit apart.  A displaced stamp makes one interval
-    longer and one shorter: three lengths.  A missing sample changes an interval by four digits or more, because a
-    coarser rounding is not accepted here.
-    """
+    """Return whether rounding to ``digits`` explains intervals whose lengths differ by ``spread``."""
+    # rounding of a regular grid leaves two lengths, one digit apart; a displaced stamp makes three, a missing sample is
+    # four digits or more, as a coarser rounding is not accepted
     return digits <= 0.25 * median and spread <= digits + TOLERANCE * median
