@@ -243,17 +243,14 @@ def of_scipy(system: Any) -> Polynomials:
 
 
 def of_state_space(a: Any, b: Any, c: Any, d: Any) -> Polynomials:
-    """Return num and den of a state-space model with one input and one output.
-
-    Leading coefficients of the numerator that are zero are set to exactly 0, where `scipy.signal.ss2tf` leaves rounding
-    errors.  The first non-zero coefficient has the same place as the first non-zero Markov parameter h_0 = D,
-    h_k = C A^(k-1) B.
-    """
+    """Return num and den of a state-space model with one input and one output."""
     a, b, c, d = (array_of_reals(name, value) for name, value in zip("ABCD", (a, b, c, d), strict=True))
     if a.size == 0:
         return d.reshape(-1)[:1], np.ones(1)
     from scipy.signal import ss2tf
 
+    # it leaves rounding errors where leading coefficients are zero: the first that is not has the place of the first
+    # Markov parameter that is not, h_0 = D, h_k = C A^(k-1) B
     num, den = ss2tf(a, b, c, d)
     num = np.array(num[0], np.float64)
     markov, bound, column, reach = d.item(), abs(d.item()), b, np.abs(b)

@@ -166,11 +166,8 @@ def _level(offset: WorkingPoint, signal: FloatArray) -> float:
 
 
 def centre(preprocess: Preprocess, u: FloatArray, y: FloatArray) -> Preprocess:
-    """Return the same with the record's mean as working point, where a constant is estimated beside G(s).
-
-    That constant makes any working point right; one near the data keeps the regression well conditioned.  Gross
-    outliers do not count.
-    """
+    """Return the same with the record's mean, outliers apart, as working point; a constant is estimated beside G(s)."""
+    # the constant makes any working point right; one near the data keeps the regression well conditioned
     mapped = preprocess.map_input(u)
     accepted, _ = screen(mapped, y)
     if not accepted.any():

@@ -25,53 +25,31 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet, roots
 
-WEAK = 10.0
-"""Smallest F up to which intervals of first order are not valid, so that a root may be shared [ratio of variances].
-Level: the rule of Staiger and Stock for weak instruments.  Of 600 fits with one or two poles and zeros too many it
-was exceeded by none; of 992 estimates of random plants 131 had a coefficient over three standard deviations off, 103 of
-them among the 156 below it.
-Sensitivity: not measured.
-"""
+# the rule of Staiger and Stock for weak instruments; of 600 fits with one or two poles and zeros too many it was
+# exceeded by none; of 992 estimates of random plants 131 had a coefficient over three standard deviations off, 103 of
+# them among the 156 below it
+WEAK = 10.0  # smallest F up to which first-order intervals are not valid: a root may be shared [ratio of variances]
 
 UNKNOWN = 2.0  # distance from zero within which a coefficient has no size: its 95 % interval [standard deviations]
 
-REACH = 1e3
-"""How far a real root is looked for beyond the slowest and the fastest pole [ratio of magnitudes].
-Derivation: so far away it is slower than any record, or faster than its sampling.
-"""
+# so far away it is slower than any record, or faster than its sampling
+REACH = 1e3  # how far a real root is looked for beyond the slowest and the fastest pole [ratio of magnitudes]
 
-REAL = 200
-"""Real roots looked at, of each sign, evenly spaced in the logarithm [count].
-Derivation: 17 a decade over the eight decades of plants whose poles span two; F changes over a factor of about two.
-"""
+# 17 a decade over the eight decades of plants whose poles span two; F changes over a factor of about two
+REAL = 200  # real roots looked at, of each sign, evenly spaced in the logarithm [count]
 
-STEPS = 10
-"""Steps from a pole to a zero, at each of which a root is looked for [count].
-Derivation: F changes along the way as the square of the distance.
-"""
+# F changes along the way as the square of the distance
+STEPS = 10  # steps from a pole to a zero, at each of which a root is looked for [count]
 
-NEAR = 3
-"""Zeros to which one goes from each pole, the nearest ones [count].
-Derivation: a pole is cancelled by a near one.
-"""
+NEAR = 3  # zeros to which one goes from each pole, the nearest ones, as these cancel it [count]
 
-ROUNDING = 1e-10
-"""Eigenvalue of the constraints' correlations below which rounding decides [ratio].
-Derivation: 4e5 times the precision of float64.
-"""
+# 4e5 times the precision of float64
+ROUNDING = 1e-10  # eigenvalue of the constraints' correlations below which rounding decides [ratio]
 
 
 @quiet
 def cancelled_pole(structure: Structure, parameters: FloatArray, covariance: FloatArray) -> complex | None:
-    """Return the pole of an estimate that a zero may cancel, of a pair that above the real axis; None without one.
-
-    It is the pole nearest to the root that A and B most likely share.
-
-    >>> structure, uncertain = Structure(2, 1), np.diag([0.1, 0.1, 0.1, 0.1]) ** 2
-    >>> cancelled_pole(structure, np.array([3.0, 2.0, 1.0, 0.99]), uncertain)
-    (-1+0j)
-    >>> cancelled_pole(structure, np.array([3.0, 2.0, 1.0, 9.0]), uncertain)
-    """
+    """Return the pole that a zero may cancel: nearest to the root that A and B most likely share; None without one."""
     size = structure.coefficients
     known = covariance[:size, :size]
     if structure.zeros == 0 or not np.isfinite(known).all() or not np.isfinite(parameters[:size]).all():

@@ -22,15 +22,11 @@ import numpy as np
 from replant.numerics.arguments import FloatArray
 from replant.numerics.limits import LONGEST, SHORTEST
 
-WHOLE = 1e-9
-"""Distance of a dead time from a whole number of samples up to which it counts as whole [part of it].
-Derivation: some million times the precision of float64: a decimal fraction of a decimal sampling time is hit.
-"""
+# some million times the precision of float64: a decimal fraction of a decimal sampling time is hit
+WHOLE = 1e-9  # distance of a dead time from a whole number of samples up to which it counts as whole [part of it]
 
-NEVER = 2.0**53
-"""Dead time that is longer than any record [samples].
-Derivation: beyond, float64 does not hold every whole number.
-"""
+# beyond, float64 does not hold every whole number
+NEVER = 2.0**53  # dead time that is longer than any record [samples]
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +40,7 @@ class Companion:
 
 
 def companion(denominator: FloatArray) -> Companion:
-    """Return the scaled companion form of a monic ``denominator`` (descending powers, order >= 1).
-
-    >>> companion(np.array([1.0, 10.0, 25.0])).characteristic       # (s+5)^2
-    array([2., 1.])
-    """
+    """Return the scaled companion form of a monic ``denominator`` (descending powers, order >= 1)."""
     n = denominator.size - 1
     c = _time_scale(denominator)
     scale = c ** np.arange(1.0, n + 1.0)
@@ -76,10 +68,6 @@ def exact(
     matrix: FloatArray, column: FloatArray, interval: float, hold: str
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Discretise dw/dt = matrix w + column x exactly: w(k+1) = Ad w(k) + before x(k) + after x(k+1).
-
-    >>> Ad, before, after = exact(np.array([[-1.0]]), np.array([1.0]), 1.0, "zoh")
-    >>> Ad.round(4), before.round(4), after
-    (array([[0.3679]]), array([0.6321]), array([0.]))
 
     Both columns come from one augmented matrix exponential, as in Van Loan (1978), "Computing integrals involving the
     matrix exponential", IEEE Transactions on Automatic Control 23.
@@ -111,13 +99,10 @@ def bilinear(matrix: FloatArray, column: FloatArray, interval: float, alpha: flo
 
 
 def input_taps(matrix: FloatArray, column: FloatArray, interval: float, hold: str, fraction: float) -> FloatArray:
-    """Return the exact weights (3, n) of x[k-2], x[k-1] and x[k] for an input delayed by a fraction of a sample.
-
-    The delayed input has a corner within the interval.  The interval is split there: its first part lies on the older
-    piece of the input.
-    """
+    """Return the exact weights (3, n) of x[k-2], x[k-1] and x[k] for an input delayed by a fraction of a sample."""
     n = matrix.shape[0]
     taps = np.zeros((3, n))
+    # split at the corner of the delayed input: the first part lies on the older piece of the input
     early, late = fraction * interval, (1 - fraction) * interval
     _, before, after = exact(matrix, column, late, hold)
     if hold == "zoh":
@@ -148,11 +133,7 @@ def unknown_outputs(delay: float, dt: float) -> int:
 
 
 def split_delay(delay: float, dt: float) -> tuple[int, float]:
-    """Return a dead time in s as whole samples and a fraction of one; a fraction below 1e-9 is rounded away.
-
-    >>> split_delay(0.3, 0.1), split_delay(0.025, 0.02)
-    ((3, 0.0), (1, 0.25))
-    """
+    """Return a dead time in s as whole samples and a fraction of one; a fraction below `WHOLE` is rounded away."""
     samples = min(delay / dt, NEVER)
     nearest = round(samples)
     if abs(samples - nearest) < WHOLE * max(1.0, samples):
@@ -190,18 +171,7 @@ class Stretch(NamedTuple):
 
 
 class Response:
-    """The response of a model to a record, continued from batch to batch.
-
-    A batch ends where the next one begins: joined, the responses of the batches are that of the whole to the bit.
-
-    >>> from replant.model.transfer_function import TransferFunction
-    >>> response = Response(TransferFunction([1.0], [1.0, 1.0]), dt=1.0)
-    >>> response.take(np.ones(2)).output.round(4), response.take(np.ones(1)).output.round(4)
-    (array([0.    , 0.6321]), array([0.8647]))
-    >>> found = Response(TransferFunction([1.0], [1.0, 1.0], delay=2.0), dt=1.0, at_rest=False).take(np.ones(4))
-    >>> found.output.round(4), found.free.round(4).ravel(), found.unknown
-    (array([0.    , 0.    , 0.    , 0.6321]), array([1.    , 1.    , 1.    , 0.3679]), 2)
-    """
+    """The response of a model to a record, batch by batch; joined, they are that of the whole to the bit."""
 
     def __init__(self, model: Rational, dt: float, input_hold: str = "zoh", *, at_rest: bool = True) -> None:
         from replant.kernels.filters import bank, simulate

@@ -27,10 +27,8 @@ from replant.numerics.arguments import (
 from replant.numerics.limits import count, dead_time, duration
 from replant.numerics.linear_algebra import quiet, roots
 
-MOST_PADE = 100
-"""Highest order of a Pade approximation [count].
-Derivation: beyond, the coefficients of a dead time of 1 s leave float64.
-"""
+# beyond, the coefficients of a dead time of 1 s leave float64
+MOST_PADE = 100  # highest order of a Pade approximation [count]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -317,11 +315,8 @@ class TransferFunction:
 
 @quiet
 def _monic(name: str, polynomial: FloatArray, leading: float) -> FloatArray:
-    """Return a polynomial over the leading coefficient of ``den``; adding zero turns -0.0 into 0.0.
-
-    What compares equal must have the same hash.
-    """
-    monic = polynomial / leading + 0.0
+    """Return a polynomial over the leading coefficient of ``den``."""
+    monic = polynomial / leading + 0.0  # turns -0.0 into 0.0: what compares equal must have the same hash
     if not np.isfinite(monic).all():
         raise InvalidArgumentError(
             f"{name} leaves float64 where den is made monic: its leading coefficient is {leading:g}"
