@@ -214,10 +214,7 @@ def fit_samples(
 
 
 def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples) -> FitResult:
-    """Return the fit of a record that is parted at its loads where that is surely right, else the one given.
-
-    Where that may be right, and G(s) another one then, the one given may not be trusted.
-    """
+    """Return the fit of a record that is parted at its loads where that is surely right, else the one given."""
     rows = np.flatnonzero(raw.made_use_of)
 
     def with_loads(loads: tuple[int, ...]) -> RawRecord:
@@ -231,6 +228,7 @@ def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples
     parted = _with_record(made, with_loads(found.loads), given, found.solution.record)
     if found.is_sure and parted.verdict.status == "trusted":
         return parted
+    # where that may be right, and G(s) another one then, the one given may not be trusted
     return dataclasses.replace(whole, rival=parted) if differ(raw.structure, solution, found.solution) else whole
 
 

@@ -31,15 +31,11 @@ from replant.numerics.linear_algebra import chi2_quantile, inner, products, pseu
 from replant.numerics.projections import WEAKEST
 from replant.verdict import assess_record
 
-LEVEL = 0.05
-"""Chance to ask in vain where the record begins at rest [probability].
-Level: 5 %: that of the intervals that are stated, within which the gain from rest is to lie.
-"""
+# that of the intervals that are stated, within which the gain from rest is to lie
+LEVEL = 0.05  # chance to ask in vain where the record begins at rest [probability]
 
-SHARE = 0.5
-"""Part of what the record tells of the gain that the initial state takes at least, where that is looked into [part].
-Derivation: where it takes less, the gain from rest is hardly better known, and the test says nothing.
-"""
+# where it takes less, the gain from rest is hardly better known, and the test says nothing
+SHARE = 0.5  # of what the record tells of the gain, what the initial state takes where that is looked into [part]
 
 
 @quiet

@@ -108,11 +108,8 @@ def beside_first_model(
 
 
 POLES = 2  # poles of the model that is suggested first [count]
-DEAD = 1.0
-"""Delay that is a dead time, not a slow beginning [part of the time from there to half the response].
-Derivation: the slow beginning of two equal poles reaches 0.6.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# the slow beginning of two equal poles reaches 0.6
+DEAD = 1.0  # delay that is a dead time, not a slow beginning [part of the time from there to half the response]
 CLEAR = 3.0  # delay from which on a search for the dead time is suggested [samples]
 TRIED = 6  # dead times that this search tries [count]
 

@@ -359,14 +359,12 @@ def number_of(which: int | str, names: tuple[str, ...]) -> int:
 
 
 def in_order(log: Log, names: tuple[str, ...]) -> FloatArray:
-    """Return the inputs (K, q) of a log in the order of a model's names; as they are where one of both has no names.
-
-    The first input of a log is called u where nobody has named it: it is the one that no other has the name of.
-    """
+    """Return the inputs (K, q) of a log in the order of a model's names; as they are where one of both has no names."""
     given, wanted = (tuple(map(without_unit, each)) for each in (log.input_names, names))
     if names == unnamed(len(names)) and set(given) != set(wanted):
         return log.inputs
     missing = [name for name in wanted if name not in given]
+    # the first input of a log is called u where nobody has named it: it is the one that no other has the name of
     if given[0] == "u" and len(missing) == 1:
         given, missing = (missing[0], *given[1:]), []
     if missing:

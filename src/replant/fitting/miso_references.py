@@ -48,10 +48,7 @@ def held(references: FloatArray) -> FloatArray:
 def with_outside(
     ready: RowRecord, references: FloatArray | None, names: Sequence[str], is_moved: BoolArray | None = None
 ) -> tuple[RowRecord, tuple[Finding, ...]]:
-    """Return a record (J,) with what references (J, p) explain of its inputs, and what there is to say about them.
-
-    Which inputs (q,) they move is told by the record, where it is not known yet.
-    """
+    """Return a record (J,) with what references (J, p) explain of its inputs, and what there is to say about them."""
     if references is None:
         return ready, ()
     each_of = [np.ascontiguousarray(each) for each in references.T]

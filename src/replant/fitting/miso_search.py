@@ -180,10 +180,7 @@ class _Search:
 
     @quiet
     def _fitted(self, structures: Structures, beside: Trial | None) -> tuple[Trial, Trial] | None:
-        """Return the trials begun beside another one, and afresh where it has other poles: without and with noise.
-
-        Where the noise model has taken nothing but noise they are one.
-        """
+        """Return the trials begun beside another one, and afresh where it has other poles: without and with noise."""
         row = Row(structures, self.record, self.inputs)
         size = sum(each.size for each in structures)
         if row.count <= size + row.nuisances:
@@ -200,7 +197,7 @@ class _Search:
         free, point, noise, *_ = likeliest(row, begins, lambda noise: [])
         found = self._judged(row, point, whitened=True)
         if found is None or not noise.order or not differs(row, free, point):
-            return None if found is None else (found, found)
+            return None if found is None else (found, found)  # the noise model has taken nothing but noise
         plain = self._judged(row, free, whitened=False)
         return None if plain is None else (plain, found)
 

@@ -51,10 +51,7 @@ Sensitivity: not measured.
 
 MOST_BEYOND = 100.0  # logarithm of a ratio of costs that is beyond any, and within float64 [number]
 
-SAME = 0.99
-"""Level of the test that the estimates with and without the noise model are of one plant [probability].
-Level: 99 %.
-"""
+SAME = 0.99  # level of the test that estimates with and without the noise model are of one plant [probability]
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +90,7 @@ def begun_at(theta: FloatArray, row: Row) -> Callable[[Autoregression], list[Poi
 def solve_record(
     structures: tuple[Structure, ...], ready: RowRecord, names: tuple[str, ...], begins_of: Begins = started
 ) -> RowSolution | None:
-    """Return the estimate of a record without its bad outputs, found in turn with it; None where no start leads to one.
-
-    What is bad is what `replant.estimation.solver.solve` leaves out of a record of one input.
-    """
+    """Return the estimate of a record, its bad outputs, as in `solve.solve`, found in turn; None without a start."""
     record, solution, white = ready.record, None, Autoregression.white(1.0, ready.record.count)
     doubt = solve.suspected(record, ready.inputs)
     as_it_came = np.where(record.is_measured, Doubt.NONE, Doubt.MISSING)
@@ -121,16 +115,14 @@ def solve_with(
     structures: tuple[Structure, ...], ready: RowRecord, references: FloatArray | None, names: tuple[str, ...],
     begins_of: Begins = started,
 ) -> tuple[RowRecord, RowSolution | None, tuple[Finding, ...]]:  # fmt: skip
-    """Return a record with what references (J, p) explain of it, its estimate, and what there is to say about them.
-
-    An input that moves with a reference, but answers to no disturbance, comes from outside: all of it is instruments.
-    """
+    """Return a record with what references (J, p) explain of it, its estimate, and what there is to say about them."""
     ready, findings = with_outside(ready, references, names)
     solution = solve_record(structures, ready, names, begins_of)
     if ready.outside is None or solution is None:
         return ready, solution, findings
     row, found, _ = solution
     answers = answering(row, found.point)
+    # an input that moves with a reference, but answers to no disturbance, comes from outside: all of it is instruments
     if not answers[ready.outside.is_moved].all():
         ready, findings = with_outside(ready, references, names, answers)
         solution = solve_record(structures, ready, names, begins_of)
@@ -158,11 +150,9 @@ def solve_row(row: Row, begins: list[Point], again: Callable[[Autoregression], l
 
 
 def _by_instruments(row: Row, begins: tuple[FloatArray, ...]) -> RowEstimate:
-    """Return the estimate by instruments, its noise model that of what it leaves.
-
-    There may be several roots.  The likelihood of what comes from outside does not tell them apart, as an
-    autoregression may take all that a load makes; the error one step ahead does, in which the inputs are known.
-    """
+    """Return the estimate by instruments, its noise model that of what it leaves."""
+    # the likelihood of what comes from outside does not tell roots apart, as an autoregression may take all that a load
+    # makes; the error one step ahead does, in which the inputs are known
     roots = [_root_from(row, theta) for theta in begins]
     point, noise = min(roots, key=lambda root: (not _is_root(row, root[0]), root[0].cost))
     findings = list(controlled(row, point, noise))
@@ -201,17 +191,14 @@ def _sandwich(row: Row, point: Point) -> FloatArray:
 
 
 def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], list[Point]]) -> _Estimates:
-    """Return the estimate without a noise model and the likeliest with one.
-
-    The start is made again with the noise model: beside slow noise the first one may lack what is fast.  No estimate is
-    taken whose residual is `LOUD` times the quietest: its noise model has taken a branch for noise.
-    """
+    """Return the estimate without a noise model and the likeliest with one."""
     white = Autoregression.white(1.0, row.count)
     ends = ends_of(row, (path(row, begin.theta, white, begin) for begin in begins))
     free = min(ends, key=lambda point: point.cost)
     noise = noise_of(row, free)
     found = []
     others = _as_likely(row, free, ends, duration_of(noise.coefficients))
+    # made again with the noise model: beside slow noise the first start may lack what is fast
     begins = [*others, free, *(again(noise) if noise.order else [])]
     for point in ends_of(row, (path(row, begin.theta, noise, begin, SHORT) for begin in begins)):
         model = noise
@@ -219,6 +206,7 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
             model = noise_of(row, point)
             point = refine(row, point.theta, model, point, SHORT)
         found.append(_Estimates(free, point, model))
+    # the noise model of a loud one has taken a branch for noise
     quietest = min(each.point.power for each in found)
     quiet_ones = [each for each in found if each.point.power <= LOUD * quietest]
     best = min(quiet_ones, key=lambda each: each.point.cost, default=_Estimates(free, free, white))
@@ -228,10 +216,8 @@ def likeliest(row: Row, begins: list[Point], again: Callable[[Autoregression], l
 
 
 def _as_likely(row: Row, best: Point, points: list[Point], duration: float = 1.0) -> list[Point]:
-    """Return the points beside which the best one is not surely likelier, but those near it.
-
-    Where the cost is one without a noise model, as many samples as the noise lasts count as one.
-    """
+    """Return the points beside which the best one is not surely likelier, but those near it."""
+    # without a noise model as many samples as the noise lasts, ``duration``, count as one
     beyond = min(-2.0 * math.log(ALPHA) * duration / max(row.count, 1), MOST_BEYOND)
     limit = best.cost * math.exp(beyond)
     return [each for each in points if each.cost <= limit and not is_near(row, each, best)]
@@ -248,14 +234,12 @@ class _Estimates(NamedTuple):
 
 
 def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) -> FloatArray:
-    """Return the covariance (P, P) of a point: s^2 M^-1, or M^-1 Q M^-1 where its error has a colour.
-
-    Q is the sum of the squares of the slopes filtered by 1/D backwards in time, times the variance of D e.
-    """
+    """Return the covariance (P, P) of a point: s^2 M^-1, or M^-1 Q M^-1 where its error has a colour."""
     size = point.theta.size + row.nuisances * len(row.stretches)
     inverse = compose(*factor_information(point.information))
     if colour is None:
         return np.asarray(inverse * point.cost / max(row.count - size, 1))
+    # Q: the squares of the slopes filtered by 1/D backwards in time, times the variance of D e
     backwards = [colour.colour(phi[::-1]) for phi in point.phi]
     squares = np.asarray(sum(products(each, each) for each in backwards))
     variance = colour.power / max(colour.count - size, 1.0)
@@ -265,22 +249,20 @@ def covariance_of(row: Row, point: Point, colour: Autoregression | None = None) 
 def differs(row: Row, free: Point, point: Point) -> bool:
     """Return whether the estimate with a noise model leaves more than chance allows beside that without.
 
-    Both are consistent where the structure is right: beyond the least power the one leaves at most chi-square of the
-    number of parameters, in powers of as many samples as the residual has independent ones.  Where the structure is not
-    right, an autoregression takes what it cannot explain for noise, and with it the slow branches.
+    Where the structure is right, it leaves at most chi-square of the number of parameters beyond the least power, in
+    powers of as many samples as the residual has independent ones.  Else an autoregression takes what it cannot explain
+    for noise, and with it the slow branches.
     """
     independent = row.count / max(_duration(free), 1.0)
     return point.power > free.power * (1.0 + chi2_quantile(SAME, point.theta.size) / independent)
 
 
 def _duration(point: Point) -> float:
-    """Return the integrated correlation of a residual in samples, up to the first pair of lags that is not positive.
-
-    Source: Geyer (1992), "Practical Markov Chain Monte Carlo", section 3.3.
-    """
+    """Return the integrated correlation of a residual in samples, up to the first pair of lags that is not positive."""
     sums = np.zeros(1 << int(np.ceil(np.log2(2 * max(each.size for each in point.residual)))))
     for residual in point.residual:
         sums += np.fft.irfft(np.abs(np.fft.rfft(residual, sums.size)) ** 2, sums.size)
+    # Geyer (1992), "Practical Markov Chain Monte Carlo", section 3.3
     pairs = (sums[0 : sums.size // 2 : 2] + sums[1 : sums.size // 2 : 2]) / max(float(sums[0]), 1e-300)
     positive = int(np.argmax(pairs <= 0.0)) if (pairs <= 0.0).any() else pairs.size
     return 2.0 * float(pairs[:positive].sum()) - 1.0

@@ -36,15 +36,12 @@ def judged(
     *,
     is_of_record: bool = True,
 ) -> Verdict:
-    """Return the verdict of a point, with other findings about it.
-
-    A point that follows a record sample by sample is also asked whether the plant has changed since.
-    """
+    """Return the verdict of a point, with other findings about it."""
     findings = untold(row, record, point, covariance)
     if not findings:
         findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
     unsure = [] if findings else list(_unsure(row, point, covariance))
-    if not findings and not is_of_record:
+    if not findings and not is_of_record:  # it follows sample by sample: the plant may have changed since
         findings += _outdated(row, point, noise, covariance)
     findings += unsure
     excited = not any(finding.status == "not excited" for finding in findings + others)
@@ -138,11 +135,9 @@ def _cancelled(
 
 
 def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]:
-    """Poles that a zero may cancel, and else that the estimate's error makes too much of the modelled output.
-
-    Where that makes little, what the model does is known, and a pole that may be cancelled is no obstacle to trust.
-    """
+    """Poles that a zero may cancel, and else that the estimate's error makes too much of the modelled output."""
     made, largest = _scatter(row.from_outside, point, covariance)
+    # where that makes little, what the model does is known, and a pole that may be cancelled is no obstacle to trust
     status = "trusted" if made <= MINOR_SCATTER else "converging"
     found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows], status) for i, rows in enumerate(row.places)]
     yield from filter(None, found)
@@ -171,10 +166,8 @@ def _scatter(row: Row, point: Point, covariance: FloatArray) -> tuple[float, int
 
 
 def _outdated(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
-    """Inputs whose response over the newest samples, half as many, a quarter .. is another one than the estimate's.
-
-    Over all of them what an estimate is off before a change and after it cancels: it is their mean.
-    """
+    """Inputs whose response over the newest samples, half as many, a quarter .. is another one than the estimate's."""
+    # over all of them what an estimate is off before a change and after it cancels: it is their mean
     samples = row.record.u.size
     while samples >= FEWEST:
         newest = row.last(samples)
@@ -188,14 +181,11 @@ def _outdated(row: Row, point: Point, noise: Autoregression, covariance: FloatAr
 
 
 def _useless(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
-    """Inputs without which the record is as likely, by the Bayesian information criterion.
-
-    In feedback, where likelihoods are no judges, they are those whose numerator is nought within chance.
-    """
+    """Inputs without which the record is as likely, by the Bayesian information criterion."""
     count = len(row.structures)
     if count == 1:
         return
-    if row.outside is not None:
+    if row.outside is not None:  # in feedback likelihoods are no judges: the numerator is nought within chance
         useless = [i for i, beyond in enumerate(_beyond_nought(row, point, covariance)) if beyond < 1.0]
     else:
         useless = [i for i in range(count) if _is_left_out(row, point, noise, i)]

@@ -28,10 +28,8 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.verdict.verdict import STATUSES, Verdict
 
-ROUNDED = 1e-6
-"""Difference that the rounding of a computation makes in a covariance [part].
-Derivation: some thousand million times the precision of float64.
-"""
+# some thousand million times the precision of float64
+ROUNDED = 1e-6  # difference that the rounding of a computation makes in a covariance [part]
 LONGEST = 2**63  # whole number from which on none is read [number]
 LARGEST = 1 << 20  # longest text that is read as a model: a hundred times one of ten poles [characters]
 LONGEST_REASON = 250  # length of the reason for which a text is no model [characters]

@@ -197,11 +197,7 @@ def time_of(model: TransferFunction, given: float | None = None) -> FloatArray:
 
 
 def frequencies(model: TransferFunction, dt: float, points: int = POINTS) -> FloatArray:
-    """Return angular frequencies (F,) from 1/30 of the slowest root to 30 times the fastest, at most Nyquist's.
-
-    They are equally spaced on a logarithmic axis, and closer about each resonance and antiresonance, so that a curve
-    through them shows the whole peak.
-    """
+    """Return angular frequencies (F,) from 1/30 of the slowest root to 30 times the fastest, at most Nyquist's."""
     roots = np.concatenate([model.poles, model.zeros])
     sizes = np.abs(roots)
     nyquist = math.pi / dt
@@ -210,6 +206,7 @@ def frequencies(model: TransferFunction, dt: float, points: int = POINTS) -> Flo
     if sizes.size:
         low, high = float(sizes.min()) / BEYOND, float(sizes.max()) * BEYOND
     high = max(min(high, nyquist), 10 * low)
+    # closer about each resonance and antiresonance, so that a curve shows the whole peak
     peaks = [_about(complex(root)) for root in roots if root.imag > 0.0 and abs(root.real) < RESONANT * abs(root)]
     close = np.concatenate([np.zeros(0), *peaks])
     return np.unique(np.concatenate([np.geomspace(low, high, points), close[(close > low) & (close < high)]]))

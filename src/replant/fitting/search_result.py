@@ -13,10 +13,7 @@ from replant.fitting.miso_fit import RowFit
 from replant.fitting.several_outputs import MatrixFit
 from replant.model.structure import Structure
 
-ALPHA = 1e-2
-"""Chance that a better likelihood is no more than chance [probability].
-Level: 1 %.
-"""
+ALPHA = 1e-2  # chance that a better likelihood is no more than chance [probability]
 
 # a dead time that lies a seventh of its standard deviation from the likeliest costs as much
 WORTH = 0.01  # gain that a dead time between two points of the grid must promise to be tried [log-likelihood]
@@ -164,11 +161,7 @@ Tried = TypeVar("Tried", bound=Likely)
 def likeliest_between(
     trials: dict[float, Tried], low: float, high: float, dt: float, tried: Callable[[float, Tried], Tried | None]
 ) -> Tried:
-    """Return the likeliest trial of the dead times between two points of a grid, of which ``trials`` are known.
-
-    ``tried`` makes one of a dead time and the nearest trial.  A zero can make up for a part of a dead time, so that
-    there may be several tops: where the grid is coarser than the samples, both sides of its best point are looked into.
-    """
+    """Return the likeliest trial of dead times between two points of a grid; ``tried`` makes one beside the nearest."""
 
     def is_tried(delay: float) -> bool:
         trial = tried(delay, trials[min(trials, key=lambda at: abs(at - delay))])
@@ -177,6 +170,7 @@ def likeliest_between(
         return trial is not None
 
     best = max(trials, key=lambda at: trials[at].likelihood)
+    # a zero can make up for a part of a dead time, so that there may be several tops
     sides = [0.5 * (best + end) for end in (low, high) if abs(end - best) > dt]
     for delay in sides:
         is_tried(delay)

@@ -74,12 +74,9 @@ class Trial:
 
 @quiet
 def least_known(structure: Structure, theta: FloatArray, covariance: FloatArray, span: float) -> float:
-    """Return the largest standard deviation of a coefficient as a part of its size.
-
-    Of a_i the size is that of the coefficient of prod(s + abs(pole)), as it would be if all poles were real; of b_j
-    it is its own.
-    """
+    """Return the largest standard deviation of a coefficient as a part of its size."""
     std = np.sqrt(np.maximum(np.diag(covariance)[: structure.coefficients], 0.0))
+    # of a_i the size is that of the coefficient of prod(s + abs(pole)), as if all poles were real; of b_j its own
     denominator = real_coefficients(theta[structure.denominator], 1.0 / span)
     sizes = np.concatenate([denominator, np.abs(theta[structure.numerator])])
     largest = float((std / np.maximum(sizes, np.finfo(float).tiny)).max())
@@ -126,10 +123,7 @@ class Evidence:
     def judged(
         self, error: FloatArray, explained: BoolArray, numbers: int, *, whitened: bool = True
     ) -> tuple[float, float, float]:
-        """Return the log-likelihood of all samples by a model's error (K,), its price, and its fit in percent.
-
-        One that is not ``whitened`` has no autoregression.
-        """
+        """Return the log-likelihood of all samples by a model's error (K,), its price, and its fit in percent."""
         densities, order = self._densities(error, explained, whitened=whitened)
         measured = self.record.y[explained]
         spread = max(math.sqrt(sum_of_squares(measured - measured.mean())), np.finfo(float).tiny)

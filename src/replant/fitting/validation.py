@@ -35,14 +35,9 @@ from replant.verdict.estimate_distance import EXCITED, SEGMENT
 from replant.verdict.verdict import Verdict
 
 FEWEST_SEGMENTS = 8  # segments below which a spectrum tells nothing [count]
-CHANCE = 0.05
-"""How often the error of a right model exceeds its limit [share].
-Level: 95 %.
-"""
-ROUNDING = 1e-9
-"""Residual below which it is rounding, which nothing is tested for [part of the output's spread].
-Derivation: some million times the precision of float64.
-"""
+CHANCE = 0.05  # how often the error of a right model exceeds its limit [share]
+# some million times the precision of float64
+ROUNDING = 1e-9  # residual below which it is rounding, which nothing is tested for [part of the output's spread]
 
 
 @dataclass(frozen=True, eq=False)
