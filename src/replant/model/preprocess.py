@@ -122,11 +122,7 @@ class Preprocess:
 
 
 def screen(mapped: FloatArray, y: FloatArray) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], dict[str, int]]:
-    """Return which samples (K,) an identifier accepts, and how many it rejects for which reason.
-
-    >>> screen(np.array([1.0, np.nan, 1e308]), np.zeros(3))
-    (array([ True, False, False]), {'not finite': 1, 'too large': 1})
-    """
+    """Return which samples (K,) an identifier accepts, and how many it rejects for which reason."""
     with np.errstate(invalid="ignore"):
         finite = np.isfinite(mapped) & np.isfinite(y)
         small = (np.abs(mapped) <= LARGEST) & (np.abs(y) <= LARGEST)

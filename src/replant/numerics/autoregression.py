@@ -26,11 +26,8 @@ Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
 """
 
 WHITENESS_LEVEL = 0.99  # of the portmanteau statistic's limit [probability]
-LEAST = 4 * (LAGS + 1)
-"""Samples with known predecessors below which a residual is taken to be white [samples].
-Origin: four for each number that a model of the largest order has.
-Sensitivity: not measured.
-"""
+# four for each number that a model of the largest order has
+LEAST = 4 * (LAGS + 1)  # samples with known predecessors below which a residual is taken to be white [samples]
 
 
 def duration_of(coefficients: FloatArray) -> float:

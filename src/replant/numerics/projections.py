@@ -66,11 +66,8 @@ def widening(basis: FloatArray, left: FloatArray) -> float:
     return max(1.0, float(np.median(parts)) / usual)
 
 
-POLES = tuple((1.0 - np.geomspace(0.8, 0.01, 7)).tolist())
-"""Poles that are tried: memories of 12 to 1200 samples [per sample].
-Origin: seven from one end to the other are a factor of two apart in memory.
-Sensitivity: not measured.
-"""
+# seven from one end to the other are a factor of two apart in memory
+POLES = tuple((1.0 - np.geomspace(0.8, 0.01, 7)).tolist())  # tried: memories of 12 to 1200 samples [per sample]
 
 
 def laguerre(r: FloatArray, pole: float) -> FloatArray:

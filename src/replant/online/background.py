@@ -10,8 +10,7 @@ it gets is then still kept at m, and the copy of the numbers at n is all that a 
 
 Nothing of this may take longer than a tenth of a sample at 1 kHz, where Python that has not run for a while takes
 several times as long as at once, and large memory is given and taken back in as long.  So each step has an update of
-its own.  From a third of the lag on it is looked whether the result is there: the new state is then made ready beside
-the one in use (`CatchUp`), so that at m one takes the place of the other.
+its own, and the new state is made ready beside the one in use (`CatchUp`), so that at m one takes the other's place.
 """
 
 from __future__ import annotations

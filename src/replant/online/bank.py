@@ -1,9 +1,4 @@
-"""Bank: a handful of structures that learn side by side, and which of them is served; `Identifier(structure=[...])`.
-
-The members are ordinary identifiers.  Their weights are looked at every `LOOKED` samples.  Where the record has grown
-by half, and where another member has become the most probable one, the most probable members are judged: the first one
-that is trusted leads, and where none is, the most probable one.
-"""
+"""Bank: a handful of structures that learn side by side, and which of them is served; `Identifier(structure=[...])`."""
 
 from __future__ import annotations
 

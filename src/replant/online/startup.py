@@ -3,10 +3,8 @@
 A compiled step collects them (`replant.kernels.step.collecting`), by the rules that later samples meet, in the place
 where a state keeps its raw samples.
 
-Until they suffice for a model to go on from there is a provisional one.  It is solved for with the first outputs
-measured: at half, a quarter, an eighth ... of the start-up, and each time that a start-up which does not suffice has
-doubled, from the usual starts; from half of the start-up on at three sizes in between, from the model before.  Nothing
-that comes later depends on it, so that it is solved for when somebody reads it.
+Until they suffice there is a provisional model of the first outputs, of growing numbers of them.  Nothing that comes
+later depends on it, so that it is solved for when somebody reads it.
 """
 
 from __future__ import annotations

@@ -139,11 +139,7 @@ def with_poles(structure: Structure, poles: int) -> Structure:
 
 
 def grown(less: Structure, theta: FloatArray, more: Structure, lag: float) -> FloatArray:
-    """Return the coefficients of a model as one with more poles, of ``lag`` s each.
-
-    >>> grown(Structure(1), np.array([2.0, 3.0]), Structure(2, zeros=1), 0.5)
-    array([4., 4., 0., 6.])
-    """
+    """Return the coefficients of a model as one with more poles, of ``lag`` s each."""
     a, b = np.concatenate([[1.0], theta[less.denominator]]), theta[less.numerator]
     for _ in range(more.poles - less.poles):
         a, b = np.convolve(a, [1.0, 1.0 / lag]), b / lag

@@ -70,7 +70,7 @@ def run_source(
     startup: int | None = None,
     irregular: bool = False,
     with_history: bool = True,
-    structures: Sequence[Structure] = (),
+    structures: Sequence[Structure] = (),  # in place of the request's: they learn side by side, the lead is the result
 ) -> Result:
     """Identify a record of any length in one pass; a second pass simulates the model and computes its fits."""
     begun = time.perf_counter()
