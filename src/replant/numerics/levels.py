@@ -1,7 +1,10 @@
 """Levels: the chance of a false alarm, and what matters; other bounds of tests are derived from the two."""
 
-# the verdict is asked for many times in a run
-ALPHA = 1e-4  # chance that a test finds something where there is nothing [probability]
+ALPHA = 1e-4
+"""Chance that a test finds something where there is nothing [probability].
+Level: 0.01 %: the verdict is asked for many times in a run.
+Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
+"""
 
 MATTERS = 0.01
 """What matters: a tenth of the output's amplitude [part of the output's power].

@@ -1,4 +1,9 @@
-"""The optimizers as a user chooses them, registered here; their loops lie in `kernels.optimizers`."""
+"""The optimizers as a user chooses them, registered here; their loops lie in `kernels.optimizers`.
+
+To add one: its kernel, code and line in `learn` of `replant.kernels.optimizers.gradient` (or `step`, with a
+covariance), its place in `kernels.step.soundness`, its class in `gradient` or `covariance`, its name in `OPTIMIZERS`
+below.  The tests of every optimizer come from that list.
+"""
 
 from replant.estimation.optimizers.gradient import (
     AdaDelta,
@@ -12,7 +17,7 @@ from replant.estimation.optimizers.gradient import (
 )
 from replant.estimation.optimizers.optimizer import KalmanTracking, Optimizer, RecursiveLeastSquares
 
-#: Every optimizer by the name that the command line takes; CONTRIBUTING.md says how to add one.
+#: Every optimizer by the name that the command line takes.
 OPTIMIZERS: dict[str, type[Optimizer]] = {
     "gradient": Gradient,
     "adam": Adam,
