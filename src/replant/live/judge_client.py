@@ -106,10 +106,7 @@ RESTARTS = "observer restarts"  # as it is counted
 
 
 class Observer:
-    """Sends the identifier's state to the observer's process whenever that is idle, and receives its views.
-
-    A process that dies is started again, each time after a longer pause.  The session continues without it.
-    """
+    """Sends the state to the observer's process whenever that is idle, receives views, and restarts it if it dies."""
 
     def __init__(self, options: ObserverOptions) -> None:
         self._options = options

@@ -33,14 +33,12 @@ BACK = 1.0  # step back of the stamps below which they are late samples, which t
 
 
 class RigClock:
-    """Converts time stamps to rig time.
+    """Converts time stamps to rig time: the stamp plus an offset, by the rules of the identifier of one input.
 
-    Rig time is the stamp plus an offset.  Two consecutive stamps that lie close together and more than a second back
-    show that the clock was set back or the device was reset: the offset is then changed so that rig time continues
-    after a gap, at which the filters restart.  A clock that jumps ahead makes such a gap by itself.  A stamp that leaps
-    by more than `LEAP` sampling times, and the very first stamp, advance rig time only once the next stamp confirms
-    them.  Every stamp is returned: the identifier of one input applies the same rule, rejects samples and counts them;
-    for that of several `leaps` tells which stamps (K,) of the last call are not confirmed.
+    Two consecutive stamps that lie close together and more than a second back show that the clock was set back or the
+    device was reset: rig time then continues after a gap, at which the filters restart.  A stamp that leaps by more
+    than `LEAP` sampling times, and the very first one, advance rig time only once the next stamp confirms them;
+    ``leaps`` tells which stamps (K,) of the last call are not confirmed.
     """
 
     leaps: BoolArray

@@ -287,12 +287,10 @@ THRESHOLD = 1 << 17  # size of blocks that the system gets back at once: glibc's
 
 
 def limit_heap_growth() -> None:
-    """Have the C library map blocks of 128 KiB and more one by one, and return them when they are freed.
-
-    Otherwise blocks of lines and samples, whose sizes vary, leave holes in the heap: at hundreds of thousands of
-    samples a second it grows by some megabytes a minute until it has found its size.  Without glibc this has no effect.
-    """
+    """Have glibc map blocks of 128 KiB and more one by one, and return them when they are freed."""
     with contextlib.suppress(OSError, AttributeError, TypeError):
+        # else blocks of lines and samples, whose sizes vary, leave holes: the heap grows by megabytes a minute for a
+        # while
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, THRESHOLD)
 
 

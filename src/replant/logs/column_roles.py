@@ -50,11 +50,9 @@ def prepared(values: FloatArray) -> FloatArray:
 
 
 def influence(a: FloatArray, b: FloatArray) -> float:
-    """Return Geweke's measure from ``a`` (K,) to ``b`` (K,), both prepared, less what chance would give.
-
-    It is the largest of three: ``b`` foretold one sample ahead, a fifth of its memory ahead, and over the geometric
-    mean of both.  Where the sampling rate is high nothing can be foretold from one sample to the next but noise.
-    """
+    """Return Geweke's measure from ``a`` (K,) to ``b`` (K,), both prepared, less what chance would give."""
+    # the largest of three: one sample ahead, a fifth of the memory ahead, and over the geometric mean of both; where
+    # the sampling rate is high nothing can be foretold from one sample to the next but noise
     widest = min(max(1, memory(b) // STRETCHES_OF_MEMORY), max(1, b.size // FEWEST_STRETCHES))
     return max(_influence(a, b, width) for width in {1, round(widest**0.5), widest})
 
@@ -176,11 +174,9 @@ BY_NAME = 2.0
 Origin: a pump's "speed" is its input where it moves in steps and the flow follows it; under a controller names decide.
 Sensitivity: halved, nothing changes on the recorded logs; doubled, the pump's speed is taken for its output.
 """
+# a quarter of the weight of who follows whom difference of the scores of both directions below which either may be the
+# right one [number]
 CLOSE = 0.25 * BY_INFLUENCE
-"""Difference of the scores of both directions below which either may be the right one [number].
-Derivation: a quarter of the weight of who follows whom.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
 NOTABLE = 0.02
 """Measure of influence below which nothing is said [number].
 Origin: 2 % less residual power; chance is subtracted before.
@@ -283,13 +279,11 @@ class _Forces:
 
 
 def _candidates(signals: dict[int, Column], role: str, known: dict[str, int]) -> list[int]:
-    """Return the columns that may have a role: the one given, else any but a reference.
-
-    Where nothing else is left, or beside a column that is given, a reference, too.
-    """
+    """Return the columns for a role: the one given, else all but references; these, too, where one or none is left."""
     if role in known:
         return [number for number in (known[role],) if number in signals]
     others = [column for number, column in signals.items() if number not in known.values()]
+    # beside a column that is given a reference may be the other
     rest = [column.number for column in others if known or role_by_name(column.name) != REFERENCE]
     return rest if len(rest) > 1 or known else [column.number for column in others]
 

@@ -75,11 +75,7 @@ def from_rest(log: Log) -> Log:
 
 
 def outputs_from_rest(u: FloatArray, y: FloatArray) -> FloatArray | None:
-    """Return an output (K,) with the rest before it, NaN where it is not known; None where none is until u (K,) moves.
-
-    At rest an output is as good at any time: as many of them as there were, so that none counts twice, and closer at
-    the beginning, where a dead time hides the first and the state has to be known.
-    """
+    """Return an output (K,) with the rest before it, NaN where not known; None where none is until u (K,) moves."""
     moves = np.flatnonzero(u[1:] != u[:-1])
     still = np.flatnonzero(np.isfinite(y[: moves[0] + 2] if moves.size else y))
     if not still.size:
@@ -87,6 +83,8 @@ def outputs_from_rest(u: FloatArray, y: FloatArray) -> FloatArray | None:
     count = round(BEFORE * u.size)
     output = np.concatenate([np.full(count, np.nan), y])
     output[count : count + still[-1] + 1] = np.nan
+    # at rest an output is as good at any time: as many of them as there were, so that none counts twice, and closer at
+    # the beginning, where a dead time hides the first and the state has to be known
     places = (count + still[-1]) * np.linspace(0.0, 1.0, still.size) ** 2
     output[np.maximum(places.round().astype(int), np.arange(still.size))] = y[still]
     return output

@@ -84,11 +84,7 @@ _TAIL_BYTES = 1 << 16  # end of a file in which its last line is looked for [byt
 
 
 def cut_line(path: Path, layout: Layout) -> str:
-    """Return the last line if its writer was stopped in the middle of it, else an empty string.
-
-    Such a line has no line feed, and fewer cells than there are columns, or a last cell that cannot be read, as that of
-    the line before can.
-    """
+    """Return the last line if its writer was stopped in the middle of it, else an empty string."""
     before, line = last_lines(path, layout.encoding)
     if not is_data(line):
         return ""
@@ -174,10 +170,7 @@ def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[Arra
 
 
 def _parse(path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> Arrays:
-    """Turn the lines of a text into one array per chosen column; ``first`` is the number of its first line.
-
-    Blank lines and comments are skipped; a missing cell is NaN.
-    """
+    """Turn lines, the first of them number ``first``, into an array for each column; skip blank lines and comments."""
     decoded = _decoded(layout, text)
     if first < layout.data_line:
         above, first = layout.data_line - first, layout.data_line
@@ -212,10 +205,7 @@ def _rows_with_commas(path: Path, layout: Layout) -> Iterator[tuple[int, list[st
 
 
 def _texts(path: Path, layout: Layout) -> Iterator[tuple[int, bytes]]:
-    """Yield whole lines as bytes, with the number of the first of them.
-
-    A line ends as it does for Python: by a line feed, a carriage return or both.
-    """
+    """Yield whole lines as bytes, each ended by a line feed, a return or both, with the number of the first of them."""
     with path.open("rb") as opened:
         file: Any = codecs.EncodedFile(opened, "utf-8", "utf-16", "replace") if layout.encoding == _WIDE else opened
         first, rest = 1, file.read(len(_BYTE_ORDER_MARK)).removeprefix(_BYTE_ORDER_MARK)

@@ -1,9 +1,7 @@
-"""HDF5 files (.h5, .hdf5) with h5py, and MATLAB files (.mat) of every version.
+"""HDF5 files (.h5, .hdf5) with h5py, and MATLAB files (.mat) of every version: 7.3 is HDF5, the others are SciPy's.
 
 MATLAB stores each array with its dimensions reversed, and a struct as a group, whose fields are called ``logs.speed``
 as in its older files.
-
-Files of version 7.3 are HDF5 files.  The others are read with SciPy.
 """
 
 from __future__ import annotations

@@ -45,10 +45,9 @@ class _Columns:
 
 
 def read(path: Path) -> Table:
-    """Open a file of JSON lines.
+    """Open a file of JSON lines, with the keys of the first 1000 objects as columns.
 
-    The columns are the keys of the first 1000 objects.  A value is a number, true or false, null for a missing one, or
-    a date or clock time.  A last line that was cut off is left out.
+    A value is a number, true or false, null for a missing one, or a date or clock time.
     """
     cut = _cut_line(path)
     given: dict[_Keys, list[Any]] = {}  # of each column the values among the first rows

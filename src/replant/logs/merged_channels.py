@@ -44,12 +44,7 @@ class Merged:
 
 
 def merge(output: Signal, held: Sequence[Signal]) -> Merged:
-    """Merge an output with inputs and references, all of which have at least one sample.
-
-    The rows begin with the first output for which each held signal is known.  They end with the last output up to which
-    each is held: its last value for no longer than its longest interval, after which the logger may have lost it.  The
-    only value of a signal that was logged once is held for ever.
-    """
+    """Merge an output with inputs and references, each of a sample or more, over the time for which all are known."""
     for signal in (output, *held):
         if not np.all(np.isfinite(signal.t)) or np.any(np.diff(signal.t) < 0.0):
             raise ValueError("the time stamps of a signal must be finite and never decrease")
@@ -57,6 +52,8 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
     held = [Signal(_snapped(signal.t, output.t, tolerance), signal.values) for signal in held]
     inside = np.ones(output.t.size, np.bool_)
     for signal in held:
+        # its last value holds for no longer than its longest interval: the logger may have lost it then; the only value
+        # of a signal that was logged once is held for ever
         until = float(signal.t[-1] + np.diff(signal.t).max()) if signal.t.size > 1 else np.inf
         inside &= (output.t >= signal.t[0]) & (output.t < until - tolerance)
     t, y = output.t[inside], output.values[inside]

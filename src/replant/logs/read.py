@@ -129,10 +129,7 @@ def open_recording(
     most_held: int = MOST_HELD,
     progress: Callable[[int, int], None] = lambda rows, about: None,
 ) -> Recording:
-    """Check a recorded log from its first row to its last, and open it for passes over its samples.
-
-    Of several inputs or references all samples are held in memory, as `Log.others`.
-    """
+    """Check a recorded log from its first row to its last, and open it; of several inputs or references all is held."""
     if time is not None and dt is not None:
         raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
     step = None if dt is None else check_dt(dt)

@@ -70,12 +70,7 @@ class Clock:
 
 
 def clock_of(path: Path, name: str, stamps: FloatArray, describe_row: Callable[[int], str]) -> Clock:
-    """Return what time stamps (K,) say, two of them at least; they must increase.
-
-    They are regular if each interval is within 1 % of the median (of the first 2^18), or if rounding to their printed
-    digits explains the larger deviations.  The sampling time of a regular clock is the mean interval, in which rounding
-    of the stamps cancels; that of an irregular clock is the median, which gaps do not move.
-    """
+    """Return what time stamps (K,) say, two of them at least; they must increase."""
     resolution, median, least, most = StampResolution(), math.nan, math.inf, -math.inf
     for first, part in _parts(stamps):
         _check_increasing(path, name, part, first, describe_row)
@@ -84,6 +79,8 @@ def clock_of(path: Path, name: str, stamps: FloatArray, describe_row: Callable[[
         median = float(np.median(steps)) if math.isnan(median) else median
         least, most = min(least, float(steps.min())), max(most, float(steps.max()))
     digits = resolution.step
+    # regular: each interval within 1 % of the median (of the first 2^18), or as far off as rounding to printed digits
+    # makes it; rounding cancels in the mean, and gaps do not move the median
     if is_regular_interval(least, most, median, digits):
         return Clock(_rounded(float(stamps[-1] - stamps[0]) / (stamps.size - 1)))
     deviation = max(most - median, median - least)

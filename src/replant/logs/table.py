@@ -58,11 +58,7 @@ def needed(path: Path | str, module: str, why: str, package: str) -> Any:
 
 @contextmanager
 def damage_as_log_error(path: Path, kind: str, remedy: str) -> Iterator[None]:
-    """Turn the errors of a library that parses a file into a LogError.
-
-    On damaged bytes such a library fails with almost any exception.  Errors of the operating system and of replant are
-    raised as they are.
-    """
+    """Turn what a parser raises on damaged bytes, nearly any exception, into a LogError; not the system's and ours."""
     try:
         yield
     except ReplantError:

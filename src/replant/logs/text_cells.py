@@ -37,10 +37,7 @@ class TwoMarksError(NumberError):
 
 
 def split_line(line: str, delimiter: str | None) -> list[str]:
-    """Split a line into stripped cells, with quotes removed; without a delimiter at runs of blanks.
-
-    A quotation mark begins a quoted cell only as the first character of the cell; elsewhere it is ordinary text.
-    """
+    """Split a line into stripped cells, without a delimiter at blanks; quotation marks count where one begins."""
     if delimiter is not None and '"' not in line:
         return [cell.strip() for cell in line.split(delimiter, MOST_COLUMNS)]
     pattern, text = _cell_pattern(delimiter), line.rstrip("\r\n")

@@ -242,11 +242,8 @@ def split_or_none(line: str, delimiter: str | None) -> list[str] | None:
 
 
 def _below_title(rows: list[tuple[int, str]], delimiter: str | None) -> list[tuple[int, str]]:
-    """Return the rows from the names on: lines of fewer cells above a row of names are a title.
-
-    Above a row of numbers they are one if no line of them can be names or data.  Empty cells at the end of a line do
-    not count: a spreadsheet fills up each line to the widest one.
-    """
+    """Return the rows from the names on: fewer cells above names, or text alone above numbers, are those of a title."""
+    # without the empty cells at the end: a spreadsheet fills up each line to the widest one
     widths = [_filled(split_or_none(line, delimiter) or ()) for _, line in rows]
     usual = Counter(widths).most_common(1)[0][0]
     at = widths.index(usual)
@@ -273,11 +270,7 @@ def _filled(cells: Sequence[str]) -> int:
 
 
 def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Sequence[str]]) -> bool:
-    """Return whether the first row holds names: some text, and no number but plain counts such as 2.
-
-    Text above numbers may also be a damaged cell of a row of data.  It is certainly a name if it is a usual name of the
-    time column, or if most columns have a name that begins with a letter.  Any other file is ambiguous, and refused.
-    """
+    """Return whether the first row holds names: some text, and no number but plain counts such as 2."""
     is_text = [not is_number(cell, None) for cell in first]
     if not any(is_text):
         return False
@@ -290,6 +283,8 @@ def _is_header(path: Path, line: int, first: Sequence[str], others: Sequence[Seq
         return not numbers
     if not all(map(str.isdecimal, numbers)):
         return False
+    # it may also be a damaged row of data: sure are a usual name of the time, or names that begin with a letter in most
+    # columns; any other file is refused
     texts = [first[column] for column in names]
     unnamed = len(numbers) + sum(1 for column, cell in enumerate(first) if not cell and below.get(column))
     if unnamed:

@@ -17,8 +17,8 @@ from replant.logs.table import Arrays
 from replant.logs.text_cells import MISSING, CellError, quote
 from replant.numerics.arguments import FloatArray
 
+# the forms that are read, for messages
 READ = "2024-05-01T10:00:00.5, with Z or +02:00 where it is known, 01.05.2024 10:00:00,5 and 10:00:00.5 are read"
-"""The forms that are read, for messages."""
 
 _EPOCH = date(1970, 1, 1).toordinal()
 _NANOSECOND = 1_000_000_000  # unit of the stamps [1/s]

@@ -69,11 +69,7 @@ class _Sheet:
 
 
 def read(path: Path) -> Table:
-    """Open an Excel workbook.
-
-    Rows above the names are skipped; below the names may be a row of units.  Cells of dates and times are seconds since
-    the first row.  Of a formula the value counts that was saved with it.
-    """
+    """Open an Excel workbook: rows above the names are skipped, units may stand below; of formulas the values count."""
     openpyxl = needed(path, "openpyxl", "reading Excel files needs openpyxl", "'replant[xlsx]'")
     with damage_as_log_error(path, "Excel workbook", "save it again as .xlsx, or as CSV"):
         with open_zip(path):

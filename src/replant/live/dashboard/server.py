@@ -66,10 +66,8 @@ class Dashboard:
             time.sleep(0.01)
 
     def stop(self) -> None:
-        """Close all connections and end the thread; without `announce_end` browsers try to connect again.
-
-        The end of a session does not depend on the page: a server that does not end is left behind, and that is said.
-        """
+        """Close all connections and end the thread; without `announce_end` browsers try to connect again."""
+        # the session does not wait for the page: a server that does not end is left behind
         self._server.should_exit = True
         self._thread.join(LEFT_BEHIND)
         if self.alive:

@@ -161,12 +161,7 @@ Samples = tuple[npt.NDArray[np.int64] | None, dict[str, FloatArray]]  # the devi
 
 
 class ParquetRecorder:
-    """Records samples in FOLDER/samples and estimates in FOLDER/estimates.
-
-    Columns of samples: n (the device's number, or null), t [s], the names of ``signals`` and, where there is a
-    reference, r.  Columns of estimates: t, n, samples, each parameter and its standard deviation (std_...), status,
-    verdict and excited.
-    """
+    """Records samples in FOLDER/samples (n, t, the signals, r) and estimates in FOLDER/estimates."""
 
     name = "record"
     interval = 0.1  # s of real time at the least between two recorded estimates

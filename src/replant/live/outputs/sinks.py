@@ -78,10 +78,7 @@ class LineSink:
             self._poll.register(descriptor, select.POLLOUT)
 
     def send(self, estimate: EstimateMessage) -> None:
-        """Write a line; a line with ``trusted: 1`` only when the reader of a pipe has read the lines before.
-
-        Thus a slow reader never finds a backlog of outdated lines that all say ``trusted: 1``.
-        """
+        """Write a line; one with ``trusted: 1`` only once a pipe's reader has read the others: none may be outdated."""
         self.behind = not self._has_room(alone=estimate.trusted)
         if self.behind:
             return
@@ -139,8 +136,8 @@ class UdpSink:
 class MqttSink:
     """Publishes estimates over MQTT; the broker retains the newest for clients that subscribe later.
 
-    The sink connects in the background, and again after a break.  During a break estimates are left out; the newest one
-    is sent after it.  If the session or its network dies, the broker publishes the session's last will, ``trusted: 0``.
+    During a break estimates are left out; the newest one is sent after it.  If the session or its network dies, the
+    broker publishes the session's last will, ``trusted: 0``.
     """
 
     interval = 0.01

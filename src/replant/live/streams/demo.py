@@ -155,9 +155,7 @@ LOAD_TIME = 0.5  # time constant with which the load wanders [s]
 def controlled(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, FloatArray, FloatArray]]:
     """Yield blocks of 4096 samples: the number of the first one, voltage in V, speed and reference in rad/s.
 
-    At each sample the controller reads the speed and sets the voltage, which the motor gets until the next one:
-
-        u_k = 0.3 (r_k - y_k) + integral of 0.6 (r - y),    y = G(s) (u + load) + noise.
+    The controller sets u_k = 0.3 (r_k - y_k) + integral of 0.6 (r - y) at each sample; y = G(s) (u + load) + noise.
     """
     rig, number = motor_rig(), 0
     state = np.zeros(4)

@@ -1,7 +1,4 @@
-"""Parse lines and payloads of live samples: CSV with or without a header, and JSON.
-
-A faulty line raises `Malformed` with the reason, under which it is counted.
-"""
+"""Parse lines and payloads of live samples: CSV, JSON, or packed; a fault is counted by its reason, see `Malformed`."""
 
 from __future__ import annotations
 
@@ -102,11 +99,7 @@ def header_of(line: str, signals: Signals) -> Columns:
 
 
 def from_json(value: Any, columns: Sequence[str], one: str) -> list[Row]:
-    """Return the samples in a JSON object, or in an array of them; ``one`` is the field of a signal.
-
-    ``{"n": 7, "t": 0.7, "u": 1.0, "y": 0.2}`` is one sample.  An object whose fields are arrays holds several samples;
-    its n may be the number of the first.  null is NaN.
-    """
+    """Return the samples in JSON objects, ``{"n": 7, "u": 1.0, "y": 0.2}``; of arrays n may be that of the first."""
     rows: list[Row] = []
     for item in value if isinstance(value, list) else [value]:
         if not isinstance(item, dict):
@@ -214,12 +207,10 @@ REASONS = {NUMBER: "not a sequence number", TIME: "time not finite"}
 
 
 class Parser:
-    """Parses the lines of one stream; each line is CSV or JSON.
+    """Parses the lines of one stream: CSV, with or without a header, or JSON; blank lines and comments are skipped.
 
-    The columns are those of ``columns``, or follow from the first two lines of CSV of equal width (the first line may
-    have been cut), or from the first JSON object; where the signals have names of their own, also from a header, whose
-    further columns are left out.  Blank lines and comments are skipped.  Every other line gives samples, or is counted
-    by the reason why it gives none.
+    Columns that are not given follow from two lines of CSV of equal width, as the first one may have been cut, from the
+    first JSON object, or, where the signals have names of their own, from a header.
     """
 
     def __init__(self, counters: Counter[str], columns: Columns = None, signals: Signals = UY) -> None:
@@ -345,11 +336,7 @@ HEADER = 8  # bytes before the numbers of a packed payload [bytes]
 
 
 class Payloads:
-    """Parses the payloads of one stream.
-
-    A payload holds one or more lines (see `Parser`), or it is packed: `MAGIC`, the columns' letters padded with blanks
-    to four, then rows of little-endian float64.
-    """
+    """Parses payloads: lines, or `MAGIC`, the columns' letters, padded to four, and rows of little-endian float64."""
 
     def __init__(self, parser: Parser, *, bare: bool = False) -> None:
         self._parser = parser

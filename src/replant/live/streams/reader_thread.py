@@ -168,10 +168,7 @@ class Source(ABC):
         """Read and `_deliver` samples until the stream ends or a stop is requested."""
 
     def batches(self) -> Iterator[Batch]:
-        """Yield samples as they arrive; while none arrive, yield an empty batch at least every 0.1 s.
-
-        The iterator ends at the end of the stream, or after `close` once every complete sample has been yielded.
-        """
+        """Yield samples as they arrive, an empty batch at least every 0.1 s, until the stream ends or is closed."""
         thread = Worker(self._run)
         with self._stop:
             thread.start()
@@ -184,11 +181,7 @@ class Source(ABC):
                 self.state = "ended"
 
     def seek(self, sequence: int) -> None:
-        """Continue after this sequence number; called before `batches`, and raises no error.
-
-        A source that can send samples again does so: a TCP peer is asked to, a log skips rows.  Any other source
-        continues with the samples that arrive.
-        """
+        """Continue after this number, before `batches`: a TCP peer is asked to, a log skips rows, others just go on."""
         self._numbering.last = sequence
 
     def close(self) -> None:

@@ -56,9 +56,8 @@ WAIT = 0.1  # the longest wait of one read; a closed source ends within this tim
 class SerialSource(Wire):
     """Lines from a serial port, ``serial:///dev/ttyUSB0?baud=115200`` or ``serial://COM3``.
 
-    The port is opened in the middle of a line: the rest of that line is skipped and counted as "cut off".  A full queue
-    drops its oldest samples and counts them.  A board sends nothing again, and many boards restart when the port is
-    opened: sequence numbers tell only which samples were lost.
+    The port is opened in the middle of a line, whose rest is counted as "cut off".  A full queue drops its oldest
+    samples.  A board sends nothing again, and many restart when the port is opened: numbers tell only what was lost.
     """
 
     def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
@@ -127,11 +126,10 @@ KEEPALIVE = {"TCP_KEEPIDLE": 5, "TCP_KEEPINTVL": 2, "TCP_KEEPCNT": 3}
 
 
 class TcpSource(Wire):
-    """Lines of a TCP peer, ``tcp://host:port``.
+    """Lines of a TCP peer, ``tcp://host:port``, which waits while the queue is full: no sample is lost.
 
-    While the queue is full nothing is read: the peer waits, and no sample is lost.  When a connection begins and a
-    sequence number N is known, from `seek` or from earlier samples, the source sends the line ``after N``.  A peer that
-    keeps its samples then continues with N + 1.  Samples that a peer sends again are dropped by their number.
+    When a connection begins and a sequence number N is known, the source sends the line ``after N``: a peer that keeps
+    its samples continues with N + 1, and what it sends again is dropped by its number.
     """
 
     def __init__(self, address: Address, columns: Columns = None, signals: Signals = UY) -> None:

@@ -102,17 +102,12 @@ class Batch:
         return Batch(**joined, arrived=other.arrived)
 
 
-LEAP = 50
-"""Numbers ahead of the last one beyond which a number leaps, and within which the next one confirms it [samples].
-Derivation: a misread number that is less ahead costs the samples up to it, as duplicates: twice as many would be more
-than learning may stand still for; half as many, and losses in bursts are leaps more often, which costs no sample.
-"""
+# a misread number that is less ahead costs the samples up to it, as duplicates: twice as many would be more than
+# learning may stand still for; half as many, and losses in bursts leap more often, which costs no sample
+LEAP = 50  # numbers ahead of the last one that leap, and within which the next one confirms it [samples]
 
-MISORDER = 1000
-"""Numbers back beyond which a number, with its successor after it, is a device that started anew, where nothing is
-sent again [samples].
-Derivation: the rule of RFC 3550, appendix A.1, with more room for packets that overtake.
-"""
+# the rule of RFC 3550, appendix A.1, with more room for packets that overtake
+MISORDER = 1000  # numbers back from which on two in a row are a device that started anew, not a repeat [samples]
 
 WRAPS = 1 << 16, 1 << 32  # values at which the counters of devices wrap [count]
 LEAPS_KEPT = 8  # number of remembered leaps, from which the numbers may return [count]
@@ -121,14 +116,10 @@ LEAPS_KEPT = 8  # number of remembered leaps, from which the numbers may return 
 class Numbering:
     """Screens the samples of one stream by their sequence numbers.
 
-    A number continues the sequence if it is at most `LEAP` ahead of the last one.  A number that leaps further is held
-    back with its sample until the next number comes.  If the next number is a successor, it confirms the leap: both
-    samples are taken, and the numbers between are counted as lost.  Any other next number shows that the number was
-    misread.
-
-    A number far back is confirmed by its successor, too, if the sender never sends anything again: the device was
-    reset.  If the sender may send samples again, only numbers never used are accepted: after a counter has wrapped at
-    2^16 or 2^32, or between the two ends of a leap, within one connection.
+    A number at most `LEAP` ahead of the last one continues the sequence.  One that leaps further is held back with its
+    sample: a successor confirms it, and the numbers between are lost; any other one shows that it was misread.  A
+    number far back is confirmed by its successor, too, as a reset, if the sender never sends anything again.  Else only
+    numbers never used are accepted: after a counter wrapped at 2^16 or 2^32, or between the ends of a leap.
     """
 
     def __init__(self, counters: Counter[str], *, replays: bool) -> None:
