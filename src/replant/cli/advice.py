@@ -66,10 +66,7 @@ def next_step(result: Result, log: Log, path: str, *, is_searched: bool) -> Next
 
 
 def dead_times(result: Result, log: Log) -> str:
-    """Return a range of dead times to try, from when the output begins to respond, or half a time constant.
-
-    Both are known roughly before the structure is: the range reaches half as far again as the response's delay.
-    """
+    """Return a range of dead times to try: to half as far again as the response's delay, or half a time constant."""
     seen = response(prepared(log.input), prepared(log.output))
     delay = 0.0 if seen is None else 1.5 * seen.delay * log.dt
     times = [mode.time_constant for mode in result.transfer_function.modes if math.isfinite(mode.time_constant)]

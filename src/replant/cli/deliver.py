@@ -107,10 +107,7 @@ def validated(model: Model | RowModel, paths: Sequence[Path], columns: dict[str,
 
 
 def _as_named(model: Model | RowModel, log: Log) -> Log:
-    """Return a log whose inputs have the names of a model's, in its order, where they share none with them.
-
-    A row is validated without references.
-    """
+    """Return a log, without references, whose inputs are named as a model's are, where they share no name."""
     given, names = log.inputs.T, model.input_names if isinstance(model, RowModel) else ()
     shared = {*map(without_unit, names)} & {*map(without_unit, log.input_names)}
     if not names or shared or len(given) != len(names):

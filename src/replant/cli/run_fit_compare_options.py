@@ -114,7 +114,7 @@ _STRETCHES = group(*STRETCHES)
 def checked_options(
     *options: Option, several: str = "", otherwise: Callable[[dict[str, Any]], bool] = lambda given: False
 ) -> Option:
-    """Return a decorator that adds options to a command, which looks at them before it runs.
+    """Return a decorator that adds options, and looks at them before the command runs.
 
     Several logs are refused in the words of ``several``, if there are any; ``otherwise`` may do the command's work.
     """

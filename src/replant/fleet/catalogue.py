@@ -34,10 +34,7 @@ Key = str | int | None
 
 
 def rigs_in_columns(pieces: Sequence[Piece], column: str) -> list[tuple[str, Piece, str]]:
-    """Return the name of a rig, a part of a file with its rows, and why they cannot be used; empty if they can.
-
-    A file that cannot be read is a rig of its own, under the file's name.
-    """
+    """Return name, rows and problem, if any, of each rig; a file that cannot be read is a rig, by the file's name."""
     for piece in pieces:
         if Path(piece.path).suffix.lower() not in SUFFIXES:
             raise LogError(
@@ -243,11 +240,9 @@ def _hive_key(name: str, column: str) -> str | None:
 
 
 def _walked(folder: Path, root: Path, is_left_out: Callable[[Path], bool]) -> Iterator[Piece]:
-    """Yield the logs in a folder and in those in it; names that begin with a dot or an underscore are no logs.
-
-    A link to a folder that is being searched is not followed: it would lead round for ever.
-    """
+    """Yield the logs in a folder and in those in it, but for names that begin with a dot or an underscore."""
     refused: list[OSError] = []
+    # a link to a folder that is being searched would lead round for ever: it is not followed
     above: dict[str, frozenset[tuple[int, int]]] = {os.fspath(folder): _identity(os.fspath(folder))}
     for where, folders, names in os.walk(folder, onerror=refused.append, followlinks=True):
         chain = above.get(where, frozenset())

@@ -198,10 +198,8 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _end_with_parent() -> None:
-    """End this process when the one that started it ends, even by a signal: else it would wait for ever.
-
-    Ctrl-C in a terminal reaches both; the one that started this one tells it, and ends it.
-    """
+    """End this process when the one that started it ends, even by a signal: else it would wait for ever."""
+    # Ctrl-C in a terminal reaches both processes; the one that started this one ends it
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     parent = parent_process()

@@ -101,10 +101,7 @@ FORMAT = 2  # version of the files that a fleet writes; those of another version
 
 @dataclass(frozen=True)
 class Job:
-    """What is done with each rig: the options of `replant.run` and `replant.fit`, one structure for all.
-
-    Of several inputs there is a tuple of columns, and one of structures, and perhaps one of references.
-    """
+    """What is done with each rig: the options of `replant.run` and `replant.fit`; of several inputs tuples of them."""
 
     input: str | int | tuple[str | int, ...]
     output: str | int

@@ -28,24 +28,15 @@ from replant.fleet.store import FAILED, column, read_table
 from replant.numerics.arguments import BoolArray, FloatArray
 
 FEWEST = 8  # trusted rigs beyond their coefficients from which on there is something usual [count]
-FEW_SIGMA = 4.0
-"""Distance in one quantity from which on it is named as well [standard deviations].
-Level: a normal variable is so far in one of 16,000 cases.
-"""
-STANDING = 0.2
-"""Part of a record over which an output that stands still is a finding, if the fleet's do not [part of the record].
-Derivation: a tenth or two of a record at rest are usual; a sensor that is stuck for less is the verdict's to notice.
-"""
-POOR = 0.5
-"""Share of the fleet's usual fit below which one that is not trusted is a finding [part].
-Derivation: a rig of the fleet has a fit near the usual one; a wrong signal one near 0.
-"""
-UNEXPLAINED = 4.0
-"""What the model leaves of the output of a rig that is not trusted, beside the most that the fleet usually leaves,
-from which on it is a finding [ratio of 100 % - fit].
-Derivation: the most usual is the 90 % quantile of the trusted rigs, whose noise differs by less; by benchmarks/fleet a
-wrong column leaves 10 times as much and more.
-"""
+# a normal variable is so far in one of 16,000 cases
+FEW_SIGMA = 4.0  # distance in one quantity from which on it is named as well [standard deviations]
+# a tenth or two of a record at rest are usual; a sensor that is stuck for less is the verdict's to notice
+STANDING = 0.2  # part over which an output that stands still is a finding, if the fleet's do not [part of the record]
+# a rig of the fleet has a fit near the usual one; a wrong signal one near 0
+POOR = 0.5  # share of the fleet's usual fit below which one that is not trusted is a finding [part]
+# the most usual is the 90 % quantile of the trusted rigs, whose noise differs by less; by benchmarks/fleet a wrong
+# column leaves 10 times as much and more
+UNEXPLAINED = 4.0  # what an odd rig's model leaves of the output, over the most usual [ratio of 100 % - fit]
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +55,9 @@ class Oddness:
 
 
 def oddness_of(table: Any, shape: Shape) -> Oddness:
-    """Return what is odd in a fleet's table of results.
+    """Return what is odd in a fleet's table: trusted rigs of a distance less probable than `CHANCE` over their number.
 
-    A trusted rig is odd if its distance has a probability below `CHANCE` divided by the number of rigs.  Rigs that are
-    not trusted do not move what is usual; they are odd where their signals show why.
+    Rigs that are not trusted do not move what is usual; they are odd where their signals show why.
     """
     verdicts = np.asarray(table.column("verdict").to_pylist(), object)
     trusted, figures = verdicts == "trusted", figures_of(table, shape)
@@ -181,11 +171,7 @@ class Drift:
 
 
 def drift_between(before: Fleet, now: Fleet) -> Drift:
-    """Return what has changed between two identifications of a fleet.
-
-    A rig has drifted if the difference of both estimates, beside the covariances of both, has a probability below
-    that of `CHANCE` divided by the number of rigs.
-    """
+    """Return what has changed between two identifications: differences less probable than `CHANCE` over the rigs."""
     import pyarrow
 
     check_comparable(before, now.shape, now.folder)

@@ -19,20 +19,16 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
 
-CHANCE = 0.01
-"""Probability that a fleet without an odd rig has one named [probability].
-Level: a hundredth for the whole fleet, divided among its rigs.
-"""
+# a hundredth for the whole fleet, divided among its rigs
+CHANCE = 0.01  # probability that a fleet without an odd rig has one named [probability]
 EFFICIENCY = 1.5
 """By how many times fewer rigs tell the scale than there are, as it is made from quantiles [number].
 Origin: of fleets without an odd rig one is then named in 7 of 600 with 20 rigs, 3 of 400 with 50, 1 of 200 with 300;
 with 1 in 13 of 300, 3 of 100 and 2 of 100.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
-KEPT = 0.975
-"""Probability within which a rig takes part in location and spread; the spread is corrected for the cut [probability].
-Level: an odd rig is far outside, a usual one is left out in one of forty cases.
-"""
+# an odd rig is far outside, a usual one is left out in one of forty cases; the spread is corrected for the cut
+KEPT = 0.975  # probability within which a rig takes part in location and spread [probability]
 STEPS = 60  # steps of the iteration: later ones move the spread by less than a hundredth [count]
 MOST_USED = 20_000  # rigs that location and spread are made from: they are then known to 1 % [count]
 SCALED_AT = (0.5, 0.75)
@@ -70,9 +66,8 @@ def limit_of(size: int, base: int, rigs: int) -> float:
 def located(x: FloatArray, covariances: FloatArray) -> Location:
     r"""Return location and spread of :math:`x_i \sim N(m, S + P_i)`, of which some are something else.
 
-    The iteration is that of expectation and maximization, over the rigs within the quantile `KEPT`.  The scale makes
-    two quantiles of the squared distances at most those of the distribution that they should have: where
-    covariances are too small, or the fleet is no normal one, fewer rigs are odd.
+    Expectation and maximization over the rigs within the quantile `KEPT`.  The scale makes two quantiles of the squared
+    distances at most what they should be: where covariances are too small, or no normal, fewer rigs are odd.
     """
     from scipy.special import chdtr
 
@@ -244,18 +239,12 @@ FACTORS = {
     "pounds beside kg": (2.2046,),
     "bar beside psi": (14.504,),
 }
-NEAR = 3.0
-"""Distance of a ratio from a factor up to which it may be that one [standard deviations].
-Level: a normal variable is farther off in one of 370 cases.
-"""
-FARTHEST = 0.15
-"""The same, however uncertain the ratio is [natural logarithm].
-Derivation: a third of the distance between 2.2 and 3.6; a gain that is halved is no 1/2.2.
-"""
-WIDEST = 0.15
-"""Uncertainty of a ratio beyond which too many factors are near [natural logarithm].
-Derivation: half of the distance between neighbours in the list.
-"""
+# a normal variable is farther off in one of 370 cases
+NEAR = 3.0  # distance of a ratio from a factor up to which it may be that one [standard deviations]
+# a third of the distance between 2.2 and 3.6; a gain that is halved is no 1/2.2
+FARTHEST = 0.15  # the same, however uncertain the ratio is [natural logarithm]
+# half of the distance between neighbours in the list
+WIDEST = 0.15  # uncertainty of a ratio beyond which too many factors are near [natural logarithm]
 
 
 @dataclass(frozen=True)
@@ -293,16 +282,14 @@ def deviations(
     certainty: FloatArray,
     bound: float = math.inf,
 ) -> list[Deviation]:
-    """Return the deviations of quantities by those of the coefficients ``off`` (p,), whose covariance is ``P`` (p, p).
-
-    A sign is at most ``bound`` over the standard deviation of the logarithm sure.
-    """
+    """Return the deviations of quantities by those of the coefficients ``off`` (p,), of covariance ``P`` (p, p)."""
     found = []
     for quantity in quantities:
         w = figures.weights(quantity)
         if w is None:
             continue
         std, signs = math.sqrt(float(w @ P @ w)), int(turned[w != 0.0].sum())
+        # a sign is at most the bound over the standard deviation of the logarithm sure
         sure = min(float(certainty[w != 0.0].min()), bound / std) if signs % 2 else 0.0
         found.append(Deviation(quantity, float(w @ off), std, signs, sure))
     return found

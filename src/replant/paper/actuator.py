@@ -258,11 +258,7 @@ def fit_offline(record: Record, on_run: Callable[[], None] = lambda: None) -> di
 
 
 def fit_normalised(record: Record, filters: str) -> FloatArray:
-    """Return the estimate of least squares with each row divided by m of (13).
-
-    The optimizers normalise in the same way, so that they converge to this estimate.  Since m grows with the regressor,
-    stretches with a small regressor have more weight than in `fit_offline`.
-    """
+    """Return the estimate of least squares with rows over m of (13), to which the normalising optimizers converge."""
     rig = record.rig
     phi, target = regressors(STRUCTURE, rig.dt, FILTERS[filters], rig.preprocess, record.u, record.y)
     m = np.sqrt(1.0 + ((phi / SCALING.sigmas(STRUCTURE)) ** 2).sum(axis=1))

@@ -1,8 +1,7 @@
 """Figures 1-4 and 6-8 of the article, computed from its experiments, and what is reproduced, by name.
 
-Figures 1-4 show the estimates over time, a panel for each parameter, for rows of one table: their experiments are run
-again, those with a buffer with the first of the table's seeds.  Figures 7 and 8 and the actuator's table come from one
-experiment, which is run once.
+Figures 1-4 show estimates over time, a panel for each parameter, for rows of one table, those with a buffer run with
+its first seed.  Figures 7 and 8 and the actuator's table come from one experiment, which is run once.
 
 >>> NAMES
 ('table1', 'table2', 'table3', 'table4', 'fig1', 'fig2', 'fig3', 'fig4', 'fig6', 'fig7', 'fig8', 'actuator')
@@ -52,8 +51,7 @@ class Figure:
     settled: float = 0.0
 
 
-Transients = Mapping[str, Mapping[str, Curve]]
-"""Curves by label, then by parameter."""
+Transients = Mapping[str, Mapping[str, Curve]]  # curves by label, then by parameter
 
 
 def compute(figure: Figure, on_run: Callable[[], None] = lambda: None) -> Transients:
@@ -249,10 +247,7 @@ def limit(axis: Any, curves: Sequence[Curve], true: float, begin: float) -> None
 
 
 def legend_above(canvas: Any, title: str, columns: int) -> None:
-    """Write a title above all panels, and below it one legend of all curves.
-
-    The legend is filled column by column; blank entries at its end keep matplotlib from distributing them evenly.
-    """
+    """Write a title above all panels, and below it one legend of all curves."""
     from matplotlib.lines import Line2D
 
     entries: dict[str, Any] = {}
@@ -260,6 +255,7 @@ def legend_above(canvas: Any, title: str, columns: int) -> None:
         for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     handles, labels = list(entries.values()), list(entries)
+    # it is filled column by column: without blank entries at its end matplotlib distributes them evenly
     blanks = -len(handles) % columns
     handles += [Line2D([], [], ls="none")] * blanks
     labels += [""] * blanks

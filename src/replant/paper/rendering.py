@@ -41,10 +41,10 @@ LEGEND = (
 
 
 def as_json(actuator: Actuator) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Return {row: {index: {ours, published}}}; ``published`` is None, because the article has no such table.
+    """Return {row: {index: {ours, published}}}; ``published`` is None, as the article has no such table.
 
     Indices: J_* (21), error_* [%], settled_* [s], roughness_* [%] by coefficient, J_sum, settled, roughness, and
-    free_run [%].  None where there is no figure.
+    free_run [%].
     """
     return {
         row.label: {

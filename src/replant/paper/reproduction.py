@@ -137,10 +137,7 @@ COLUMNS = ("index", "ours", "std", "published", "match")
 
 
 def as_json(results: Sequence[TableResult]) -> dict[str, dict[str, dict[str, dict[str, Any]]]]:
-    """Return {table: {row: {index: {ours, published, agrees}}}}; a row with buffer has std and seeds as well.
-
-    For a row with buffer ``ours`` is the mean over the seeds.  ``agrees`` is `Cell.agrees`.
-    """
+    """Return {table: {row: {index: {ours, published, agrees}}}}; a row with buffer has ours, a mean, std and seeds."""
     return {
         result.table.name: {
             row.row.label: {cell.index: _cell_as_json(cell, row.seeds) for cell in row.cells} for row in result.rows

@@ -118,10 +118,7 @@ class Curve:
 
 
 def thin(values: FloatArray, points: int = POINTS) -> npt.NDArray[np.intp]:
-    """Return the indices, in order, at which a signal (K,) is drawn: of each stretch the lowest and the highest.
-
-    First and last are always among them; at most ``points`` + 2 are returned, all of them if there are no more.
-    """
+    """Return where a signal (K,) is drawn, ``points`` + 2 at most: first, last, and the extremes of each stretch."""
     if values.size <= points:
         return np.arange(values.size)
     stretch = -(-values.size // (points // 2))

@@ -18,14 +18,9 @@ from replant.plotting.over_time import Curve, Panel, draw_panel, thin
 ComplexArray = npt.NDArray[np.complex128]
 Regions = Sequence[tuple[complex, FloatArray]]  # roots, each with the covariance (2, 2) of real and imaginary part
 
-RADIUS_95 = 2.448
-"""Radius of the 95 % ellipse of two normal variables [standard deviations].
-Level: 95 %: the square root of the quantile of chi squared with two degrees of freedom.
-"""
-REACH_95 = 1.96
-"""Half-width of the 95 % interval of a normal variable [standard deviations].
-Level: 95 %.
-"""
+# 95 %: the square root of the quantile of chi squared with two degrees of freedom
+RADIUS_95 = 2.448  # radius of the 95 % ellipse of two normal variables [standard deviations]
+REACH_95 = 1.96  # half-width of the 95 % interval of a normal variable [standard deviations]
 UNSTABLE = 1e12  # how far the right half-plane is shaded: as far as anybody may look [rad/s]
 WIDE = 0.2  # correlation that can be seen on an axis that reaches to 1 [number]
 ABOVE_LEGEND = 20.0  # distance of a title from a narrow axis, the legend between: side by side they touch [points]

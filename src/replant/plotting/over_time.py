@@ -41,11 +41,7 @@ class Thinned:
 
 
 def thin(signal: FloatArray, points: int) -> Thinned:
-    """Return at most ``points`` points that show every peak of ``signal`` (K,); all samples where they are few enough.
-
-    The signal is cut into stretches of equal length, one for each column of a picture; of each the least and the
-    greatest finite value are kept, in the order in which they came.
-    """
+    """Return at most ``points`` points of ``signal`` (K,): of each column of a picture the extremes, as they came."""
     thinner = Thinner(signal.size, points)
     thinner.take(signal)
     return thinner.thinned

@@ -63,9 +63,7 @@ class Shown:
 
 
 def blank_figure(width: float, height: float) -> Any:
-    """Return an empty `matplotlib.figure.Figure` of a width and height in inches, with constrained layout.
-
-    The figure is independent of pyplot: it has no window and need not be closed.  A notebook shows it.
+    """Return a `matplotlib.figure.Figure` of a size in inches: without pyplot, so that it need not be closed.
 
     >>> blank_figure(7.0, 4.0).get_size_inches().tolist()
     [7.0, 4.0]

@@ -34,10 +34,7 @@ class Excitation:
 
 
 def excitation(phi: FloatArray) -> Excitation | None:
-    r"""Return the excitation along regressors phi (K, P), each entry scaled by its root mean square over the record.
-
-    The information matrix of a window is :math:`\frac{1}{N} \sum_k \varphi_k \varphi_k^T`, over its N finite rows.
-    """
+    r"""Return the excitation along regressors phi (K, P), each entry scaled by its root mean square over the record."""
     count, size = phi.shape
     finite = np.asarray(np.isfinite(phi).all(axis=1))
     if not finite.any():
@@ -54,6 +51,7 @@ def excitation(phi: FloatArray) -> Excitation | None:
     matrices, totals = _blocks(rows, ends), np.diff(np.cumsum(finite)[ends - 1], prepend=0)
     span = min(STRIDES, blocks)
     windows, weights = _moving_sum(matrices, span), _moving_sum(totals, span)
+    # of the information matrix of each window, the mean of phi phi' over its finite rows
     values = np.linalg.eigvalsh(windows / np.maximum(weights, 1)[:, None, None])
     least, most = np.maximum(values[:, 0], 0.0), values[:, -1]
     with np.errstate(divide="ignore", invalid="ignore"):

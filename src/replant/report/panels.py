@@ -20,8 +20,7 @@ from replant.plotting.over_time import POINTS, SHOWN, Curve, Panel, constant, dr
 from replant.report.findings import Excitation
 from replant.verdict import WORST_CONDITION
 
-NO_EXCITATION, NO_CONDITION = 1e-12, 1e10
-"""Eigenvalue below which, and condition number beyond which, figures are round-off [number]."""
+NO_EXCITATION, NO_CONDITION = 1e-12, 1e10  # least eigenvalue, largest condition that are no round-off [number]
 WIDEST = 1.5  # how far a panel reaches about the reference at the least [part of its size]
 LAST = 10  # of a record one in so many samples, the last ones, is drawn apart [samples]
 MOST = 12  # columns that are drawn [count]

@@ -1,4 +1,4 @@
-"""What is computed beside the page: commands, each a process that can be stopped; and requests, by one worker.
+"""What is computed beside the page: commands, each a process that can be stopped; requests, by one worker.
 
 The functions for the worker take and return plain values, and keep what they have read for the next request.
 """
