@@ -14,10 +14,9 @@ The interpreter does not run kernels with lanes: their bits are those of the mem
 
 from typing import Any
 
-LANES = 16
-"""Members side by side: twice as many as the widest processors take at once.  While an instruction waits for the first
-half, the second is under way, and what is the same for all, loops and counters, is spread over more [count].
-"""
+# while an instruction waits for the first half, the second is under way, and what is the same for all, loops and
+# counters, is spread over more
+LANES = 16  # members side by side: twice as many as the widest processors take at once [count]
 
 
 def _compiled(*_: Any) -> Any:

@@ -34,10 +34,9 @@ LIBRARY = (
     FOLDER / "compiled" / {"win32": "libreplant.dll", "darwin": "libreplant.dylib"}.get(sys.platform, "libreplant.so")
 )
 KERNELS: list["Kernel"] = []  # in the order in which they were defined
-INTS, REALS, BANKS, BUFFER, RECENT, GATE, KIND, SIZE = 0, 2, 4, 7, 10, 13, 14, 15
-"""Places in the table of a bound step: addresses and shapes of five arrays, the gate, which step; its size [index]."""
-OPEN, SHUT = 0, 1
-"""Values of the gate: samples are taken, or refused because another call is under way [number]."""
+# addresses and shapes of five arrays, the gate, which step; its size
+INTS, REALS, BANKS, BUFFER, RECENT, GATE, KIND, SIZE = 0, 2, 4, 7, 10, 13, 14, 15  # places in a step's table [index]
+OPEN, SHUT = 0, 1  # values of the gate: samples are taken, or refused because another call is under way [number]
 
 # What must hold of a state's arrays, see `replant.kernels.step.soundness`.
 LAID_OUT: Final = "is_laid_out(s, s.reals.size, s.banks.shape[0], s.banks.shape[1])"
@@ -80,13 +79,7 @@ class Kernel:
 
 
 def kernel(*requirements: str) -> Callable[[Callable[..., Any]], Kernel]:
-    """Return the decorator of what Python calls.
-
-    Parameters
-    ----------
-    *requirements : str
-        What must hold of the arguments, as "models.size >= variances.size": expressions of the kernels' subset.
-    """
+    """Return the decorator of what Python calls; each requirement, "models.size >= variances.size", must then hold."""
 
     def mark(function: Callable[..., Any]) -> Kernel:
         KERNELS.append(Kernel(function, requirements))
@@ -101,10 +94,7 @@ def inlined(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def short_loops(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Mark a kernel whose loops have a few passes: to get ready for several at once takes longer than these do.
-
-    Those over `side_by_side` are meant nevertheless.
-    """
+    """Mark a kernel whose loops, but for those over `side_by_side`, have too few passes to compute several at once."""
     return function
 
 
@@ -176,11 +166,9 @@ class Library:
         return self._new(self._library.replant_call_definition(), self._numbers[name], None)  # type: ignore[no-any-return]
 
     def table(self, name: str, arrays: tuple[np.ndarray, ...]) -> bytearray:
-        """Return the addresses and shapes of a state's arrays, for `step`.
-
-        A call with five arrays takes longer than most steps: their types and shapes are looked up each time.  The
-        arrays of a state do not move, so a table replaces them.
-        """
+        """Return the addresses and shapes of a state's arrays, for `step`."""
+        # a call with five arrays takes longer than most steps: their types and shapes are looked up each time; the
+        # arrays of a state do not move, so that a table replaces them
         numbers: list[int] = []
         for place, array in enumerate(arrays):
             kind = np.float64 if place else np.int64
@@ -199,15 +187,8 @@ class Library:
 
 
 def library() -> Library:
-    """Return the native library, built first where this is a clone whose kernels have changed.
-
-    Threads wait for the first of them.  Processes do not: each puts a whole library in its place.
-
-    Raises
-    ------
-    UnsupportedDependencyError
-        There is none, and this is no clone.
-    """
+    """Return the native library, built first where this is a clone whose kernels have changed."""
+    # threads wait for the first of them; processes do not: each puts a whole library in its place
     with _loading:
         return _loaded()
 

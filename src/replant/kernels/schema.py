@@ -46,12 +46,9 @@ from replant.kernels.slot_tables import (
 
 Ints = np.ndarray[Any, np.dtype[np.int64]]
 
-PAST: Final = 4
-"""Past estimates kept; what came after the oldest is held out from it, for assessment [count].
-Derivation: they are a step apart, so that the oldest is three to four steps old: of the most that is held out at least
-three quarters are; with two it were a half, and eight take twice the room for an eighth more.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
+# a step apart, so that the oldest is three to four steps old: of the most that is held out at least three quarters are;
+# with two it were a half, and eight take twice the room for an eighth more
+PAST: Final = 4  # past estimates kept; what came after the oldest is held out from it, for assessment [count]
 
 LAGS: Final = 4
 """Order of the residual's autoregression [samples].
@@ -67,46 +64,25 @@ the noise is slow.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-ROOM: Final = 64
-"""Rows of the estimate's path; once the record is long at least half of them are in use [count].
-Derivation: 32 rows know the standard deviation of white noise to an eighth.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-LINE: Final = 64
-"""A line of the processor's cache [bytes]."""
-
-LARGEST: Final = 1e150
-"""Largest magnitude of a sample that is accepted: its square, and sums of such, are still far inside float64 [number].
-"""
-
-OUTLYING: Final = 6.0
-"""Distance of a residual from what is expected of it beyond which it is an outlier [robust standard deviations].
-Level: 2e-9 for normal noise.
-"""
+# 32 rows know the standard deviation of white noise to an eighth
+ROOM: Final = 64  # rows of the estimate's path; once the record is long at least half of them are in use [count]
+LINE: Final = 64  # a line of the processor's cache [bytes]
+# its square, and sums of such, are still far inside float64
+LARGEST: Final = 1e150  # largest magnitude of a sample that is accepted [number]
+# 2e-9 for normal noise
+OUTLYING: Final = 6.0  # distance of a residual from what is expected that makes an outlier [robust standard deviations]
 
 # Columns of the raw samples kept; a state that does not examine its outputs has the first three, the last one stands
 # where there is a reference.
 INPUT, OUTPUT, STEP, BRIDGED, DOUBTED, REFERENCE = range(6)
 
-BELIEVED: Final = -1
-"""Value of HELD_AT while the identifier takes a sample that was held back, or a record that it has judged already
-[number].
-"""
-
-LEAP: Final = 50.0
-"""Interval beyond which a stamp leaps ahead: its successor must confirm it [sampling times].
-Derivation: more than the 40 that a clock that was set counts as; at half as many its every first sample would leap. A
-misread stamp that is less ahead costs the samples up to it: twice as many are more than learning may stand still for.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-FARTHEST: Final = 0.01 * 2.0**52
-"""Time from zero beyond which float64 tells stamps apart by no better than a hundredth of a sampling time [sampling
-times].
-Derivation: seconds since 1970 reach it at 26 kHz; a tenth of it would refuse them at 3 kHz, and ten times it would let
-jitter of a tenth in.
-"""
+BELIEVED: Final = -1  # HELD_AT while a sample that was held back, or a record already judged, is taken [number]
+# more than the 40 that a clock that was set counts as; at half as many its every first sample would leap; a misread
+# stamp that is less ahead costs the samples up to it: twice as many are more than learning may stand still for
+LEAP: Final = 50.0  # interval beyond which a stamp leaps ahead: its successor must confirm it [sampling times]
+# seconds since 1970 reach it at 26 kHz; a tenth of it would refuse them at 3 kHz, and ten times it would let jitter of
+# a tenth in
+FARTHEST: Final = 0.01 * 2.0**52  # time beyond which stamps are no better than a hundredth of one [sampling times]
 
 MOST_EARLIER: Final = 10
 """Stamps in a row that advance, but lie before the newest accepted one, after which the clock was set [samples].
@@ -491,17 +467,10 @@ SCALARS: Final = len(StateSlots.scalars)
 class StateArrays(StateSlots):
     """The arrays of a state; `replant.estimation.engine.state.State` lays them out, kernels have their `fields`.
 
-    Attributes
-    ----------
-    ints : int64 array
-    reals : float64 array
-    banks : (3, size) array
-        The fixed filter's bank and the auxiliary model's two; see `replant.kernels.filters.bank`.
-    buffer : (capacity, width) array
-        Replay: a learned sample a row, its regressor, instruments if there are any, target and weight.
-    recent : (R, 3), (R, 5) or (R, 6) array
-        Raw samples kept: input, output, interval; where outputs are examined, also the output that the filters saw and
-        the `Doubt`; where there is a reference, it is the last.
+    ``banks`` (3, size): the fixed filter's bank and the auxiliary model's two, see `replant.kernels.filters.bank`;
+    ``buffer`` (capacity, width): a learned sample a row, its regressor, instruments if there are any, target, weight;
+    ``recent`` (R, 3), (R, 5) or (R, 6): raw input, output, interval; where outputs are examined, the output that the
+    filters saw and the `Doubt`; where there is a reference, that.
     """
 
     __slots__ = STATE_ARRAYS

@@ -15,10 +15,8 @@ from typing import Any, ClassVar, Generic, Self, TypeVar, overload
 
 import numpy as np
 
-NEVER = 2**53
-"""A sample that never comes: no stream is as long, a float64 tells samples apart up to it, and sums of many are inside
-int64 [samples].
-"""
+# no stream is as long, a float64 tells samples apart up to it, and sums of many are inside int64
+NEVER = 2**53  # a sample that never comes [samples]
 
 Kind = TypeVar("Kind", bound=IntEnum)
 Inner = TypeVar("Inner", bound="Part")
@@ -26,14 +24,12 @@ Array = np.ndarray[Any, np.dtype[np.float64]]
 
 
 class Numbers(dict[str, int]):
-    """The dimensions that shapes are made of, by name: never changed.
-
-    A block is looked at many thousand times with the same dimensions: what follows from them is found by this object,
-    not by its content.
-    """
+    """The dimensions that shapes are made of, by name: never changed."""
 
     __slots__ = ()
 
+    # a block is looked at many thousand times with the same dimensions: what follows from them is found by this object,
+    # not by its content
     def __hash__(self) -> int:  # type: ignore[override]
         return id(self)
 
@@ -42,24 +38,11 @@ class Numbers(dict[str, int]):
 
 
 class Slot:
-    """One declared number, or block of numbers.
-
-    Attributes
-    ----------
-    name : str
-        Of the property.
-    index : int
-        In ``ints`` or ``reals``; of a block, where in ``ints`` its beginning is kept.
-    meaning : str
-        One line.
-    unit : str
-        Empty for a number without one.
-    writer : str
-        Who changes it: see the table's class.
-    """
+    """One declared number, or block of numbers: its meaning in a line, who changes it, and its unit, if it has one."""
 
     def __init__(self, meaning: str, writer: str, unit: str = "") -> None:
         self.meaning, self.writer, self.unit = meaning, writer, unit
+        # of the property; in ``ints`` or ``reals``, of a block where in ``ints`` its beginning is kept
         self.name, self.index = "", -1
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -197,13 +180,7 @@ class Block(Slot):
 
 
 class Table:
-    """A class that lists slots: it numbers them in their order.  An instance has ``reals``, mostly ``ints``, too.
-
-    Attributes
-    ----------
-    dimensions : Numbers
-        What the shapes of blocks are made of.
-    """
+    """A class that lists slots: it numbers them in their order.  An instance has ``reals``, mostly ``ints``, too."""
 
     __slots__ = ()
 
@@ -239,14 +216,7 @@ class Table:
 
 
 class Part(Table):
-    """A table whose numbers are themselves a block of another one: scalars first, then its blocks.
-
-    Parameters
-    ----------
-    reals : (size,) array
-        Of the block.
-    dimensions : Numbers
-    """
+    """A table whose numbers, ``reals`` (size,), are themselves a block of another: scalars first, then its blocks."""
 
     __slots__ = ("_dimensions", "reals")
 
@@ -329,10 +299,7 @@ def _product(text: str, dimensions: Mapping[str, int]) -> int:
 
 
 class Fields:
-    """A table as kernels have it: numbers are NumPy's own, which divide by zero as C does, blocks are views.
-
-    ``s.alarm`` is the number of that name, ``s.theta[i]`` one of a block; the translator makes a struct of it.
-    """
+    """A table as kernels have it: numbers, ``s.alarm``, are NumPy's, which divide by zero as C does, blocks views."""
 
     def __init__(self, holder: Any, beside: tuple[str, ...] = ()) -> None:
         own, ints = vars(self), getattr(holder, "ints", None)

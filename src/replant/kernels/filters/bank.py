@@ -13,49 +13,32 @@ driven by x are w_i = c^(n-i) s^i / D(s) x for i = n-1 .. 0 (see `replant.model.
 
 With D = A, the denominator of a stable model B/A, its output is a weighted sum of the INPUT, CONSTANT and IMPULSE
 states, without any error of discretisation.  A model that is not stable has D = A with its poles reflected in the
-imaginary axis, and the residual
+imaginary axis, and the residual e = A/D y - B/D u, which is white where the model's own is, as abs(A/D) = 1.  Its
+predicted output is the y that makes e zero.
 
-    e = A/D y - B/D u,
-
-which is white where the model's own is, as abs(A/D) = 1.  Its predicted output is the y that makes e zero.
-
-Discretisations are kept by the interval they belong to, a few at a time: a regular clock needs one, a fractional dead
-time three, and a clock that jitters makes a new one each time.  The exponential is made here, by scaling and squaring
-on a Taylor series: at the norm of 1/4 that scaling leaves, twelve terms reach 1e-17.
+Discretisations are kept by the interval they belong to.  The exponential is made here, by scaling and squaring on a
+Taylor series: at the norm of 1/4 that scaling leaves, twelve terms reach 1e-17.
 """
 
 from replant.kernels.native import Reals, kernel
 
 OUTPUT, INPUT, MODEL, IMPULSE, CONSTANT, REFERENCE_INPUT = range(6)
-CHANNELS = 6
-"""Channels of a bank [count]."""
+CHANNELS = 6  # channels of a bank [count]
 
 # --- a bank's numbers
-SCALE = 0
-"""Place of c among a bank's numbers [index]."""
-MODEL_OUTPUT = 1
-"""Place of the auxiliary model's predicted output at the newest sample [index]."""
-NEXT = 2
-"""Place of the number of the discretisation to be replaced next [index]."""
-
-REFLECTED = 3
-"""Place of a truth: whether D is not the auxiliary model's A but that with its poles reflected [index]."""
-INSTRUMENT = 4
-"""Place of the signal of the MODEL channel at the newest sample [index]."""
-
-DENOMINATOR = 5
-"""Place of d_(n-1) .. d_0, (n,), behind which come, one after the other: the characteristic d_i / c^(n-i), (n,); the
-gains from state to scaled regressor entry, (T,); the weights, the auxiliary model's scaled parameters of a noise-free
-output, (T,); the states, (6 n,); KEPT discretisations: interval, Ad (n^2), constant (n), ramp (n) [index].
-"""
-
-KEPT = 4
-"""Discretisations kept: a regular clock needs one, a fractional dead time three [count]."""
-
-SAME_INTERVAL = 1e-9
-"""Difference of two intervals up to which they share a discretisation [part of the interval].
-Derivation: far below a jitter that matters, far above the rounding of stamps that are differences.
-"""
+SCALE = 0  # place of c among a bank's numbers [index]
+MODEL_OUTPUT = 1  # place of the auxiliary model's predicted output at the newest sample [index]
+NEXT = 2  # place of the number of the discretisation to be replaced next [index]
+REFLECTED = 3  # place of a truth: whether D is the auxiliary model's A with its poles reflected [index]
+INSTRUMENT = 4  # place of the signal of the MODEL channel at the newest sample [index]
+# behind it come, one after the other: the characteristic d_i / c^(n-i), (n,); the gains from state to scaled regressor
+# entry, (T,); the weights, the auxiliary model's scaled parameters of a noise-free output, (T,); the states, (6 n,);
+# KEPT discretisations: interval, Ad (n^2), constant (n), ramp (n)
+DENOMINATOR = 5  # place of d_(n-1) .. d_0, (n,) [index]
+# a regular clock needs one, a fractional dead time three, and a clock that jitters a new one each time
+KEPT = 4  # discretisations kept [count]
+# far below a jitter that matters, far above the rounding of stamps that are differences
+SAME_INTERVAL = 1e-9  # difference of two intervals up to which they share a discretisation [part of the interval]
 
 
 def at_gain(n):
@@ -103,10 +86,7 @@ def set_denominator(
     bank: Reals, n: int, T: int, inputs: int, constant: bool, nuisances: bool, fixed: bool, denominator: Reals,
     sigma: Reals,
 ):  # fmt: skip
-    """Give the bank a denominator d_{n-1} .. d_0: time scale, characteristic, gains; forget the discretisations.
-
-    ``fixed``: the constant of the regressor is one, as (24) has it, and not 1/D.
-    """
+    """Give the bank a denominator d_{n-1} .. d_0; ``fixed``: the regressor's constant is one, as (24) has it."""
     c = abs(denominator[n - 1]) ** (1.0 / n)
     if not c > 0.0:
         for i in range(n):
@@ -148,16 +128,14 @@ def discretization(bank, n, T, interval, work):
 
 
 def new_discretization(bank, n, T, interval, work):
-    """Compute the exact solution over ``interval``, in the place of the oldest; return where it lies.
-
-    One exponential gives Ad, the response to a constant and that to a ramp from 0 to 1 (Van Loan, 1978).
-    """
+    """Compute the exact solution over ``interval``, in the place of the oldest; return where it lies."""
     size = 1 + n * n + 2 * n
     slot = int(bank[NEXT])
     bank[NEXT] = (slot + 1) % KEPT
     at = at_kept(n, T) + slot * size
     wide = n + 2
     power, spare = work[: wide * wide], work[wide * wide :]
+    # one gives Ad, the response to a constant and that to a ramp from 0 to 1 (Van Loan, 1978)
     exponential(n, bank[SCALE] * interval, bank[DENOMINATOR + n : DENOMINATOR + 2 * n], power, spare)
     bank[at] = interval
     for i in range(n):
@@ -169,10 +147,7 @@ def new_discretization(bank, n, T, interval, work):
 
 
 def advance_states(n, solution, start, rise, x, new):
-    """Carry the states x over one interval: their signal begins at ``start`` and rises along a straight line.
-
-    ``solution`` points to Ad and the responses to a constant and to a ramp, one after the other; ``new`` is work.
-    """
+    """Carry the states x over one interval of a ``solution``; their signal begins at ``start`` and rises straight."""
     A, constant, ramp = solution, n * n, n * n + n
     for i in range(n):
         total = solution[constant + i] * start + solution[ramp + i] * rise
@@ -237,10 +212,9 @@ def begin(bank, n, T):
 
 
 def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixed, phi):
-    """Fill the regressor's entries that no output enters: those of the input, the constant and the initial state.
+    """Fill the regressor's entries of input, constant and initial state; return the auxiliary model's output by these.
 
-    The input's are s^m/D u .. s^0/D u; it is in ``channel``, ``u`` being its delayed value now.  Returns the auxiliary
-    model's output: its weights on these entries.
+    The input's are s^m/D u .. s^0/D u; it is in ``channel``, ``u`` being its delayed value now.
     """
     characteristic, gain, weights, states = DENOMINATOR + n, at_gain(n), at_weights(n, T), at_states(n, T)
     proper, last = min(inputs, n), n + inputs
@@ -264,10 +238,7 @@ def fill_known_entries(bank, n, T, inputs, channel, u, constant, nuisances, fixe
 
 
 def fill_output_entries(bank, n, T, channel, y, phi):
-    """Fill the entries -s^(n-1)/D y .. -s^0/D y of the signal in this channel, and return s^n/D y.
-
-    The signal is the measured output or, for instruments, the model's; ``y`` its value now.
-    """
+    """Fill -s^(n-1)/D y .. -s^0/D y of the signal in this channel, whose value is ``y`` now; return s^n/D y."""
     characteristic, gain, w = DENOMINATOR + n, at_gain(n), at_states(n, T) + channel * n
     highest = y
     for i in range(n):
@@ -277,14 +248,13 @@ def fill_output_entries(bank, n, T, channel, y, phi):
 
 
 def predicted_output(bank, n, T, solution, last, known, states, new):
-    """Return the output that makes the residual zero, by what is known before it.
+    """Return the output that makes the residual y - s' w - ``known`` zero, by what is known before it.
 
-    The residual is y - s' w - ``known``, where w are the OUTPUT states and s = characteristic + gain * weights; s is
-    zero where D = A.  w depends on y, as the output runs straight from ``last`` to it: w = w_0 + r y.
+    w are the OUTPUT states, s = characteristic + gain * weights is zero where D = A, and w depends on y, as the output
+    runs straight from ``last`` to it: w = w_0 + r y.
 
-    ``states`` (n,): the OUTPUT states at the sample before, overwritten by w_0; ``solution``: the discretisation;
-    ``known``: the part of the auxiliary model's output that comes from inputs, constant and initial state; ``new`` (n,)
-    is work.
+    ``states`` (n,): those at the sample before, overwritten by w_0; ``solution``: the discretisation; ``known``: the
+    part of the model's output that comes from inputs, constant and initial state; ``new`` (n,) is work.
     """
     characteristic, gain, weights, ramp = DENOMINATOR + n, at_gain(n), at_weights(n, T), n * n + n
     advance_states(n, solution, last, -last, states, new)
@@ -296,18 +266,10 @@ def predicted_output(bank, n, T, solution, last, known, states, new):
     return total / left
 
 
-_TERMS = 12
-"""Terms of the Taylor series [count].
-Derivation: 0.25^13 / 13! is 2e-18, below the precision of float64.
-"""
-
-_LARGEST_NORM = 0.25
-"""Norm up to which the series is taken as it is; a larger matrix is halved until it is below [norm].
-Derivation: see _TERMS.
-"""
-
-_MOST_SQUARINGS = 1000
-"""Halvings at the most, where the norm is not finite [count]."""
+# 0.25^13 / 13! is 2e-18, below the precision of float64
+_TERMS = 12  # terms of the Taylor series [count]
+_LARGEST_NORM = 0.25  # norm up to which the series is taken as it is; a larger matrix is halved [norm]
+_MOST_SQUARINGS = 1000  # halvings at the most, where the norm is not finite [count]
 
 
 def exponential(n, rate, characteristic, result, work):

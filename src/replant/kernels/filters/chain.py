@@ -9,30 +9,15 @@ from replant.kernels.filters.polynomials import all_left_of, bandwidth, reflect,
 from replant.kernels.native import LAID_OUT, Reals, inlined, kernel
 from replant.kernels.schema import StateArrays
 
-WARM_TIME_CONSTANTS = 10.0
-"""Time that a bank with a new model warms up before it takes over [slowest time constants of the model].
-Derivation: what is left of a wrong initial state is then exp(-10), 5e-5.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-MISSING = 1.5
-"""Interval beyond which a sample is taken to be missing [sampling times].
-Derivation: half-way between none and one.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-MOVED = 0.5
-"""How far a held input is taken to have moved, on the mean, while samples were missing [part of the way].
-Derivation: rows are lost whatever the input does: it may have moved at any time on the way.
-"""
-
-ROUNDING = 1e-12
-"""Room for rounding where a dead time is a whole number of intervals [part of the time].
-Derivation: some thousand times the precision of float64.
-"""
-
-RETRY = 10.0
-"""Samples until the estimate is looked at again when it could not serve as a model [samples]."""
+# what is left of a wrong initial state is then exp(-10), 5e-5
+WARM_TIME_CONSTANTS = 10.0  # time that a bank with a new model warms up [slowest time constants of the model]
+# half-way between none and one
+MISSING = 1.5  # interval beyond which a sample is taken to be missing [sampling times]
+# rows are lost whatever the input does: it may have moved at any time on the way
+MOVED = 0.5  # how far a held input is taken to have moved while samples were missing, on the mean [part of the way]
+# some thousand times the precision of float64
+ROUNDING = 1e-12  # room for rounding where a dead time is a whole number of intervals [part of the time]
+RETRY = 10.0  # samples until an estimate that could not serve as a model is looked at again [samples]
 
 
 def begin_filters(s):
@@ -42,10 +27,7 @@ def begin_filters(s):
 
 
 def begin(s, u, y):
-    """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was.
-
-    As long as the input that acts lies before the record, the refined filter learns nothing: what acts is not known.
-    """
+    """Take the first sample of a record, or the first after a gap: everything at rest, u as it always was."""
     for i in range(s.ring_size):
         s.inputs[i] = u
         s.held[i] = u
@@ -61,6 +43,7 @@ def begin(s, u, y):
     s.ring_head = 0
     s.started = True
     s.unknown_input = 0.0
+    # as long as the input that acts lies before the record, nothing is learned: what acts is not known
     if s.refined and s.delay > 0.0:
         s.unknown_input = s.delay
         s.learn_from = max(s.learn_from, s.elapsed + s.delay)
@@ -75,9 +58,8 @@ def one_before(s, place):
 def moved_share(interval, before, earlier, dt):
     """Return how far a held input moves from one sample to the next, on the mean over the interval, as a part of it.
 
-    For the first sampling time ``dt`` it stood.  For the rest, where samples are missing, it is half the way between
-    the last value and the newest.  No sample is missing where the two intervals ``before`` and ``earlier`` were as
-    long: the device samples more slowly.
+    For the first sampling time ``dt`` it stood; for the rest, where samples are missing, it is half the way between the
+    last value and the newest.  None is where the two intervals before were as long: the device samples more slowly.
     """
     usual = max(dt, min(before, earlier))
     known = usual / interval if interval > MISSING * usual else 1.0
@@ -99,9 +81,7 @@ def remember_input(s, u, interval):
 
 
 def advance_delayed_input(s, bank, interval, slot, work, channel):
-    """Carry INPUT or REFERENCE_INPUT over the newest interval, piece by piece where the dead time breaks it.
-
-    Returns the delayed signal at the newest sample.
+    """Carry INPUT or REFERENCE_INPUT over the newest interval, piece by piece; return the delayed signal now.
 
     Looks back from now: the input u_j, sampled at the age a_j, acts from the age a_j - delay down to a_{j+1} - delay.
     """
@@ -174,10 +154,7 @@ def follow_input(s, interval):
 
 
 def advance_bank(s, bank, interval, y, channels):
-    """Carry the channels of a bank but MODEL, whose newest value is not known yet, over the newest interval.
-
-    Returns the discretisation of that interval.
-    """
+    """Carry a bank but MODEL, whose newest value is not known, over the newest interval; return the discretisation."""
     n, T, newest = s.order, s.entries, s.ring_head
     work = s.work
     slot = bk.discretization(bank, n, T, interval, work)
@@ -207,10 +184,7 @@ def advance_bank(s, bank, interval, y, channels):
     "0 <= which < 3 and theta.size >= s.entries",
 )
 def install_model(s: StateArrays, which: int, theta: Reals):
-    """Make the scaled estimate ``theta`` the auxiliary model of a bank.
-
-    Its denominator is the bank's; if that is not stable, with the roots reflected.
-    """
+    """Make the scaled estimate ``theta`` a bank's auxiliary model, with its denominator, unstable roots reflected."""
     n, T, inputs = s.order, s.entries, s.input_entries
     bank = s.banks[which]
     work = s.work
@@ -233,8 +207,8 @@ def install_model(s: StateArrays, which: int, theta: Reals):
 def renew_model(s):
     """Make before break: a bank with the newest estimate warms up beside the serving one, then takes over.
 
-    To change the filter under its states at once would feed its transients back into the estimate, which in
-    ill-conditioned problems runs away even without noise.
+    To change the filter under its states would feed its transients back into the estimate, which in ill-conditioned
+    problems runs away even without noise.
     """
     if s.elapsed < s.ready_at:
         return False
@@ -263,8 +237,8 @@ def renew_model(s):
 def fill_regressor(s, bank, y, fixed):
     """Fill phi and zeta from a bank and return the scaled target s^n/D y.
 
-    The linear form is (4) with lambda moved to the left: s^n/Lambda y = phi' [a, b], so that the estimate is in the
-    plant's parameters whatever the filter is, and the error is that of (8).
+    The linear form is (4) with lambda on the left: s^n/Lambda y = phi' [a, b], so that the estimate is in the plant's
+    parameters whatever the filter is, and the error is that of (8).
     """
     n, T, inputs, constant = s.order, s.entries, s.input_entries, s.has_constant
     refined = s.refined
@@ -284,8 +258,7 @@ def fill_regressor(s, bank, y, fixed):
 def model_output(s, bank, slot, before, fixed):
     """Return the predicted output of a bank's model, known before the newest output is.
 
-    ``slot``: the discretisation of the newest interval; ``before`` (n,): the OUTPUT states at the sample before, which
-    are overwritten.  The bank's other channels but MODEL are those of now.
+    ``slot``: the newest interval's discretisation; ``before`` (n,): the OUTPUT states before it, which are overwritten.
     """
     n, T = s.order, s.entries
     known = bk.fill_known_entries(
@@ -312,11 +285,7 @@ def filters_begin(s, u, y, interval):
 
 
 def observe(s, u, y, interval):
-    """Take an accepted sample through dead time, filters and auxiliary model; return the scaled target.
-
-    Fills phi, and zeta if there are instruments.  The newest sample's parts that a reference explains are in
-    INPUT_BY_REFERENCE and OUTPUT_BY_REFERENCE.
-    """
+    """Take an accepted sample through dead time, filters and model; fill phi and zeta; return the scaled target."""
     if s.samples > 0:
         s.elapsed += interval
     n, T, refined, modelled = s.order, s.entries, s.refined, s.instruments

@@ -10,10 +10,8 @@ Source: Bini (1996), "Numerical computation of polynomial zeros by means of Aber
 
 import math
 
-HALVINGS = 200
-"""Halvings of a margin until it counts as nought [count].
-Derivation: 2^-200 of a pole's magnitude is far below what float64 tells from an integrator.
-"""
+# 2^-200 of a pole's magnitude is far below what float64 tells from an integrator
+HALVINGS = 200  # halvings of a margin until it counts as nought [count]
 
 
 def all_left_of(a, margin, work):
@@ -51,10 +49,8 @@ def all_left_of(a, margin, work):
 
 
 def slowest_decay(a, work):
-    """Return the distance of the rightmost root from the imaginary axis, within a factor of two from below.
-
-    The real parts sum to -a[0], so the rightmost lies no further left than a[0]/n: halved until Routh agrees.
-    """
+    """Return the distance of the rightmost root from the imaginary axis, within a factor of two from below."""
+    # the real parts sum to -a[0], so that the rightmost lies no further left than this: halved until Routh agrees
     margin = a[0] / a.size
     for _ in range(HALVINGS):
         if all_left_of(a, margin, work):
@@ -64,10 +60,7 @@ def slowest_decay(a, work):
 
 
 def bandwidth(a):
-    """Return max |a_i|^(1/(i+1)): no root is larger than twice this, the largest not smaller than an n-th of it.
-
-    Infinite where a coefficient is no number.
-    """
+    """Return max |a_i|^(1/(i+1)): no root exceeds twice, the largest an n-th of it; infinite where one is no number."""
     largest = 0.0
     for i in range(a.size):
         if math.isnan(a[i]):
@@ -76,20 +69,12 @@ def bandwidth(a):
     return largest
 
 
-ITERATIONS = 200
-"""Iterations at the most [count].
-Derivation: simple roots take less than ten, and what is left of a multiple one halves with each.
-"""
-
-STILL = 1e-15
-"""Step of a root below which it stands still [part of the roots' size].
-Derivation: a few times the precision of float64.
-"""
-
-ANGLE = 0.4
-"""Angle of the first guess of a root from the real axis, beside those evenly around [rad].
-Derivation: guesses that mirror each other would stay so.
-"""
+# simple roots take less than ten, and what is left of a multiple one halves with each
+ITERATIONS = 200  # iterations at the most [count]
+# a few times the precision of float64
+STILL = 1e-15  # step of a root below which it stands still [part of the roots' size]
+# guesses that mirror each other would stay so
+ANGLE = 0.4  # angle of the first guess of a root from the real axis, beside those evenly around [rad]
 
 
 def reflect(a, margin, work):

@@ -20,15 +20,11 @@ from replant.kernels.native import Matrix, Reals, kernel
 from replant.kernels.optimizers.covariance import measurement_update
 from replant.kernels.schema import LAGUERRE
 
-SIZE = LAGUERRE + 1
-"""Functions, and the constant [count]."""
+SIZE = LAGUERRE + 1  # functions, and the constant [count]
 
 
 def advance(reference, r):
-    """Carry the Laguerre functions on by one sample r.
-
-    The first is sqrt(1 - a^2) / (1 - a/z), each other one (1/z - a) / (1 - a/z) of the one before.
-    """
+    """Carry the functions, sqrt(1 - a^2) / (1 - a/z) and (1/z - a) / (1 - a/z) of the one before, on by a sample r."""
     carry_on(reference.states, reference.pole, r - reference.origin)
 
 

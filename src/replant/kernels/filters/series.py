@@ -23,10 +23,8 @@ import numpy as np
 
 from replant.kernels.native import Ints, Matrix, Reals, kernel
 
-ROUNDING = 1e-13
-"""Part of a sum that is left after the smaller orders, below which it is rounding [part].
-Derivation: some hundred times the precision of float64.
-"""
+# some hundred times the precision of float64
+ROUNDING = 1e-13  # part of a sum that is left after the smaller orders, below which it is rounding [part]
 
 LEAST = 1e-300  # power of which the logarithm is taken at least: variances stay positive [output's unit squared]
 
@@ -37,10 +35,10 @@ LEAST = 1e-300  # power of which the logarithm is taken at least: variances stay
     "work.size >= variances.size * variances.size + variances.size",
 )
 def nested_models(sums: Matrix, count: float, models: Matrix, variances: Reals, work: Reals):
-    """Fill the models of orders 0 .. P - 1 and the variances of their residuals; return the order with the least BIC.
+    """Fill models of orders 0 .. P - 1 and the variances (P,) of their residuals; return the order with the least BIC.
 
-    ``sums`` (P, P): the lower triangle of G; ``count``: samples summed; ``models`` (P, P): row j is 1, d_1 .. d_j,
-    0 ..; ``variances`` (P,); ``work`` holds P P + P numbers.
+    ``sums`` (P, P): the lower triangle of G, of ``count`` samples; ``models`` (P, P): row j is 1, d_1 .. d_j, 0 ..;
+    ``work`` holds P P + P numbers.
     """
     P = variances.size
     top = P - 1

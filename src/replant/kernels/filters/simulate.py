@@ -1,23 +1,18 @@
 """Simulation of B/A on any clock: the output by the input, and what a state at the beginning adds to it.
 
 The input runs in pieces from sample to sample, held or straight; after the dead time each acts for as long as it lasts.
-Over an interval between two samples the companion states are carried piece by piece, exactly; a clock without jitter
-needs one discretisation, with a fractional dead time two (see `bank.discretization`).
+Over an interval between two samples the companion states are carried piece by piece, exactly.
 """
 
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters.chain import moved_share
 from replant.kernels.native import Matrix, Reals, kernel
 
+# places in ``progress``: whole samples, then time in s, until the first input acts; time for which the piece that acts
+# has acted, in s; the delayed input; a truth: whether there was a sample
 LAG, WAIT, USED, NOW, BEGUN = range(5)
-"""Places in ``progress``: whole samples, then time in s, until the first input acts; time for which the piece that acts
-has acted, in s; the delayed input; a truth: whether there was a sample [index]."""
-
-PROGRESS = 5
-"""Numbers in ``progress`` [count]."""
-
-NOTHING = 1e-200
-"""Size of a free response below which it has died out; before its numbers become slow ones (denormal) [number]."""
+PROGRESS = 5  # numbers in ``progress`` [count]
+NOTHING = 1e-200  # size of a free response that has died out, before its numbers become slow ones (denormal) [number]
 
 
 def advance_free(n, solution, free, new):

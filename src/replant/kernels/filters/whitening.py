@@ -4,16 +4,15 @@ The residual e = target - phi' theta is modelled as an autoregression,
 
 .. math:: D(q)\, e_k = e_k + d_1 e_{k-1} + \ldots + d_p e_{k-p} = w_k,
 
-and the estimator learns from the row g D(q) [phi, zeta, target], whose residual is g w.  Its order p, at most LAGS, and
-its coefficients come from sums of e_{k-i} e_{k-j} over all samples learned; they are renewed with the auxiliary model.
-Where the residual is no noise but an error of the model, rows are not filtered, see
+and the estimator learns from the row g D(q) [phi, zeta, target], whose residual is g w.  Order p, at most LAGS, and
+coefficients come from sums of e_{k-i} e_{k-j} over all samples learned; they are renewed with the auxiliary model.
+Where the residual is an error of the model, not noise, rows are not filtered, see
 `replant.estimation.solver.specification_test`.
 
-Where the past is broken (a lost sample, a gap, an output that was bridged) only j < p predecessors are
-known.  The best model of order j filters then, whose residual has the larger variance V_j.  The weight
-g^2 = gain V_0 / V_j makes up for it: it is the likelihood of an autoregression with a missing past.  ``gain`` is
-V_p / V_0 of the model that the optimizer's covariance was begun with, so that this stays in one unit: the variance
-``gain`` V_0 of g w.
+Where the past is broken (a lost sample, a gap, a bridged output) only j < p predecessors are known.  The best model of
+order j filters then, whose residual has the larger variance V_j; the weight g^2 = gain V_0 / V_j makes up for it: the
+likelihood of an autoregression with a missing past.  ``gain`` is V_p / V_0 of the model that the optimizer's covariance
+was begun with, so that this stays in one unit: the variance ``gain`` V_0 of g w.
 
 Sources: Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8; Ljung (1999), "System Identification:
 Theory for the User", sections 7.3 and 10.3.
@@ -24,16 +23,10 @@ import math
 from replant.kernels.filters.series import nested_models
 from replant.kernels.schema import LAGS, Doubt
 
-JITTER = 0.5
-"""Difference from the sampling time beyond which an interval breaks the residual's past [sampling times].
-Derivation: beyond half an interval the sample nearest in time is another one.
-"""
-
-ENOUGH = 64.0
-"""Residuals from which on the noise model is renewed [samples].
-Derivation: a coefficient of an autoregression has a standard deviation of at most 1/sqrt(64), an eighth.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# beyond half an interval the sample nearest in time is another one
+JITTER = 0.5  # difference from the sampling time beyond which an interval breaks the residual's past [sampling times]
+# a coefficient of an autoregression has a standard deviation of at most 1/sqrt(64), an eighth
+ENOUGH = 64.0  # residuals from which on the noise model is renewed [samples]
 
 
 def before(row):
@@ -42,10 +35,7 @@ def before(row):
 
 
 def filter_row(T, noise, phi, zeta, target):
-    """Keep the newest row, and filter it in place; return the filtered target.
-
-    Coefficients beyond the order are zero, so that all four earlier rows can be read at once.
-    """
+    """Keep the newest row, and filter it in place; return the filtered target."""
     newest = int(noise.position) + 1
     if newest == LAGS + 1:
         newest = 0
@@ -62,6 +52,7 @@ def filter_row(T, noise, phi, zeta, target):
         return target
     weight = math.sqrt(noise.gain * noise.variances[0] / noise.variances[lags])
     d = noise.models[lags]
+    # those beyond the order are zero, so that all four earlier rows can be read at once
     d_1, d_2, d_3, d_4 = d[1], d[2], d[3], d[4]
     first = before(newest)
     second = before(first)
@@ -81,10 +72,7 @@ def gain(s):
 
 
 def whiten(s, target, interval):
-    """Filter the regressor, the instruments and the target of the newest sample; return the target.
-
-    Those of an output that was bridged stay as they are: they are not learned, and break the past of later ones.
-    """
+    """Filter regressor, instruments and target, but for a bridged output, which breaks the past; return the target."""
     noise = s.noise
     if abs(interval - s.interval) > JITTER * s.interval:
         noise.known = 0.0
@@ -95,14 +83,11 @@ def whiten(s, target, interval):
 
 
 def add_residuals(T, noise, theta, errors, forgetting):
-    """Add the products of the newest residual and its LAGS predecessors to the sums, where these are known.
-
-    All residuals are those of ``theta``: the estimate moves from sample to sample, by little beside the residual, but
-    not beside what is left of a smooth one once it is filtered.  ``errors`` (LAGS + 1,) is work.
-    """
+    """Add the products of the newest residual and its LAGS predecessors to the sums, where these are known."""
     size, at_row = LAGS + 1, int(noise.position)
     if noise.known < size:
         return
+    # all of this theta: it moves by little beside the residual, not beside what is left of a smooth one once filtered
     for lag in range(size):
         row = noise.rows[at_row]
         error = row[2 * T]
@@ -122,10 +107,7 @@ def record(s):
 
 
 def renew(s):
-    """Renew the models of all orders, and the order in use, from the sums, where they are of enough residuals.
-
-    The auxiliary model has just been renewed.
-    """
+    """Renew the models of all orders, and the order in use, with the auxiliary model, where residuals are enough."""
     noise = s.noise
     noise.known = 0.0  # the rows so far came from another filter
     if noise.count >= ENOUGH:

@@ -15,46 +15,22 @@ from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.optimizers.memory import block
 from replant.kernels.schema import StateArrays
 
-INPUT_LEAP = 1e3
-"""Distance beyond which an input leaps [largest moving standard deviations that it so far had].
-Derivation: at ten times as many one such sample would pass for the largest input ever, beside which all later ones
-rest; at a tenth a single pulse may be one.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-AT_REST = 1e-6
-"""Moving variance of the input below which it rests [part of the largest that it has been].
-Derivation: a thousandth of the amplitude.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-LONGEST = 1e9
-"""Longest time that a gap counts as [sampling times]."""
-
-UNKNOWN = 100.0
-"""Variance of an initial state of which nothing is known [largest square of the modelled output lately].
-Derivation: ten times the largest that the output was.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-LEAST_NOISE = 1e-12
-"""Least variance of the residual that such a variance is compared with [part of that square].
-Derivation: where there is no noise at all.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-SETTLE = 5.0
-"""Time to wait after a gap where the initial state is not estimated [slowest time constants].
-Derivation: what is left of it is then exp(-5), 0.7 %.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
+# at ten times as many one such sample would pass for the largest input ever, beside which all later ones rest; at a
+# tenth a single pulse may be one
+INPUT_LEAP = 1e3  # distance beyond which an input leaps [largest moving standard deviations that it so far had]
+# a thousandth of the amplitude
+AT_REST = 1e-6  # moving variance of the input below which it rests [part of the largest that it has been]
+LONGEST = 1e9  # longest time that a gap counts as [sampling times]
+# ten times the largest that the output was
+UNKNOWN = 100.0  # variance of an initial state that is not known [largest square of the modelled output lately]
+# where there is no noise at all
+LEAST_NOISE = 1e-12  # least variance of the residual that such a variance is compared with [part of that square]
+# what is left of it is then exp(-5), 0.7 %
+SETTLE = 5.0  # time to wait after a gap where the initial state is not estimated [slowest time constants]
 
 
 def input_rests(s, u):
-    """Return whether the input has come to rest: its moving variance says so, or it has not moved for a memory.
-
-    An optimizer that forgets must not wait for the variance: it would have forgotten all by then.
-    """
+    """Return whether the input has come to rest: its moving variance says so, or it has not moved for a memory."""
     if s.samples == 0:
         s.input_mean = s.input_anchor = u
     share = s.forget_input
@@ -63,6 +39,7 @@ def input_rests(s, u):
     s.input_power += share * (away * away - s.input_power)
     s.largest_power = max(s.largest_power, s.input_power)
     least = AT_REST * s.largest_power
+    # an optimizer that forgets must not wait for the variance: it would have forgotten all by then
     if s.rest_after > 0:
         step = u - s.input_anchor
         s.input_still += 1
@@ -81,14 +58,12 @@ def unit_of_covariance(s):
 
 
 def begin_initial_state(s, y):
-    """Take the initial state for that of an output that stood at ``y``, and for unknown: learning goes on.
-
-    The refined filter estimates it beside the parameters.  Ten times the largest that the modelled output lately was
-    is what it may be.  The auxiliary model begins there, too: instruments far from the regressor would do harm.
-    """
+    """Take the initial state for that of an output that stood at ``y``, and for unknown: learning goes on."""
     n, T = s.order, s.entries
     first, theta, (U, D) = T - n, s.theta, second.factors_of(s)
     variances, bank = s.work[:n], s.banks[s.serving_bank]
+    # the refined filter estimates the state beside the parameters; the auxiliary model begins there, too, as
+    # instruments far from the regressor would do harm
     size = UNKNOWN * max(s.largest_output, np.finfo(np.float64).tiny) * (s.output_scale * s.output_scale)
     if not y * y < size:
         y = 0.0
@@ -177,14 +152,12 @@ def input_leaps(s, u, y, t, r):
 
 
 def time_leaps(s, u, y, t, r):
-    """Return whether a sample whose stamp leaps ahead is to be left: the next one shows whether it was misread.
-
-    It was not where that comes soon after it, or hardly further ahead than it had leapt: there are slow rigs.
-    """
+    """Return whether a sample whose stamp leaps ahead is to be left: the next one shows whether it was misread."""
     leap, held = at.LEAP * s.interval, s.held_time
     if s.held_at == at.BELIEVED:
         return False
     ahead = held - s.last_time
+    # it was not where that comes soon after it, or hardly further ahead than it had leapt: there are slow rigs
     if s.held_at == s.samples + 1 and ahead > leap and 0.0 < t - held <= max(leap, 2.0 * ahead):
         s.time_leaps -= 1
         believe(s)

@@ -25,53 +25,21 @@ from replant.kernels.filters import chain, whitening
 from replant.kernels.optimizers import covariance as second
 from replant.kernels.schema import Alarm, Doubt
 
-GATE = 64.0
-"""A-priori error beyond which an output may be an outlier, the parameters' own uncertainty counted: eight standard
-deviations [variances of the residual].
-Level: eight standard deviations: one in 64 of any noise at the most (Chebyshev), of normal noise none.
-Sensitivity: halved, 66 samples held against 'load step' instead of 49; doubled, 26 samples held against 'load step'
-instead of 49; error of 'load step' times 0.48.
-"""
-
-UNSETTLED = 1e4
-"""The same while the filters' initial state is unknown, on its own [largest squares of the modelled output].
-Derivation: a hundred times as far out as the modelled output reaches: no initial state does that.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-ENOUGH = 100.0
-"""Residuals that give a variance to judge by [samples].
-Derivation: 100 residuals know a standard deviation to 7 %.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-SHORT = 1.0 / 200.0
-"""Share of the newest residual in its variance lately [share].
-Derivation: its window of (2 - a) / a = 399 samples knows a variance to 7 %.
-Sensitivity: halved, 114 samples held against 'load step' instead of 49; error of 'load step' times 2.3; doubled, 9
-samples held against 'load step' instead of 49.
-"""
-
-LONG = 1.0 / 4000.0
-"""Share of the newest residual in its usual variance [share].
-Derivation: the usual variance follows a growth that goes on: with this share a power from 2.26 times the usual one on
-reaches LIMIT before, with twice it from 2.39 on, with half of it from 2.18 on; GROWN is where none does.
-Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
-"""
-
-MOST = 9.0
-"""Power that one residual counts as at the most: three standard deviations [variances].
-Level: three standard deviations: 0.3 % of normal noise is beyond.
-Sensitivity: halved, 136 samples held against 'load step' instead of 49; error of 'load step' times 0.38; doubled, 7
-samples held against 'load step' instead of 49.
-"""
-
-UNKNOWN = 4.0
-"""Variance of an a-priori error beyond which it is that of an initial state not yet known, and no residual [variances
-of the residual].
-Level: two standard deviations: 5 % of normal noise is beyond.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
+# eight standard deviations: of any noise one in 64 at the most is beyond (Chebyshev), of normal noise none
+GATE = 64.0  # a-priori error of an outlier, the parameters' uncertainty counted [variances of the residual]
+# a hundred times as far out as the modelled output reaches: no initial state does that
+UNSETTLED = 1e4  # the same while the filters' initial state is unknown [largest squares of the modelled output]
+# 100 residuals know a standard deviation to 7 %
+ENOUGH = 100.0  # residuals that give a variance to judge by [samples]
+# its window of (2 - a) / a = 399 samples knows a variance to 7 %
+SHORT = 1.0 / 200.0  # share of the newest residual in its variance lately [share]
+# the usual variance follows a growth that goes on: with this share a power from 2.26 times the usual one on reaches
+# LIMIT before, with twice it from 2.39 on, with half of it from 2.18 on; GROWN is where none does
+LONG = 1.0 / 4000.0  # share of the newest residual in its usual variance [share]
+# three standard deviations: 0.3 % of normal noise is beyond
+MOST = 9.0  # power that one residual counts as at the most [variances]
+# two standard deviations: 5 % of normal noise is beyond
+UNKNOWN = 4.0  # variance of an error that is of an initial state not yet known, no residual [variances of the residual]
 
 HARM = 4e-4
 """Square by which one sample may move the modelled output: a fiftieth of its size [part of its largest square].
@@ -80,38 +48,17 @@ output.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-RESOLVED = 0.01
-"""Share of ties (a sample equal to a new one before it) below which the scale is fine, and a tie is not learned
-[share].
-Derivation: at the most a hundredth of the samples is then not learned: standard deviations grow by half a percent.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-COARSE = 0.3
-"""Share of ties from which on the scale is coarse [share].
-Derivation: of white normal noise that is rounded to its standard deviation 27 % are ties: the scale is then as coarse
-as the noise.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-CHANCE = -18.0
-"""Logarithm of the chance of a run of ties below which it is none [logarithm].
-Derivation: 1.5e-8, one run in 66 million samples.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-MANY = 8
-"""Ties in a row on a coarse scale that are looked at [samples].
-Derivation: at the share COARSE such a run has the chance 7e-5.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-MOVED = 64.0
-"""Square by which the modelled output must have moved meanwhile on a coarse scale, where ties are usual: eight standard
-deviations; on a fine one, where they are no chance, one is enough [variances of the residual].
-Derivation: as GATE.
-Sensitivity: halved, nothing changes on these records; doubled, error of 'stuck, coarse scale' times 2.1.
-"""
+# at the most a hundredth of the samples is then not learned: standard deviations grow by half a percent
+RESOLVED = 0.01  # share of ties, samples equal to a new one before, below which the scale is fine, none learned [share]
+# of white normal noise that is rounded to its standard deviation 27 % are ties: the scale is then as coarse as the
+# noise
+COARSE = 0.3  # share of ties from which on the scale is coarse [share]
+# 1.5e-8, one run in 66 million samples
+CHANCE = -18.0  # logarithm of the chance of a run of ties below which it is none [logarithm]
+# at the share COARSE such a run has the chance 7e-5
+MANY = 8  # ties in a row on a coarse scale that are looked at [samples]
+# as GATE; on a fine scale, where ties are no chance, one is enough
+MOVED = 64.0  # square by which the model must have moved meanwhile on a coarse scale [variances of the residual]
 
 STEPS = 3.0
 """Steps of the sensor's scale by which the modelled output must have moved meanwhile: an output that settles stands
@@ -120,58 +67,22 @@ Origin: tests/online/test_quantised_sensor.py.
 Sensitivity: halved, no verdict changes, and no error by a quarter; doubled, error of 'stuck, coarse scale' times 2.8.
 """
 
-CALM = 200
-"""Samples after a stuck one until learning goes on: a sensor that saturates does so again soon [samples].
-Derivation: the memory of the residual's variance lately, 1 / SHORT.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-FORGOTTEN = 5000
-"""Samples after a stuck one until its output is forgotten [samples].
-Derivation: half of the newest samples that are kept.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-TIE_SHARE = 1.0 / 500.0
-"""Share of the newest sample in the share of ties [share].
-Derivation: its window of 999 samples has ten ties at the share RESOLVED: it is known to a third.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-LEAST_TIE_SHARE = 1e-3
-"""Share of ties that a scale counts as having at the least [share].
-Derivation: half of what TIE_SHARE adds with one tie: fewer were not seen.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-GROWN = 2.0
-"""Power of the residual that is no growth yet [usual power].
-Derivation: the reference value r ln r / (r - 1) of Page's test for a power that grows r = 5 times.
-Sensitivity: halved, right estimates no longer trusted: 'gain doubled', 'gain 20 % up'; wrong ones trusted no longer:
-'input rests'; 'input rests' noticed after 50 samples instead of never; 1 samples held against 'slow noise' instead of
-0; 1 samples held against 'gaps' instead of 0; error of 'saturated' times 0.27; error of 'gain doubled' times 6.3; error
-of 'gain 20 % up' times 4.8; doubled, right estimates no longer trusted: 'gain 20 % up'; error of 'gain 20 % up' times
-4.8.
-"""
-
-LIMIT = 50.0
-"""Sum by which the residual must have exceeded GROWN that raises the alarm, and must have stayed below that
-ends it [usual power, summed].
-Level: with GROWN it is 20 nats, at least 5e8 samples between two false alarms of normal noise (Wald).
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-LARGEST_LIMIT = 400.0
-"""Largest sum that raises the alarm: each false one doubles it [usual power, summed].
-Derivation: three doublings of LIMIT.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
-
-LEAST = 1e-6
-"""Residual below which there is as good as none [part of the modelled output's largest square].
-Derivation: a thousandth of the output.
-Sensitivity: halved or doubled, nothing changes on these records.
-"""
+# the memory of the residual's variance lately, 1 / SHORT: a sensor that saturates does so again soon
+CALM = 200  # samples after a stuck one until learning goes on [samples]
+# half of the newest samples that are kept
+FORGOTTEN = 5000  # samples after a stuck one until its output is forgotten [samples]
+# its window of 999 samples has ten ties at the share RESOLVED: it is known to a third
+TIE_SHARE = 1.0 / 500.0  # share of the newest sample in the share of ties [share]
+# half of what TIE_SHARE adds with one tie: fewer were not seen
+LEAST_TIE_SHARE = 1e-3  # share of ties that a scale counts as having at the least [share]
+# the reference value r ln r / (r - 1) of Page's test for a power that grows r = 5 times
+GROWN = 2.0  # power of the residual that is no growth yet [usual power]
+# with GROWN it is 20 nats, at least 5e8 samples between two false alarms of normal noise (Wald)
+LIMIT = 50.0  # sum over GROWN that raises the alarm, and below it that ends it [usual power, summed]
+# three doublings of LIMIT
+LARGEST_LIMIT = 400.0  # largest sum that raises the alarm: each false one doubles it [usual power, summed]
+# a thousandth of the output
+LEAST = 1e-6  # residual below which there is as good as none [part of the modelled output's largest square]
 
 
 def model_output(s):
@@ -344,10 +255,8 @@ def begins_anew(s):
 
 
 def is_calm(s):
-    """Return whether no sensor was stuck just now, for one that saturates does so again soon, nor seems to be.
-
-    On a fine scale a tie may be the first of many, and is so seldom a chance that nothing is lost by not learning it.
-    """
+    """Return whether no sensor was stuck just now, for one that saturates does so again soon, nor seems to be."""
+    # the first of many, perhaps, and so seldom a chance that nothing is lost by not learning it
     if s.ties > 0 and s.tie_share < RESOLVED:
         return False
     return s.stuck_outputs == 0 or s.samples - s.stuck_last >= CALM
@@ -380,11 +289,9 @@ def test_power(s, power):
 
 
 def innovation_power(s, square):
-    """Follow the variance of the filtered residual; return its newest ``square`` over the usual one.
-
-    The residual itself varies slowly where it is coloured: a long swing of it would pass for a change.
-    """
+    """Follow the variance of the filtered residual; return its newest ``square`` over the usual one."""
     least = LEAST * s.largest_output
+    # not of the residual itself, which varies slowly where it is coloured: a long swing would pass for a change
     late, usual = max(s.late_innovation, least), max(s.usual_innovation, least)
     s.late_innovation += SHORT * (min(square, MOST * late) - s.late_innovation)
     square = min(square, MOST * usual)
@@ -392,10 +299,7 @@ def innovation_power(s, square):
 
 
 def watch(s, learned, white):
-    """Follow the residual's variance, and whether it has grown.
-
-    ``learned``: whether the plant can be judged by it; ``white``: the residual filtered by the noise model.
-    """
+    """Follow the residual's variance, and its growth where the plant can be judged by it; ``white``: it is filtered."""
     if s.doubt >= Doubt.STUCK:
         return
     if learned and s.doubt == Doubt.NONE and s.learned == s.samples:

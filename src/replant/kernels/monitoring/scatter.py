@@ -21,9 +21,9 @@ from replant.kernels.schema import LAGS, Doubt
 
 @kernel("covariances.size > LAGS and model.size > LAGS and previous.size > LAGS")
 def autoregression(covariances: Reals, model: Reals, previous: Reals):
-    """Fill ``model`` (LAGS + 1,) with the autoregression of these autocovariances; return its innovation's power.
+    """Fill ``model`` (LAGS + 1,) by Levinson and Durbin's recursion; return its innovation's power.
 
-    Levinson and Durbin's recursion; ``previous`` (LAGS + 1,) is work.
+    ``previous`` (LAGS + 1,) is work.
     """
     model[0] = 1.0
     for i in range(1, LAGS + 1):
@@ -46,10 +46,7 @@ def autoregression(covariances: Reals, model: Reals, previous: Reals):
 
 
 def record(colour, error, alpha, forgetting, zeta):
-    """Take one residual (before its update; alpha as in `optimizers.covariance.measurement_update`) and its regressor.
-
-    ``zeta`` is overwritten by its filtered value.
-    """
+    """Take a residual, alpha of `optimizers.covariance.measurement_update`, and zeta, which is filtered in place."""
     newest = (int(colour.position) + 1) % LAGS
     add(colour, newest, error, alpha, forgetting, zeta)
     colour.position = newest
@@ -102,9 +99,9 @@ def keep(path, theta, U, D, entries, samples, work):
     """Keep the scores W of the first ``entries`` and the diagonal of P = U D U' after so many learned ``samples``.
 
     The row in the making holds the estimate theta' at which its block has begun.  The block adds to W its score
-    (P_k)^-1 (theta_k - theta'), with the P_k of these entries alone, whatever the others are.  The uncertainty of
-    theta' makes it larger than a score at the true parameters: the root of the ratio of P_k to that at the row before
-    takes that off.  ``work`` holds entries (entries + 1) numbers.
+    (P_k)^-1 (theta_k - theta'), with the P_k of these entries alone.  The uncertainty of theta' makes it larger than a
+    score at the true parameters: the root of the ratio of P_k to that at the row before takes that off.  ``work`` holds
+    entries (entries + 1) numbers.
     """
     T, kept = theta.size, int(path.kept)
     path.step = max(path.step, 1.0)
@@ -146,10 +143,7 @@ def covariance_of(U, D, i, j):
 
 
 def solve(matrix, vector, size):
-    """Solve a system by Cholesky's factor of its ``matrix`` (size^2,), of which the lower triangle is used up.
-
-    In a direction that the matrix does not have, the solution is zero.
-    """
+    """Solve a system by Cholesky's factor of ``matrix`` (size^2,), used up; zero in directions that it lacks."""
     for i in range(size):
         for j in range(i + 1):
             left = matrix[i * size + j]

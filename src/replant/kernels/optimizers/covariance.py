@@ -13,8 +13,7 @@ import numpy as np
 from replant.kernels.native import short_loops
 from replant.kernels.optimizers.memory import MATRIX, ONE, VECTOR, Memory, Size, block, place
 
-RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9
-"""Codes of these optimizers; `replant.estimation.optimizers` names them by the same numbers [code]."""
+RECURSIVE_LEAST_SQUARES, KALMAN_TRACKING = 8, 9  # codes, as in `replant.estimation.optimizers` [code]
 
 # A memory begins with the factors and ends with alpha, which outlier test and covariance read.
 LEAST_SQUARES = Memory(U=MATRIX, D=VECTOR, caps=VECTOR, projected=VECTOR, gain=VECTOR, alpha=ONE)
@@ -73,10 +72,7 @@ def measurement_update(P, U, D, zeta, noise, projected, gain):
 
 @short_loops
 def learn_row(estimate, U, D, row, direction, noise, projected, gain):
-    """Let the estimate and U D U' learn the target behind a row's regressor; return its error and alpha.
-
-    The regressor that the update goes along, zeta, lies at ``direction`` of the row.
-    """
+    """Let the estimate and U D U' learn a row, of regressor zeta from ``direction`` on; return its error and alpha."""
     P = estimate.size
     error = row[P]
     for i in range(P):
@@ -166,27 +162,21 @@ def expand(U, D, covariance):
 
 @short_loops
 def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direction):
-    """Settings [forgetting factor], memory `LEAST_SQUARES`: ``caps`` are those of D.
-
-    Forgetting divides P by the factor.  Where nothing comes in to make up for it D would grow without bound: it
-    stops at its cap.
-    """
+    """Settings [forgetting factor], memory `LEAST_SQUARES`: ``caps`` are those of D."""
     P, forgetting = theta.size, settings[0]
     U, D, caps = memory[: P * P].reshape(P, P), block(memory, AT_D, P), block(memory, AT_CAPS, P)
     projected, gain, newest = block(memory, AT_PROJECTED, P), block(memory, AT_GAIN, P), block(memory, AT_ALPHA, P)
     for k in range(batch):
         _, newest[0] = learn_row(theta, U, D, buffer[rows[k]], direction, forgetting, projected, gain)
+        # forgetting divides P: where nothing comes in to make up for it D would grow without bound, and stops at its
+        # cap
         if forgetting < 1.0:
             for i in range(P):
                 D[i] = min(D[i] / forgetting, caps[i])
 
 
 def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, interval):
-    """Random walk of the parameters; settings [1 / time constant of the noise estimate, q (P)], memory `TRACKING`.
-
-    The noise variance is tracked as R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not
-    bias.
-    """
+    """Random walk of the parameters; settings [1 / time constant of the noise, q (P)], memory `TRACKING`."""
     P = theta.size
     U, D, tracked = memory[: P * P].reshape(P, P), block(memory, AT_D, P), block(memory, AT_NOISE, P)
     increase, projected = block(memory, AT_INCREASE, P), block(memory, AT_TRACKING_PROJECTED, P)
@@ -199,6 +189,7 @@ def kalman_tracking(theta, memory, settings, buffer, rows, batch, direction, int
         time_update(P, U, D, increase, work)
         error, alpha = learn_row(theta, U, D, buffer[rows[k]], direction, noise, projected, gain)
         newest[0] = alpha
+        # R += (e^2 R / alpha - R) h / T, which the uncertainty of the parameters does not bias
         share = min(settings[0] * interval, 1.0)
         tracked[0] = max(noise + (error * error * noise / alpha - noise) * share, np.finfo(np.float64).tiny)
 
@@ -212,10 +203,7 @@ def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, in
 
 
 def own_noise(algorithm, P, memory, settings):
-    """Return what the residual's variance is in the unit of the covariance.
-
-    Where U D U' is the covariance itself, that is the variance that the optimizer tracks; else a weight.
-    """
+    """Return the residual's variance in the unit of the covariance: what the optimizer tracks, else a weight."""
     if algorithm == KALMAN_TRACKING:
         return memory[place(AT_NOISE, P)]
     return settings[0]

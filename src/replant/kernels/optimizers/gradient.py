@@ -20,10 +20,9 @@ from replant.kernels.lanes import prefetch
 from replant.kernels.native import in_turn, inlined, short_loops, side_by_side
 from replant.kernels.optimizers.memory import MATRIX, NOTHING, ONE, VECTOR, Memory, block, place
 
-VANISHED = 1e-100
-"""Power of beta below which it counts as nought: 1 less it is 1, and smaller ones would end as numbers below the
-normal ones, which take some processors a hundred cycles at each product [number].
-"""
+# 1 less it is 1, and smaller ones would end as numbers below the normal ones, which take some processors a hundred
+# cycles at each product
+VANISHED = 1e-100  # power of beta below which it counts as nought [number]
 
 GRADIENT, ADAM, AMSGRAD, ADAGRAD, RMSPROP, NADAM, ADADELTA, INTEGRAL_COST = range(8)
 
@@ -52,14 +51,12 @@ AT_Q, AT_SLOPE = INTEGRALS.begins["Q"], INTEGRALS.begins["slope"]
 
 @inlined
 def telling_part(algorithm, P, memory):
-    """Return the part of the memory that is not finite as soon as any of it is and theta is finite.
-
-    A square that is infinite stays the largest.  A product with an entry of R that is not finite is not finite, and the
-    slope is a sum of such.
-    """
+    """Return the part of the memory that is not finite as soon as any of it is and theta is finite."""
     if algorithm == AMSGRAD:
+        # a square that is infinite stays the largest
         return block(memory, AT_LARGEST, P)
     if algorithm == INTEGRAL_COST:
+        # a sum of products with every entry of R
         return block(memory, AT_SLOPE, P)
     return memory
 

@@ -32,15 +32,8 @@ ONE, VECTOR, MATRIX = Size(0, 0, 1), Size(0, 1, 0), Size(1, 0, 0)
 
 
 class Memory:
-    """Blocks of numbers, one after the other in the order in which they are given.
+    """Blocks of numbers, one after the other, by name and length: `ONE`, `VECTOR` (P,), `MATRIX` (P P,) or a `Size`.
 
-    Parameters
-    ----------
-    **sizes : Size
-        The length of each block, by its name: `ONE`, `VECTOR` (P,), `MATRIX` (P P,) or another `Size`.
-
-    Examples
-    --------
     >>> memory = Memory(mean=VECTOR, power=ONE)
     >>> memory.size(2), memory.begins["power"].at(2)
     (3, 2)
@@ -87,23 +80,17 @@ def block(memory, begin, P):
     return memory[place(begin, P) :]
 
 
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-"""Increment of SplitMix64, 2^64 over the golden ratio [number]."""
-_MIX1 = np.uint64(0xBF58476D1CE4E5B9)
-"""Its first multiplier [number]."""
-_MIX2 = np.uint64(0x94D049BB133111EB)
-"""Its second multiplier [number]."""
-_S30, _S27, _S31, _S32 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(32)
-"""Its shifts, and half of the word [bits]."""
+_GOLDEN = np.uint64(0x9E3779B97F4A7C15)  # increment of SplitMix64, 2^64 over the golden ratio [number]
+_MIX1 = np.uint64(0xBF58476D1CE4E5B9)  # its first multiplier [number]
+_MIX2 = np.uint64(0x94D049BB133111EB)  # its second multiplier [number]
+_S30, _S27, _S31, _S32 = np.uint64(30), np.uint64(27), np.uint64(31), np.uint64(32)  # its shifts, half a word [bits]
 
 
 def draw_below(seed, position, bound):
-    """Return a whole number in 0 .. bound-1, the ``position``-th of the stream ``seed``; bound < 2^31.
-
-    The high half of the draw times ``bound``, shifted down: uneven by at most bound / 2^32.
-    """
+    """Return a whole number in 0 .. bound-1, the ``position``-th of the stream ``seed``; bound < 2^31."""
     z = np.uint64(seed) + (np.uint64(position) + np.uint64(1)) * _GOLDEN
     z = (z ^ (z >> _S30)) * _MIX1
     z = (z ^ (z >> _S27)) * _MIX2
     z = z ^ (z >> _S31)
+    # the high half of the draw times the bound, shifted down: uneven by at most bound / 2^32
     return np.int64(((z >> _S32) * np.uint64(bound)) >> _S32)

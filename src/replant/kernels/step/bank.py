@@ -19,9 +19,9 @@ from replant.kernels.filters.series import nested_models
 from replant.kernels.native import Cube, Ints, Matrix, Reals, kernel
 from replant.kernels.schema import LAGS
 
+# places in ``counts``: known errors before the next; samples in a row that counted for nobody; samples until the
+# autoregressions are renewed
 KNOWN, SKIPPED, DUE = range(3)
-"""Places in ``counts``: known errors before the next; samples in a row that counted for nobody; samples until the
-autoregressions are renewed [index]."""
 
 GATE = 64.0  # w^2 / V beyond which an output may be an outlier: eight standard deviations, as in the recursion [V]
 IN_A_ROW = 5  # outliers in a row that are no more than that: what lasts longer may be the plant [samples]

@@ -69,17 +69,12 @@ def take(s, u, y, t, r):
 
 
 @kernel(IS_SOUND)
-def step(
-    s: StateArrays, u: float, y: float, t: float, r: float
-):  # fmt: skip
+def step(s: StateArrays, u: float, y: float, t: float, r: float):
     """Take one sample as `take` does."""
     return take(s, u, y, t, r)
 
 
 @kernel(IS_SOUND, *AS_MANY)
-def steps(
-    s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals,
-    errors: Reals, parameters: Matrix,
-):  # fmt: skip
+def steps(s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
     """Take many samples as `take_many` does; ``parameters`` (K, 0), as there are none."""
     return take_many(s, u, y, t, r, errors, parameters, take)

@@ -106,17 +106,12 @@ def take(s, u, y, t, r):
 
 
 @kernel(IS_SOUND, LEARNS)
-def step(
-    s: StateArrays, u: float, y: float, t: float, r: float
-):  # fmt: skip
+def step(s: StateArrays, u: float, y: float, t: float, r: float):
     """Take one sample; return its error as `take` does."""
     return take(s, u, y, t, r)
 
 
 @kernel(IS_SOUND, LEARNS, *AS_MANY)
-def steps(
-    s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals,
-    errors: Reals, parameters: Matrix,
-):  # fmt: skip
+def steps(s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
     """Take many samples as `take_many` does."""
     return take_many(s, u, y, t, r, errors, parameters, take)

@@ -38,8 +38,7 @@ from replant.kernels.step.ensemble_members import (
 from replant.kernels.step.soundness import is_known, is_laid_out
 from replant.kernels.step.stages import cut_estimate, mapped_input
 
-AHEAD = 16
-"""Rows that the memory is asked for before they are copied [count]."""
+AHEAD = 16  # rows that the memory is asked for before they are copied [count]
 
 
 def are_neighbours(numbers):

@@ -17,8 +17,7 @@ from replant.kernels.step.stages import acceptable, draw_rows, keep_and_write, k
 
 # Vectors of the work space, after the 2 n that `fixed_filter.advance_states` uses.
 INPUT, OUTPUT, ERROR, FINITE, ASIDE = range(5)
-ASIDE_SCALARS = 3
-"""Vectors of the work space behind ASIDE [count]."""
+ASIDE_SCALARS = 3  # vectors of the work space behind ASIDE [count]
 
 #: The whole numbers that are the same for level members.
 LEVEL = (

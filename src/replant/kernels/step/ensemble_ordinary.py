@@ -21,15 +21,10 @@ from replant.kernels.schema import LAGS
 
 # Vectors beside the fields: a truth, whole numbers of each member, and what follows from its fields.
 ODD, TIES, STILL, BEGAN, COUNT, REST_AFTER, ANEW, WEIGHT = range(8)
-MODEL = 8
-"""Place of the LAGS coefficients of the noise model in use [index]."""
-BESIDE = MODEL + LAGS
-"""Vectors beside the fields [count]."""
-
-FEW_TIES = 2.0
-"""Ties in a row that no sensor is found stuck by, however fine its scale [samples].
-Derivation: three are, where ties are as seldom as `outliers.LEAST_TIE_SHARE`: 3 ln 1e-3 lies below `outliers.CHANCE`.
-"""
+MODEL = 8  # place of the LAGS coefficients of the noise model in use [index]
+BESIDE = MODEL + LAGS  # vectors beside the fields [count]
+# three are, where ties are as seldom as `outliers.LEAST_TIE_SHARE`: 3 ln 1e-3 lies below `outliers.CHANCE`
+FEW_TIES = 2.0  # ties in a row that no sensor is found stuck by, however fine its scale [samples]
 
 
 @inlined
@@ -116,10 +111,7 @@ def examine(s, beside, modelled, error, y):
 
 @inlined
 def whiten(s, beside, place, target, filters):
-    """Keep the newest row and filter it, where the noise model ``filters``; return its target: `whitening.filter_row`.
-
-    Of members whose noise model does not the weight is 0.
-    """
+    """Keep the newest row, and filter it where a noise model ``filters``; return its target: `whitening.filter_row`."""
     noise, phi, zeta, T = s.noise, s.phi, s.zeta, s.entries
     one = before(place)
     two = before(one)
@@ -132,6 +124,7 @@ def whiten(s, beside, place, target, filters):
     row[2 * T] = target
     if not filters:
         return target
+    # of members whose noise model does not filter the weight is 0
     weight, d_1, d_2, d_3, d_4 = beside[WEIGHT], beside[MODEL], beside[MODEL + 1], beside[MODEL + 2], beside[MODEL + 3]
     for i in range(T):
         white = weight * (row[i] + d_1 * row_1[i] + d_2 * row_2[i] + d_3 * row_3[i] + d_4 * row_4[i])

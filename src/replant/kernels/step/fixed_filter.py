@@ -191,10 +191,7 @@ def cut(s):
 
 @inlined
 def take(s, cuts, u, y):
-    """Take one sample; return the a-priori output error y - theta' phi in the unit of y, NaN if it was rejected.
-
-    ``cuts`` are those of `cut`.
-    """
+    """Take one sample by the arrays of `cut`; return y - theta' phi a priori in the unit of y, NaN if rejected."""
     filters, rings, regressor, estimate = cuts
     u, y = mapped_input(s, u), y - s.output_offset
     if not acceptable(s, u, y):
@@ -226,13 +223,8 @@ def take(s, cuts, u, y):
 
 @kernel(IS_SOUND, LEARNS)
 @short_loops
-def step(
-    s: StateArrays, u: float, y: float, t: float, r: float
-):  # fmt: skip
-    """Take one sample; return its error as `take` does.
-
-    ``t`` must be NaN: the clock is regular.  ``r``, a reference, is not used.
-    """
+def step(s: StateArrays, u: float, y: float, t: float, r: float):
+    """Take one sample; return its error as `take` does; ``t`` is NaN, as the clock is regular, ``r`` is not used."""
     if s.started:
         discretize(s, s.banks[0])
     return take(s, cut(s), u, y)
@@ -240,14 +232,8 @@ def step(
 
 @kernel(IS_SOUND, LEARNS, *AS_MANY)
 @short_loops
-def steps(
-    s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals,
-    errors: Reals, parameters: Matrix,
-):  # fmt: skip
-    """Take many samples; write the error and the estimate (physical units) after each.  ``t`` and ``r`` must be empty.
-
-    Returns how many: all.
-    """
+def steps(s: StateArrays, u: Reals, y: Reals, t: Reals, r: Reals, errors: Reals, parameters: Matrix):
+    """Take K samples; write errors and estimates (physical units), return how many: all; ``t``, ``r`` are empty."""
     if s.started:
         discretize(s, s.banks[0])
     cuts = cut(s)

@@ -27,13 +27,12 @@ from replant.kernels.native import Ints, Matrix, Reals, kernel
 from replant.kernels.optimizers.covariance import measurement_update, variance_along
 from replant.kernels.schema import LAGS, OUTLYING
 
+# places in ``counts``: known predecessors of the next sample; samples learned; updates refused; samples since which
+# Page's sum is above nought
 KNOWN, LEARNED, REFUSED, RISING = range(4)
-"""Places in ``counts``: known predecessors of the next sample; samples learned; updates refused; samples since which
-Page's sum is above nought [index]."""
-
+# places in ``squares``: sum of the squares of the normalised innovations; Page's sum; variance of innovations that it
+# is used to, where that is more than their mean
 POWER, PAGE, USUAL = range(3)
-"""Places in ``squares``: sum of the squares of the normalised innovations; Page's sum; variance of innovations that
-it is used to, where that is more than their mean [index]."""
 
 # so that a few wild outputs are no alarm
 WILD = 9.0  # square of a normalised innovation that counts in Page's sum, at the most [variances]

@@ -13,8 +13,7 @@ from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import LAGS, StateArrays, StateSlots
 from replant.kernels.slot_tables import Flag
 
-MOST: Final = 1 << 24
-"""Sizes beyond which their products might leave int64 [count]."""
+MOST: Final = 1 << 24  # sizes beyond which their products might leave int64 [count]
 
 #: The blocks of a state: the place in ``ints`` that says where each begins, and its name.
 BLOCKS: Final = tuple((block.index, block.name) for block in StateSlots.blocks)

@@ -1,14 +1,5 @@
 """The stages of one sample that every variant of the step kernel uses: checks, the update, what is kept.
 
-    mapped_input, acceptable,       the raw sample: working point, magnitude, an output that is missing
-    lacks_output_alone
-    note_reference                  the reference of an accepted sample
-    cut_estimate, keep_and_write,   the update of the estimate: keep what it changes, write the sample into the buffer,
-    draw_rows, undo_unless_finite   draw the batch, (let the optimizer learn it), undo what left float64
-    keep_sample, keep_estimate,     what is kept for assessment
-    keep_guarded_sample
-    renew_model, take_many          general variants: the auxiliary model, and the loop over many samples
-
 `regressors` is the chain of filters alone, for a record.
 """
 
@@ -26,23 +17,14 @@ from replant.kernels.optimizers.gradient import telling_part
 from replant.kernels.optimizers.memory import draw_below
 from replant.kernels.schema import Doubt, StateArrays
 
-KEEP_AFTER_PART = 8
-"""Part by which the samples must have grown until the estimate is kept again [part: one in so many].
-Derivation: of the four kept the oldest lies then three to four of these steps back, so that a quarter to a third of
-all samples, and later three to four times PAST_STEP, are held out from it.
-Sensitivity: halved or doubled, no verdict changes, and no error by a quarter.
-"""
-
-KEEP_AFTER_LEAST = 32
-"""Samples between two past estimates kept, at the least [samples].
-Derivation: four of them, as many as are kept, span more samples than a test needs.
-Sensitivity: halved, nothing changes on these records; doubled, no verdict changes, and no error by a quarter.
-"""
-
-FEW = 16
-"""Numbers up to which they are looked at one by one: just written one by one, they cannot be read as vectors before
-they have all reached the cache, for which everything after would wait [count].
-"""
+# of the four kept the oldest lies then three to four of these steps back, so that a quarter to a third of all samples,
+# and later three to four times PAST_STEP, are held out from it
+KEEP_AFTER_PART = 8  # part by which the samples must have grown until the estimate is kept again [part: one in so many]
+# four of them, as many as are kept, span more samples than a test needs
+KEEP_AFTER_LEAST = 32  # samples between two past estimates kept, at the least [samples]
+# just written one by one, they cannot be read as vectors before they have all reached the cache, for which everything
+# after would wait
+FEW = 16  # numbers up to which they are looked at one by one [count]
 
 
 @inlined
@@ -223,13 +205,11 @@ def keep_sample(s, recent, u, y, interval):
 
 
 def keep_guarded_sample(s, u, y, interval):
-    """Keep the raw sample, over the oldest one, with the output that the filters saw and why.
-
-    Where there is no output, what the filters saw stands for it; where no reference came, the last one.
-    """
+    """Keep the raw sample, over the oldest one, with the output that the filters saw, the doubt, and the reference."""
     head = s.recent_head
     row = s.recent[head]
     row[at.INPUT], row[at.STEP] = u, interval
+    # what the filters saw stands for an output that is missing
     row[at.OUTPUT] = s.used_output if s.doubt == Doubt.MISSING else y
     row[at.BRIDGED], row[at.DOUBTED] = s.used_output, s.doubt
     if s.has_reference:
@@ -249,9 +229,8 @@ def renew_model(s):
 def take_many(s, u, y, t, r, errors, parameters, take):
     """Take samples by ``take``, until the identifier has work to do; return how many.
 
-    ``u`` and ``y`` are (K,); ``t`` (K,) are time stamps in s, or it is empty where the clock is regular; ``r`` (K,) is
-    the reference, or empty where there is none.  Writes ``errors`` (K,), in the unit of y, and ``parameters`` (K, P),
-    the estimate after each sample in physical units.
+    ``u`` and ``y`` are (K,), ``t``, stamps in s, and ``r``, references, (K,) or empty.  Writes ``errors`` (K,), in the
+    unit of y, and ``parameters`` (K, P), the estimate after each sample in physical units.
     """
     for k in range(u.size):
         stamp = t[k] if t.size > 0 else np.nan
