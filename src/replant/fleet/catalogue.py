@@ -36,7 +36,7 @@ Key = str | int | None
 def rigs_in_columns(pieces: Sequence[Piece], column: str) -> list[tuple[str, Piece, str]]:
     """Return name, rows and problem, if any, of each rig; a file that cannot be read is a rig, by the file's name."""
     for piece in pieces:
-        if Path(piece.path).suffix.lower() not in SUFFIXES:
+        if not is_parquet(piece):
             raise LogError(
                 f"{piece.path}: no folder {column}=..., and a column names rigs in Parquet files only; "
                 "choose --by file or --by folder"

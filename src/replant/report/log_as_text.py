@@ -186,13 +186,8 @@ def findings_of(found: Inspection) -> Iterator[tuple[str, str]]:
     if roles.either:
         yield "", "Input and output may as well be the other way round: say which is which by -i and -o."
     if roles.answers and roles.reference is None:
-        yield (
-            "",
-            (
-                "The input also follows the output, as under a controller: if there is one, give its set-point as "
-                "--reference."
-            ),
-        )
+        follows = "The input also follows the output, as under a controller"
+        yield "", f"{follows}: if there is one, give its set-point as --reference."
     yield "Response", _response(found)
     for heading, other in zip(["Others"] + [""] * len(found.others), found.others, strict=False):
         what = f"of what a model of one pole leaves, column {other.name} explains {share(min(other.left, 1.0))}"

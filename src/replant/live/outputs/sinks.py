@@ -25,12 +25,11 @@ from typing import Any, Protocol
 from replant.errors import InvalidArgumentError
 from replant.live.outputs.message import ENDED, LEAST_TTL, UNKNOWN, WAITING, EstimateMessage, Notices
 from replant.live.streams.addresses import NO_PORT, Address, split
-from replant.live.streams.serial_and_network import PAHO
+from replant.live.streams.serial_and_network import MQTT_PORT, PAHO
 from replant.logs.table import needed
 from replant.numerics.operating_system import Worker, one_line
 
 PORT = "give a port from 1 to 65535 after the host"
-MQTT_PORT = 1883  # port of a broker, as registered [number]
 BROKER_TIMEOUT = 5.0  # time that a broker may be away before it is said [s]
 KEEPALIVE = 1, 15  # least and longest time in which the broker must hear from the client [s]
 #: The message that the broker publishes when the connection to the session breaks.

@@ -231,7 +231,7 @@ def listen(address: Address) -> socket.socket:
 
 
 PAHO = "paho.mqtt.client", "MQTT needs paho-mqtt", "'replant[live]'"  # module, what needs it, and what to install
-PORT = 1883  # port of a broker, as registered [number]
+MQTT_PORT = 1883  # port of a broker, as registered [number]
 MQTT_KEEPALIVE = 15  # MQTT's keep-alive interval: the broker hears from the client at least that often [s]
 LONGEST_MESSAGE = 1 << 20  # the longest message; a longer one is skipped and counted [bytes]
 MQTT_TOGETHER = 256  # largest number of messages parsed together [count]
@@ -264,7 +264,7 @@ class MqttSource(Wire):
         self.trouble = ""
         client = self._client()
         try:
-            client.connect(self._address.host, self._address.port or PORT, MQTT_KEEPALIVE)
+            client.connect(self._address.host, self._address.port or MQTT_PORT, MQTT_KEEPALIVE)
             while not self._stop.requested and client.socket() is not None:
                 ready = self._stop.wait_readable(client.socket(), 0.05 if client.want_write() else 1.0)
                 if client.want_write():
