@@ -84,11 +84,9 @@ def _renewed(workers: Workers, error: BaseException, lost: int) -> Workers:
 class Progress:
     """How far a fleet is."""
 
-    # rigs, done, failed: all rigs; those that are done, with those of an earlier run; how many of these failed in this
-    # run
-    rigs: int
-    done: int
-    failed: int
+    rigs: int  # all rigs
+    done: int  # rigs that are done, with those of an earlier run
+    failed: int  # how many of these failed in this run
     samples: int  # samples used in this run
     part: float  # part of the work that is done, by the plan, up to 1
 

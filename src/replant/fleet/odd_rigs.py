@@ -43,8 +43,7 @@ UNEXPLAINED = 4.0  # what an odd rig's model leaves of the output, over the most
 class Oddness:
     """What is said of each rig of a fleet."""
 
-    # (N,): rows of the table by rank: the odd ones first, then those that failed, those not trusted, and the others by
-    # their distance
+    # (N,): rows of the table by rank: odd ones first, then those that failed, those not trusted, others by distance
     order: np.ndarray[tuple[int], np.dtype[np.int64]]
     odd: BoolArray  # (N,)
     words: tuple[str, ...]  # why a rig is odd; empty where it is not
@@ -164,10 +163,9 @@ class Drift:
     compared: int  # rigs that were trusted and are
     drifted: tuple[Drifted, ...]  # those that have changed by more than chance, the most sure change first
     fleet: tuple[str, ...]  # how the fleet as a whole has changed, by quantity
-    # gone, new, lost: rigs that are no longer there, that were not, and that were trusted and are not
-    gone: tuple[str, ...]
-    new: tuple[str, ...]
-    lost: tuple[str, ...]
+    gone: tuple[str, ...]  # rigs that are no longer there
+    new: tuple[str, ...]  # rigs that were not there
+    lost: tuple[str, ...]  # rigs that were trusted and are not
 
 
 def drift_between(before: Fleet, now: Fleet) -> Drift:

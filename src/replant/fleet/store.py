@@ -239,9 +239,8 @@ class Row:
     model: Model | RowModel | None = None
     samples: int = 0
     rejected: tuple[tuple[str, int], ...] = ()  # samples left out, by reason
-    # begin, end: time of the first and of the last sample in s; dates of Parquet files since 1970
-    begin: float = math.nan
-    end: float = math.nan
+    begin: float = math.nan  # time of the first sample in s; dates of Parquet files since 1970
+    end: float = math.nan  # the same of the last sample
     movement: Movement = Movement()
     notes: tuple[str, ...] = ()  # what is to be known of the files, such as a line that was left out
     seconds: float = 0.0  # how long it took

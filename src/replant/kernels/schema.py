@@ -80,8 +80,7 @@ BELIEVED: Final = -1  # HELD_AT while a sample that was held back, or a record a
 # more than the 40 that a clock that was set counts as; at half as many its every first sample would leap; a misread
 # stamp that is less ahead costs the samples up to it: twice as many are more than learning may stand still for
 LEAP: Final = 50.0  # interval beyond which a stamp leaps ahead: its successor must confirm it [sampling times]
-# seconds since 1970 reach it at 26 kHz; a tenth of it would refuse them at 3 kHz, and ten times it would let jitter of
-# a tenth in
+# seconds since 1970 reach it at 26 kHz; a tenth of it would refuse them at 3 kHz, ten times it lets jitter of 10 % in
 FARTHEST: Final = 0.01 * 2.0**52  # time beyond which stamps are no better than a hundredth of one [sampling times]
 
 MOST_EARLIER: Final = 10

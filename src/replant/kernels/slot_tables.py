@@ -28,8 +28,7 @@ class Numbers(dict[str, int]):
 
     __slots__ = ()
 
-    # a block is looked at many thousand times with the same dimensions: what follows from them is found by this object,
-    # not by its content
+    # a block is looked at thousands of times with the same dimensions: what follows is found by the object, not content
     def __hash__(self) -> int:  # type: ignore[override]
         return id(self)
 

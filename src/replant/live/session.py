@@ -289,8 +289,7 @@ THRESHOLD = 1 << 17  # size of blocks that the system gets back at once: glibc's
 def limit_heap_growth() -> None:
     """Have glibc map blocks of 128 KiB and more one by one, and return them when they are freed."""
     with contextlib.suppress(OSError, AttributeError, TypeError):
-        # else blocks of lines and samples, whose sizes vary, leave holes: the heap grows by megabytes a minute for a
-        # while
+        # else blocks of lines and samples, whose sizes vary, leave holes: the heap grows by megabytes a minute at first
         ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, THRESHOLD)
 
 

@@ -20,9 +20,8 @@ class SessionInfo:
     """The session's part of a view: what the identifier does not know."""
 
     at: float = 0.0  # rig time of the newest sample in s
-    # source, source_state: the source's URL, and its state: "connecting", "connected", "waiting", "ended"
-    source: str = ""
-    source_state: str = "connecting"
+    source: str = ""  # the source's URL
+    source_state: str = "connecting"  # "connecting", "connected", "waiting" or "ended"
     # the source's counters: malformed lines by reason, duplicates, lost, dropped, reconnects
     counters: Mapping[str, int] = field(default_factory=dict)
     rate: float = 0.0  # samples a second, over about the last second
@@ -43,8 +42,7 @@ class Window:
     u: FloatArray
     y: FloatArray
     model: FloatArray
-    # (V,): measured minus modelled output; NaN for samples that are left out
-    residual: FloatArray
+    residual: FloatArray  # (V,): measured minus modelled output; NaN for samples that are left out
     # (L, 2): begin and end, in rig time, of the stretches that verdict, fit and offset leave out: samples that were
     # bridged or lie before the last interruption
     left_out: FloatArray
@@ -67,8 +65,7 @@ class Bode:
 class Step:
     """The step response with a band of two standard deviations."""
 
-    # (S,): time since the step in s, closer where a fast mode settles; empty where the response is not finite
-    t: FloatArray
+    t: FloatArray  # (S,): since the step in s, closer where a fast mode settles; empty where y is not finite
     # y, low, high: (S,): output by a unit step of the mapped input, and its band; the band is NaN where it is not known
     y: FloatArray
     low: FloatArray
@@ -79,8 +76,7 @@ class Step:
 class Truth:
     """The true plant of a simulated rig, at the frequencies and times of the estimate's responses."""
 
-    # (P,): NaN for those that the plant does not have
-    parameters: FloatArray
+    parameters: FloatArray  # (P,): NaN for those that the plant does not have
     poles: npt.NDArray[np.complex128]
     zeros: npt.NDArray[np.complex128]
     magnitude_db: FloatArray  # magnitude_db, phase_deg: (F,)
@@ -92,8 +88,7 @@ class Truth:
 class Rows:
     """The estimate over the whole run, thinned."""
 
-    # (H,): rig time in s
-    t: FloatArray
+    t: FloatArray  # (H,): rig time in s
     parameters: FloatArray  # parameters, std: (H, P)
     std: FloatArray
 
@@ -137,8 +132,7 @@ class View(SessionInfo, FromInput):
     verdict: str
     excited: bool  # see `Assessment`; False while the verdict is not known
     reasons: tuple[str, ...]
-    # fit in percent of the model, simulated from the input alone, over those samples of the window that the verdict
-    # uses
+    # fit in percent of the model, simulated from the input alone, over the samples of the window that the verdict uses
     simulated: float
     residual_std: float  # standard deviation of the residual by the noise model; NaN where there is none
     output_label: str  # name of the output, with its unit where known

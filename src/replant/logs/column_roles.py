@@ -174,9 +174,7 @@ BY_NAME = 2.0
 Origin: a pump's "speed" is its input where it moves in steps and the flow follows it; under a controller names decide.
 Sensitivity: halved, nothing changes on the recorded logs; doubled, the pump's speed is taken for its output.
 """
-# a quarter of the weight of who follows whom difference of the scores of both directions below which either may be the
-# right one [number]
-CLOSE = 0.25 * BY_INFLUENCE
+CLOSE = 0.25 * BY_INFLUENCE  # difference of both directions' scores below which either may be the right one [number]
 NOTABLE = 0.02
 """Measure of influence below which nothing is said [number].
 Origin: 2 % less residual power; chance is subtracted before.

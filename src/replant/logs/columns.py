@@ -163,8 +163,7 @@ class Clock:
     """The time column of a log, or the sampling time that its file states."""
 
     column: Column | None  # None where the file states the sampling time
-    # why the column may not be the time; empty if it is the only one that `time_columns` finds, or was given
-    guess: str
+    guess: str  # why the column may not be the time; empty if it is the only one of `time_columns`, or was given
     unit: float  # one unit of its stamps in s
     doubt: str  # why the unit may be another one; empty if it is stated
     dt: float  # the usual (median) interval in s; NaN without a rising step

@@ -49,10 +49,8 @@ BAND = 0.1  # distance within which an estimate counts as settled [part of the t
 class Course:
     """An estimate over a record of K samples, complete or thinned; between rows it is taken as constant."""
 
-    # (P,): the estimate before the first sample
-    start: FloatArray
-    # (H,): after how many samples each row was taken, ascending
-    samples: npt.NDArray[np.int64]
+    start: FloatArray  # (P,): the estimate before the first sample
+    samples: npt.NDArray[np.int64]  # (H,): after how many samples each row was taken, ascending
     parameters: FloatArray  # (H, P)
     length: int  # K
 
@@ -169,10 +167,8 @@ class Record:
     """The rig and the record measured on it."""
 
     rig: Rig
-    # (K,): input voltage in kV
-    u: FloatArray
-    # (K,): displacement in mm
-    y: FloatArray
+    u: FloatArray  # (K,): input voltage in kV
+    y: FloatArray  # (K,): displacement in mm
 
     @property
     def true(self) -> dict[str, float]:
@@ -201,8 +197,7 @@ class Row:
     errors: Mapping[str, float]  # errors of the last estimate by coefficient, in percent of the true value
     free_run: float  # fit in percent of the model simulated from the input alone
     measures: Measures | None = None  # of an online run
-    # of a run with the article's optimizers: the estimate over time, by coefficient
-    curves: Mapping[str, Curve] | None = None
+    curves: Mapping[str, Curve] | None = None  # by coefficient, of a run with the article's optimizers
 
     @property
     def label(self) -> str:
@@ -217,8 +212,7 @@ class Actuator:
     record: Record
     offline: Mapping[str, FitResult]  # `fit_offline` by filters
     goals: Mapping[str, FloatArray]  # `fit_normalised` by filters
-    # the twelve runs with both kinds of filters, least squares plain and normalised, and the default
-    rows: tuple[Row, ...]
+    rows: tuple[Row, ...]  # twelve runs with both kinds of filters, least squares plain and normalised, the default
     # the default on `FURTHER` records of the same rig and length, under other voltages and other noise
     elsewhere: tuple[Row, ...]
 

@@ -47,8 +47,7 @@ class Figure:
     units: Mapping[str, str]  # of each parameter, where input and output have the same unit
     columns: int = 1  # columns, legend_columns: of panels, and of the legend
     legend_columns: int = 3
-    # the limits are set by the curves from this part of the record on; larger values before it are cut off
-    settled: float = 0.0
+    settled: float = 0.0  # part of the record from which on curves set the limits; larger values before are cut off
 
 
 Transients = Mapping[str, Mapping[str, Curve]]  # curves by label, then by parameter

@@ -17,8 +17,7 @@ from replant.plotting.style import FARTHEST, MODEL, MUTED, SIGMAS, TRUE, label_t
 class Thinned:
     """A signal as it is drawn: evenly spaced points, counted in samples of the whole signal."""
 
-    # (V,): NaN where the signal has nothing to show
-    values: FloatArray
+    values: FloatArray  # (V,): NaN where the signal has nothing to show
     first: float  # first, step: position of the first point and distance of the points, in samples
     step: float
 

@@ -23,14 +23,12 @@ STRIDES = 4  # steps in which a window moves by its length [count]
 class Excitation:
     """How well the samples of each window of a record determine the parameters."""
 
-    # (W,): the sample after which each window ends
-    samples: IntArray
+    samples: IntArray  # (W,): the sample after which each window ends
     window: int  # samples in a window
     # (W,): smallest eigenvalue of the window's scaled information matrix: 1 at best, 0 where a combination of
     # parameters is undetermined
     smallest: FloatArray
-    # (W,): condition number of the window's scaled regressors, as in the verdict on the whole record
-    condition: FloatArray
+    condition: FloatArray  # (W,): of the window's scaled regressors, as in the verdict on the whole record
 
 
 def excitation(phi: FloatArray) -> Excitation | None:

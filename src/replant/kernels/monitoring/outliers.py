@@ -50,8 +50,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 # at the most a hundredth of the samples is then not learned: standard deviations grow by half a percent
 RESOLVED = 0.01  # share of ties, samples equal to a new one before, below which the scale is fine, none learned [share]
-# of white normal noise that is rounded to its standard deviation 27 % are ties: the scale is then as coarse as the
-# noise
+# of white normal noise that is rounded to its standard deviation 27 % are ties: the scale is as coarse as the noise
 COARSE = 0.3  # share of ties from which on the scale is coarse [share]
 # 1.5e-8, one run in 66 million samples
 CHANCE = -18.0  # logarithm of the chance of a run of ties below which it is none [logarithm]

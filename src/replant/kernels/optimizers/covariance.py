@@ -168,8 +168,7 @@ def recursive_least_squares(theta, memory, settings, buffer, rows, batch, direct
     projected, gain, newest = block(memory, AT_PROJECTED, P), block(memory, AT_GAIN, P), block(memory, AT_ALPHA, P)
     for k in range(batch):
         _, newest[0] = learn_row(theta, U, D, buffer[rows[k]], direction, forgetting, projected, gain)
-        # forgetting divides P: where nothing comes in to make up for it D would grow without bound, and stops at its
-        # cap
+        # forgetting divides P: where nothing comes in to make up for it D would grow without bound; it stops at its cap
         if forgetting < 1.0:
             for i in range(P):
                 D[i] = min(D[i] / forgetting, caps[i])

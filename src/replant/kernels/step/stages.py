@@ -22,8 +22,7 @@ from replant.kernels.schema import Doubt, StateArrays
 KEEP_AFTER_PART = 8  # part by which the samples must have grown until the estimate is kept again [part: one in so many]
 # four of them, as many as are kept, span more samples than a test needs
 KEEP_AFTER_LEAST = 32  # samples between two past estimates kept, at the least [samples]
-# just written one by one, they cannot be read as vectors before they have all reached the cache, for which everything
-# after would wait
+# just written one by one, they could be read as vectors only when all have reached the cache: everything would wait
 FEW = 16  # numbers up to which they are looked at one by one [count]
 
 

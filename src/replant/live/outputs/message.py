@@ -66,14 +66,11 @@ class EstimateMessage:
     sequence: int | None  # number of the sample, where the device gives one
     samples: int  # accepted samples so far
     names: tuple[str, ...]  # names of the P parameters
-    # (P,): NaN until there is a first model
-    parameters: FloatArray
+    parameters: FloatArray  # (P,): NaN until there is a first model
     # (P,): standard deviations.  They and the verdict may be tenths of a second older than the sample; NaN and
     # "unknown" where the estimate has moved since by more than they allow
     std: FloatArray
-    # {"starting", "running", "diverged", "waiting", "ended"}: "waiting" while no sample is accepted, "ended" when the
-    # session is over
-    status: str
+    status: str  # starting, running, diverged; waiting: no sample is accepted; ended: the session is over
     verdict: str
     excited: bool = False  # see `Assessment`; False while the verdict is not known
     ttl: float = 0.0  # seconds from the receipt of the message for which a controller may use the model; 0: it may not

@@ -75,11 +75,9 @@ class Batch:
     # (K,): the device's time stamps in s.  None: the device sends no stamps; the clock is regular, and each sample is
     # one sampling time after the one before
     t: FloatArray | None
-    # (K,): the device's sequence numbers, strictly increasing; a gap means lost samples
-    sequence: IntArray | None
+    sequence: IntArray | None  # (K,): the device's sequence numbers, strictly increasing; a gap means lost samples
     arrived: float  # `time.monotonic()` when the newest sample arrived
-    # (K,): the reference; NaN where the device sent none.  None: there is no reference
-    r: FloatArray | None = None
+    r: FloatArray | None = None  # (K,): the reference; NaN where the device sent none.  None: there is no reference
 
     def __len__(self) -> int:
         return len(self.y)
