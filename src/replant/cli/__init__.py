@@ -115,8 +115,7 @@ class _LazyGroup(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         name, ctx.meta[TYPED] = args[0], args[1:]
         if name not in COMMANDS and not name.startswith("-"):
-            question = did_you_mean(name, list(COMMANDS))
-            ctx.fail(f"No such command {name!r}" + (f"; {question}" if question else "."))
+            ctx.fail(f"No such command {name!r}" + (did_you_mean(name, list(COMMANDS), "; {}") or "."))
         found = super().resolve_command(ctx, args)
         if found[1] is not None:
             refuse_twice(found[1], ctx, found[2])

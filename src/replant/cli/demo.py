@@ -41,8 +41,7 @@ def _known(ctx: click.Context, parameter: click.Parameter, names: tuple[str, ...
     """Return the names without repetition; all names if none is given."""
     for name in names:
         if name not in NAMES:
-            question = did_you_mean(name, NAMES)
-            near = f" ({question})" if question else ""
+            near = did_you_mean(name, NAMES, " ({})")
             raise click.UsageError(f"there is no {name!r} to reproduce{near}: choose from {', '.join(NAMES)}", ctx)
     return tuple(dict.fromkeys(names)) or NAMES
 

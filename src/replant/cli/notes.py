@@ -41,10 +41,10 @@ def _replaced(error: UnicodeError) -> tuple[str, int]:
 NEAR = 0.6  # likeness from which on a word is taken for a misspelling [ratio of difflib]
 
 
-def did_you_mean(word: str, words: Sequence[str]) -> str:
-    """Return a question for the nearest of ``words``; empty if none is near."""
+def did_you_mean(word: str, words: Sequence[str], form: str = "{}") -> str:
+    """Return a question for the nearest of ``words``, in the place of {} in ``form``; empty if none is near."""
     near = get_close_matches(plain(word), words, n=1, cutoff=NEAR)
-    return f"did you mean {near[0]!r}?" if near else ""
+    return form.format(f"did you mean {near[0]!r}?") if near else ""
 
 
 def plain(word: str) -> str:

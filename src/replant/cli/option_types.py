@@ -30,8 +30,7 @@ class Choice(click.Choice[str]):
         found = next((choice for choice in self.choices if plain(choice) == plain(str(value))), None)
         if found is None:
             listed = ", ".join(map(repr, self.choices))
-            question = did_you_mean(str(value), self.choices)
-            near = f" ({question})" if question else ""
+            near = did_you_mean(str(value), self.choices, " ({})")
             self.fail(f"{value!r} is not one of {listed}{near}.", param, ctx)
         return found
 
@@ -160,8 +159,7 @@ def _with_settings(name: str, settings: str) -> Optimizer:
         key, equals, number = (part.strip() for part in entry.partition("="))
         key = key.replace("-", "_")
         if key not in fields:
-            question = did_you_mean(key, list(fields))
-            near = f" ({question})" if question else ""
+            near = did_you_mean(key, list(fields), " ({})")
             raise InvalidArgumentError(f"{name} has no setting {key!r}{near}; its settings are {', '.join(fields)}")
         if key in given:
             raise InvalidArgumentError(f"{key} is given twice")

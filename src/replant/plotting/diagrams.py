@@ -215,23 +215,13 @@ def draw_poles(
     return axis
 
 
-def mirrored(covariance: FloatArray) -> FloatArray:
-    """Return the covariance (2, 2) of a root's conjugate.
-
-    >>> mirrored(np.array([[4.0, 1.0], [1.0, 2.0]]))
-    array([[ 4., -1.],
-           [-1.,  2.]])
-    """
-    return np.asarray(covariance * np.array([[1.0, -1.0], [-1.0, 1.0]]))
-
-
 def with_conjugates(regions: Regions) -> Regions:
     """Return regions, each complex one followed by that of the conjugate root."""
-    found = []
+    found, mirrored = [], np.array([[1.0, -1.0], [-1.0, 1.0]])  # signs of a covariance (2, 2)
     for root, covariance in regions:
         found.append((root, covariance))
         if root.imag:
-            found.append((root.conjugate(), mirrored(covariance)))
+            found.append((root.conjugate(), np.asarray(covariance * mirrored)))
     return found
 
 
