@@ -233,7 +233,7 @@ def test_a_constant_with_all_parts_is_on_the_page(tmp_path: Path, monkeypatch: p
 
 def test_the_constants_of_the_estimators_are_found() -> None:
     found = {(one.module, name) for one in constants_page.constants() for name in one.names}
-    assert {("kernels.monitoring.outliers", "GATE"), ("verdict.score_test", "LARGEST_PART")} <= found
+    assert {("kernels.monitoring.outliers", "GATE"), ("numerics.levels", "LARGEST_PART")} <= found
 
 
 def test_a_comment_says_what_a_plain_fact_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

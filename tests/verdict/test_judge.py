@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,11 @@ import pytest
 
 import replant as rp
 from replant.estimation.engine.record import Record
+from replant.numerics.levels import LARGEST_PART, NEGLIGIBLE
+from replant.numerics.score_test import Explained
 from replant.verdict import Assessment, assess_record
 from replant.verdict.evidence import Evidence
 from replant.verdict.judge import judge
-from replant.verdict.score_test import LARGEST_PART, NEGLIGIBLE, Explained
 from replant.verdict.verdict import STATUSES, Finding, conclude, percent
 from support.builders import binary
 from support.cases import every
@@ -182,8 +182,7 @@ def test_no_reason_has_a_power_of_ten_for_a_span_or_a_part() -> None:
 def test_a_part_of_an_output_that_stands_still_is_everything() -> None:
     """Its power is nothing: without a warning that would reach the user's terminal."""
     found = Explained(np.ones(1), power=10.0, std=1.0, statistic=2.0)
-    evidence: Any = SimpleNamespace(used=np.ones(2, bool), known=slice(0, 2))
-    part = found.beside(evidence, np.array([-9.0, 9.0]), np.zeros(2))
+    part = found.of_output(np.zeros(2), np.array([-9.0, 9.0]), np.ones(2, bool))
     assert part.is_sure
     assert part.is_large
     assert part.power > 1e300

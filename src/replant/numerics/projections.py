@@ -9,13 +9,13 @@ import numpy as np
 from replant.kernels.schema import LAGUERRE
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import chi2_quantile, combined, least_norm, products, sum_of_squares
+from replant.numerics.linear_algebra import combined, least_norm, products
 
 TAKEN_AWAY = 1e-9  # length of a column, something taken off, that is rounding: a million times it [part of it before]
 LEFT = 1e-6  # length left of a column below which it cannot be told from known ones: the root of rounding [part of it]
 WEAKEST = 1e-13  # eigenvalue of scaled sums of a direction that is not there: a hundred roundings [part of the largest]
-SHIFTS = 9  # of a residual against columns, by which `widening` is measured to a fifth [count]
-GOLDEN = 0.6180339887498949  # distance of two shifts, so that no period meets several of them [part of the record]
+STRETCHES = 16  # of the record, whose scores tell their scatter: of two columns and more to a quarter [count]
+WIDER = 4.0  # scatter of the scores beyond which it is no chance [standard deviations]
 
 
 def lengths_of(columns: FloatArray) -> FloatArray:
@@ -52,18 +52,19 @@ def amounts_of(columns: FloatArray, signal: FloatArray) -> FloatArray:
     return np.asarray(least_norm(columns / lengths, signal, WEAKEST)[0] / lengths)
 
 
-def widening(basis: FloatArray, left: FloatArray) -> float:
-    """Return by how much colour widens the part of a residual that unrelated columns explain; 1 where it is white.
+def widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:
+    """Return by how much colour of a residual's rest (K,) widens its scores, what columns (K, R) explain of it.
 
-    The part is compared with that of the same residual shifted against the columns, so far that they have nothing to do
-    with each other: the median over `SHIFTS` shifts, over that of chi-square, which it is where the residual is white.
+    Of a white rest the squares of the scores of a stretch have the mean of those of the columns there, times its
+    variance.  1 where more may be chance.
     """
-    if not basis.shape[1] or not left.any():
+    if not (basis.shape[1] and variance > 0.0):
         return 1.0
-    places = (np.arange(1, SHIFTS + 1) * GOLDEN % 1.0 * left.size).astype(int)
-    parts = [float(np.sum(products(basis, np.roll(left, place)[:, None]) ** 2)) for place in places]
-    usual = sum_of_squares(left) / left.size * chi2_quantile(0.5, basis.shape[1])
-    return max(1.0, float(np.median(parts)) / usual)
+    parts = np.array_split(np.arange(len(rest)), STRETCHES)
+    squares = sum(float(np.sum((products(basis[part], rest[part])) ** 2)) for part in parts)
+    wider = squares / (basis.shape[1] * variance)
+    chance = WIDER * math.sqrt(2.0 / (STRETCHES * basis.shape[1]))
+    return wider if wider > 1.0 + chance else 1.0
 
 
 # seven from one end to the other are a factor of two apart in memory

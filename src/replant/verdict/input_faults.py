@@ -29,20 +29,13 @@ import numpy as np
 
 from replant.estimation.simulation.model_run import ModelRun, run_model
 from replant.numerics.arguments import FloatArray
-from replant.numerics.levels import ALPHA
+from replant.numerics.levels import ALPHA, LARGEST_PART, NEGLIGIBLE
 from replant.numerics.linear_algebra import chi2_quantile, combined, inner
 from replant.numerics.projections import without
+from replant.numerics.score_test import Explained
 from replant.verdict.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.score_test import (
-    LARGEST_PART,
-    NEGLIGIBLE,
-    Explained,
-    dynamics,
-    power_of,
-    residual_of,
-    unexplained,
-)
+from replant.verdict.unexplained import dynamics, power_of, residual_of, unexplained
 from replant.verdict.verdict import Finding, percent
 
 WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]

@@ -28,7 +28,7 @@ import numpy as np
 from replant.estimation.engine.state import GAP
 from replant.estimation.simulation.fitted_run import fit_percent
 from replant.numerics.autoregression import one_step, whiteness
-from replant.numerics.levels import MATTERS
+from replant.numerics.levels import MATTERS, NEGLIGIBLE
 from replant.numerics.linear_algebra import quiet, roots
 from replant.numerics.robust import robust_std
 from replant.verdict import sensor_and_excitation
@@ -36,7 +36,7 @@ from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
 from replant.verdict.evidence import CONSTANT, LEAST_POWER, RESTING, Evidence, Runs, is_constant
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
 from replant.verdict.loop_tests import COLOURED, Loop, Reference, unexplained_by_reference
-from replant.verdict.score_test import NEGLIGIBLE, unexplained, unexplained_before
+from replant.verdict.unexplained import unexplained, unexplained_before
 from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, percent
 
 POOREST_FIT = 10.0  # simulated fit below which the input explains next to nothing: noise has four times its power [%]

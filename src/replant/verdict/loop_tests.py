@@ -36,8 +36,9 @@ from replant.numerics.projections import (
     widening,
     without,
 )
+from replant.numerics.score_test import Explained
 from replant.verdict.evidence import RESTING, ROUNDING, Evidence, Runs, rounding_of
-from replant.verdict.score_test import Explained, residual_of
+from replant.verdict.unexplained import residual_of
 from replant.verdict.verdict import Finding
 
 STILL = "the reference stands still"
@@ -128,9 +129,8 @@ class Reference:
         amounts = products(basis, x)
         part = sum_of_squares(amounts)
         free = max(x.size - amounts.size, 1)
-        rest = max((sum_of_squares(x) - part) / free, np.finfo(float).tiny) * widening(
-            basis, x - combined(basis, amounts)
-        )
+        variance = max((sum_of_squares(x) - part) / free, np.finfo(float).tiny)
+        rest = variance * widening(basis, x - combined(basis, amounts), variance)
         limit = chi2_quantile(1.0 - ALPHA, states.shape[1] + 1)
         return cls(states, input_part, output_part, part / rest / limit)
 
@@ -154,7 +154,7 @@ def unexplained_by_reference(evidence: Evidence, run: ModelRun, reference: Refer
     columns = np.column_stack([reference.states, reference.output**2, reference.output**3])[rows]
     residual = residual_of(evidence, error, np.zeros((error.size, 0)))
     found = residual.explained(columns, evidence.coefficients if evidence.in_sample else 0)
-    return found.beside(evidence, error, reference.output[rows])
+    return found.of_output(reference.output[rows], error, evidence.used[rows])
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,7 @@ def moved(row: Row, point: Point, noise: Autoregression, covariance: FloatArray)
     variance = point.cost / max(row.count - step.size - row.nuisances * len(row.stretches), 1)
     spread = variance * inverse @ products(zeta, zeta) @ inverse.T + covariance
     basis = combined(zeta, orthogonal(products(zeta, zeta)))
-    limit = chi2_quantile(1.0 - ALPHA, step.size) * widening(basis, error)
+    limit = chi2_quantile(1.0 - ALPHA, step.size) * widening(basis, without(error[:, None], zeta)[:, 0], variance)
     if not float(step @ inverse_of(spread) @ step) > limit:  # nor where it is NaN: the samples do not tell
         return
     states, parts = np.zeros(row.nuisances - 1), []
@@ -179,7 +179,7 @@ def _of_filters(
         along = products(basis, phi)
         spread = spread + along @ covariance @ along.T
     statistic = float(amounts @ np.linalg.lstsq(spread, amounts, rcond=None)[0])
-    limit = chi2_quantile(1.0 - ALPHA, basis.shape[1]) * widening(basis, error)
+    limit = chi2_quantile(1.0 - ALPHA, basis.shape[1]) * widening(basis, error - combined(basis, amounts), variance)
     power = float(amounts @ amounts) - float(np.trace(spread))
     return statistic / max(limit, 1e-300), power / max(_power(row, noise), np.finfo(float).tiny)
 

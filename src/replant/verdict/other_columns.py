@@ -27,11 +27,12 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import MATTERS
 from replant.numerics.linear_algebra import combined, quiet
 from replant.numerics.projections import without
+from replant.numerics.score_test import Explained, Residual
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.estimate_tests import without_longer
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.loop_tests import Reference, answer
-from replant.verdict.score_test import Explained, Residual, dynamics, known_columns, power_of, residual_of
+from replant.verdict.unexplained import dynamics, known_columns, power_of, residual_of
 from replant.verdict.verdict import Assessment, percent
 
 REFINED = 2  # times that the noise is estimated again from what a column leaves: a third changes no verdict [count]
@@ -100,7 +101,7 @@ def _chosen(evidence: Evidence, run: ModelRun, causes: dict[str, ModelRun], *, c
         for name, by_x in causes.items():
             columns = dynamics(evidence, by_x)
             explained = _explained(residual, error, columns)
-            part = explained.beside(evidence, error, y)
+            part = explained.of_output(y, error, evidence.used[evidence.known])
             if not (part.is_sure and part.power > MATTERS):
                 continue
             size = min(part.power, _explicable(residual, error, columns) / power_of(evidence, y))

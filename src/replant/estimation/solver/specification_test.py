@@ -55,7 +55,8 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import combined, inner, products, pseudo_inverse, quiet, sum_of_squares
-from replant.numerics.projections import LEFT, lengths_of, orthogonal, without
+from replant.numerics.projections import lengths_of, orthogonal, without
+from replant.numerics.score_test import Residual
 
 # on 70 field records of `make campaign` the noise-free fit does not depend on it from 0.01 to 0.3; on logs of real
 # rigs, no structure being right, a filtered estimate that is kept costs 1 to 24 points
@@ -99,23 +100,13 @@ def chance_of_dynamics(structure: Structure, record: Record, filtered: Refined) 
     run = run_model(structure, filtered.theta[: structure.size], record, record.dt)
     if run is None or runs_away(np.append(1.0, filtered.theta[structure.denominator]), record.span):
         return 0.0
-    noise, known = filtered.noise_model, np.hstack([run.zeta, run.nuisances])
-    whole, size = _whole(record, noise.order), known.shape[1]
+    noise = filtered.noise_model
     columns = run.dynamics(slice(None), record.dt, record.span, feedback=True)
     answer = _answering(record, noise, run.error)
     if not answer.found or _is_direct(structure, filtered.theta, answer.at_once):  # what acts at once is the plant's
         columns = np.column_stack([columns, run.u])
-    signals = np.column_stack([known, columns, run.error])
-    white = noise.ahead(signals / lengths_of(signals)) * whole[:, None]
-    left = without(white[:, size:], white[:, :size])
-    columns, error = left[:, :-1], left[:, -1]
-    columns = columns[:, lengths_of(columns) > LEFT * lengths_of(white[:, size:-1])]
-    columns = columns / lengths_of(columns)
-    explained = orthogonal(products(columns, columns)).T @ products(columns, error)
-    rest, free = sum_of_squares(error) - sum_of_squares(explained), float(whole.sum()) - size - explained.size
-    if not (explained.size and rest > 0.0 and free > 0.0):
-        return 1.0
-    return _chance(sum_of_squares(explained) / explained.size * free / rest, explained.size, free)
+    used, known = record.predecessors >= noise.order, np.hstack([run.zeta, run.nuisances])
+    return Residual.of(run.error, known, record.predecessors, used, noise).explained(columns).chance
 
 
 def disagreement(structure: Structure, record: Record, plain: Refined, filtered: Refined) -> float:

@@ -12,8 +12,9 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
+from replant.numerics.score_test import Explained, Residual
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.score_test import Explained, Residual, unexplained
+from replant.verdict.unexplained import unexplained
 from support.builders import G1, binary
 from support.cases import every
 
