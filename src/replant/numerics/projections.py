@@ -46,10 +46,10 @@ def without(columns: FloatArray, nuisances: FloatArray) -> FloatArray:
     return np.asarray(columns - np.einsum("ij,jk->ik", nuisances, weights))
 
 
-def amounts_of(columns: FloatArray, signal: FloatArray) -> FloatArray:
+def amounts_of(columns: FloatArray, signal: FloatArray, weakest: float = WEAKEST) -> FloatArray:
     """Return the amounts (P,) of columns (K, P), of any length, that explain most of a signal (K,)."""
     lengths = lengths_of(columns)
-    return np.asarray(least_norm(columns / lengths, signal, WEAKEST)[0] / lengths)
+    return np.asarray(least_norm(columns / lengths, signal, weakest)[0] / lengths)
 
 
 def widening(basis: FloatArray, rest: FloatArray, variance: float) -> float:
@@ -114,18 +114,13 @@ DEPENDENT = 1e-10  # singular value of functions that depend on each other: roun
 
 def weights_of(functions: FloatArray, signal: FloatArray) -> FloatArray:
     """Return the weights (L,) of functions (K, L) that make a signal (K,), whatever the colour of what is left."""
-    weights = _least_squares(functions, signal)
+    weights = amounts_of(functions, signal, DEPENDENT)
     for _ in range(SWEEPS):
         colour = Autoregression.of(signal - combined(functions, weights))
         if colour.order == 0:
             break
-        weights = _least_squares(colour.whiten(functions), colour.whiten(signal))
+        weights = amounts_of(colour.whiten(functions), colour.whiten(signal), DEPENDENT)
     return weights
-
-
-def _least_squares(columns: FloatArray, target: FloatArray) -> FloatArray:
-    lengths = lengths_of(columns)
-    return np.asarray(least_norm(columns / lengths, target, DEPENDENT)[0] / lengths)
 
 
 def explained_power(functions: FloatArray, signal: FloatArray) -> float:

@@ -63,8 +63,6 @@ def other_columns(
     record: Record,
     dt: float,
     others: Mapping[str, FloatArray],
-    *,
-    in_sample: bool = True,
 ) -> tuple[OtherColumn, ...]:
     """Return the columns that explain a part of the residual that matters and is no chance, that with most first."""
     whole = record.u.size
@@ -73,7 +71,7 @@ def other_columns(
     signals = {name: _scaled(signal[rows]) for name, signal in others.items() if _moves(signal[rows])}
     evidence = Evidence(
         structure, dt, record, parameters, None, parameters,
-        unseen=0 if in_sample else record.u.size, learned=record.u.size, in_sample=in_sample, adapts=in_sample,
+        unseen=0, learned=record.u.size, in_sample=True,
     ).in_own_units()  # fmt: skip
     if not signals or evidence.counted < evidence.enough or not np.ptp(record.u) > 0.0:
         return ()

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.auxiliary_model import Pass
 from replant.estimation.simulation.fitted_run import triangle_of
 from replant.estimation.solver.refined_estimate import Prior, Refined, without_nuisances
 from replant.estimation.solver.residual_likelihood import WEAKEST
@@ -170,12 +169,7 @@ def with_nuisances(problem: Problem, model: FloatArray, rows: slice = slice(None
     """Return a model (T,) with the offset and the initial state that rows of a problem's record tell."""
     size = problem.structure.coefficients
     done = problem.run_whole(without_nuisances(problem.structure, model[:size]))
-    return np.concatenate([model[:size], nuisances_of(done, size, rows)])
-
-
-def nuisances_of(done: Pass, size: int, rows: slice = slice(None)) -> FloatArray:
-    """Return the nuisances (T - size,) that explain most of the residual of a pass without any, of some rows."""
-    return np.asarray(least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0])
+    return np.concatenate([model[:size], least_norm(done.phi[rows, size:], done.error[rows], WEAKEST)[0]])
 
 
 @quiet

@@ -62,14 +62,9 @@ def layout_of_state() -> str:
     return hashlib.sha256("\n".join(slots + sizes).encode()).hexdigest()[:16]
 
 
-def most_kept(settings: Settings | None, request: Request) -> int:
-    """Return how many raw samples are kept at the most; without settings in a start-up."""
-    return collects_at_most(request) if settings is None else request.history
-
-
 def sizes_of(settings: Settings | None, request: Request, rows: int, *, reference: bool) -> Dimensions:
     """Return the sizes of an identifier's arrays, with so many ``rows`` of raw samples where there may be so many."""
-    most = most_kept(settings, request)
+    most = collects_at_most(request) if settings is None else request.history  # without settings in a start-up
     recent = rows if rows in rooms(most) else most
     if settings is None:
         return Dimensions.of_request(request, recent, reference=reference)
