@@ -43,7 +43,6 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import simulate
-from replant.estimation.simulation.model_run import runs_away
 from replant.estimation.solver.refined_estimate import Refined, Root, without_nuisances
 from replant.estimation.solver.specification_test import (
     FALSE_ALARM,
@@ -59,7 +58,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import chi2_quantile, quiet
+from replant.numerics.linear_algebra import chi2_quantile, quiet, roots
 
 CUTOFFS = 8  # state-variable filters tried for a start, evenly spaced in the logarithm [count]
 SLOWEST_CUTOFF = 5.0  # slowest of them: five time constants are the record; the fastest is 1 / dt [1 / duration]
@@ -92,6 +91,9 @@ Origin: the innovation alone prefers a model without a numerator, which leaves t
 in half of the runs of the PI and PID loops under a load.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
+
+# the root of float64's precision: no measurement tells the initial state better
+MOST_GROWN = 18.0  # growth within the record beyond which an unstable model's simulation says nothing [exponent]
 
 # one right root in a thousand is looked for twice
 LIKELY = 0.999  # probability of a lower J at the right model, beyond which other starts are tried [probability]
@@ -202,9 +204,9 @@ def _plain(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = Fal
 
 
 def _simulated(problem: Problem, model: FloatArray) -> float:
-    """Return the mean square of a model's error when simulated; infinite where it runs away: no plant alone does."""
+    """Return the mean square of a model's error when simulated; infinite where that says nothing."""
     record, plant = problem.whole, problem.structure.transfer_function(model[: problem.structure.size])
-    if runs_away(plant.den, record.span):
+    if float(roots(plant.den).real.max()) * record.span > MOST_GROWN:
         return math.inf
     y = np.where(record.is_measured, record.y, np.nan)
     error = y.copy()
