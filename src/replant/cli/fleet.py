@@ -34,9 +34,7 @@ NAMED = 5  # odd rigs that the terminal names [count]
 )
 @click.option("--method", type=Choice(METHODS), default="run", show_default=True, help="As run or fit.")
 @click.option(
-    "--on",
-    metavar="WHERE",
-    help="threads:N, processes:N or dask://HOST:PORT.  [default: processes, one a core]",
+    "--on", metavar="WHERE", help="threads:N, processes:N or dask://HOST:PORT.  [default: processes, one a core]"
 )
 @path_option("--compare", "OLD_DIR", "Show what has drifted since the results in OLD_DIR.")
 @click.option(

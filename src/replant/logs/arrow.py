@@ -114,10 +114,7 @@ def open_parquet(path: Path) -> Iterator[Any]:
     parquet = needed(path, "pyarrow.parquet", "reading Parquet needs pyarrow", "'replant[parquet]'")
     # pre_buffer would keep every block in memory
     options = {"pre_buffer": False, "buffer_size": BUFFER_BYTES, "page_checksum_verification": True}
-    with (
-        damage_as_log_error(path, "Parquet file", _REMEDY),
-        parquet.ParquetFile(path, **options) as file,
-    ):
+    with damage_as_log_error(path, "Parquet file", _REMEDY), parquet.ParquetFile(path, **options) as file:
         yield file
 
 

@@ -44,8 +44,7 @@ def read_mdf(path: Path) -> Table:
     )
     places = [(group, number) for group, number, *_ in found]
     return channel_table(
-        path,
-        [Channel(name, partial(_signal, path, name, *place)) for name, place in zip(names, places, strict=True)],
+        path, [Channel(name, partial(_signal, path, name, *place)) for name, place in zip(names, places, strict=True)]
     )
 
 

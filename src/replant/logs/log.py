@@ -13,15 +13,7 @@ from numpy.typing import NDArray
 
 from replant.errors import InvalidArgumentError
 from replant.model import interop
-from replant.numerics.arguments import (
-    finite,
-    keep,
-    one_of,
-    text,
-    truth,
-    vector,
-    whole,
-)
+from replant.numerics.arguments import finite, keep, one_of, text, truth, vector, whole
 from replant.numerics.limits import duration, file_path
 from replant.numerics.time_stamps import is_regular
 

@@ -117,13 +117,7 @@ FIGURES = {
             ),
             _FIRST_ORDER,
         ),
-        Figure(
-            "fig2",
-            "Figure 2: amplitude of the input",
-            TABLES["table2"],
-            tuple(_amplitudes()),
-            _FIRST_ORDER,
-        ),
+        Figure("fig2", "Figure 2: amplitude of the input", TABLES["table2"], tuple(_amplitudes()), _FIRST_ORDER),
         Figure(
             "fig3",
             "Figure 3: scaling of the signals, AMSGrad on $G_2(s)$",

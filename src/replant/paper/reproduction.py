@@ -96,10 +96,7 @@ class TableResult:
 
 
 def reproduce(
-    table: Table,
-    seeds: int = SEEDS,
-    on_row: Callable[[], None] = lambda: None,
-    executor: Executor | str | None = None,
+    table: Table, seeds: int = SEEDS, on_row: Callable[[], None] = lambda: None, executor: Executor | str | None = None
 ) -> TableResult:
     """Run every experiment of a table; call ``on_row`` after each row."""
     tasks = [(row, 1 if row.experiment.replay is None else seeds) for row in table.rows]

@@ -23,16 +23,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import places_on_grid
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
 from replant.online.runs.result import Clock, Result
-from replant.plotting.numbers import (
-    MINUS,
-    complex_number,
-    duration,
-    mapped_label,
-    number,
-    off_by,
-    symbols,
-    uncertain,
-)
+from replant.plotting.numbers import MINUS, complex_number, duration, mapped_label, number, off_by, symbols, uncertain
 from replant.plotting.over_time import Panel
 from replant.report.findings import Excitation, excitation
 from replant.report.page_frame import facts, table

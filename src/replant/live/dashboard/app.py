@@ -193,11 +193,7 @@ def page_app(
         return Response(assets[name], media_type=_TYPES[Path(name).suffix])
 
     return Starlette(
-        routes=[
-            Route("/", index),
-            Route("/assets/{name}", asset),
-            *routes,
-        ],
+        routes=[Route("/", index), Route("/assets/{name}", asset), *routes],
         middleware=[
             Middleware(Guard, token=token, hosts=hosts),
             Middleware(GZipMiddleware, minimum_size=1024, compresslevel=4),

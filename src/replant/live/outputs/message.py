@@ -180,12 +180,7 @@ class ParquetRecorder:
         self._start = time.monotonic()
 
     def add_samples(
-        self,
-        n: npt.NDArray[np.int64] | None,
-        t: FloatArray,
-        u: FloatArray,
-        y: FloatArray,
-        r: FloatArray | None = None,
+        self, n: npt.NDArray[np.int64] | None, t: FloatArray, u: FloatArray, y: FloatArray, r: FloatArray | None = None
     ) -> None:
         """Record samples."""
         if n is not None and n[0] <= self._last:
