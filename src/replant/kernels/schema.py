@@ -8,17 +8,7 @@ the newest raw samples.  `StateSlots` lists what lies in the first two.  From th
 * the properties of `replant.estimation.engine.state.State`, by the same names;
 * the layout and the check of a checkpoint: the ranges are checked when one is loaded.
 
-To add a number, add a line.  Dimensions of blocks:
-
-    n               poles
-    T               entries of the regressor: the parameters, then the nuisances of the refined filter
-    M, S            numbers of the optimizer's memory and of its settings
-    RING            past inputs kept for the dead time
-    PAST            past estimates kept
-    LAGS            order of the autoregression
-    PATH            rows of the estimate's path: ROOM, or 0 where few raw samples are kept
-    Q               past inputs kept where there is a reference; else 0
-    L               Laguerre functions of the reference and one more; 0 without a reference
+To add a number, add a line.  `FIXED` and `DIMENSIONS` have the dimensions of blocks.
 """
 
 from __future__ import annotations
@@ -94,13 +84,13 @@ FIXED: Final = {"PAST": PAST, "LAGS": LAGS}
 DIMENSIONS: Final = {
     "n": "order",
     "N": "order + 2",
-    "T": "entries",
+    "T": "entries",  # the parameters, then the nuisances of the refined filter
     "M": "memory_size",
     "S": "settings_size",
     "RING": "ring_size",
-    "PATH": "path_size",
-    "Q": "ring_size * has_reference",
-    "L": f"{LAGUERRE + 1} * has_reference",
+    "PATH": "path_size",  # ROOM, or 0
+    "Q": "ring_size * has_reference",  # past inputs kept where there is a reference
+    "L": f"{LAGUERRE + 1} * has_reference",  # Laguerre functions of the reference, and one more
 }
 
 # Who writes a slot.

@@ -105,10 +105,7 @@ class Contents:
 
 
 def read_contents(table: Table) -> Contents:
-    """Read the first rows of a log, as many as are held in memory at once, and describe its columns.
-
-    A column with a cell that is not a number is described as text, and the others are read without it.
-    """
+    """Read as many first rows of a log as memory holds, and describe its columns: with a cell of text, as text."""
     every = range(len(table.names))
     most = min(MOST_ROWS, max(FEWEST_ROWS, MOST_CELLS // max(1, len(table.names))))
     problems: dict[int, str] = {}

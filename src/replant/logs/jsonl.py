@@ -45,10 +45,7 @@ class _Columns:
 
 
 def read(path: Path) -> Table:
-    """Open a file of JSON lines, with the keys of the first 1000 objects as columns.
-
-    A value is a number, true or false, null for a missing one, or a date or clock time.
-    """
+    """Open JSON lines; columns: keys of the first 1000 objects; cells: numbers, true, false, null (missing), times."""
     cut = _cut_line(path)
     given: dict[_Keys, list[Any]] = {}  # of each column the values among the first rows
     for _, row in _head(path, is_cut=bool(cut)):

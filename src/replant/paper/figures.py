@@ -2,9 +2,6 @@
 
 Figures 1-4 show estimates over time, a panel for each parameter, for rows of one table, those with a buffer run with
 its first seed.  Figures 7 and 8 and the actuator's table come from one experiment, which is run once.
-
->>> NAMES
-('table1', 'table2', 'table3', 'table4', 'fig1', 'fig2', 'fig3', 'fig4', 'fig6', 'fig7', 'fig8', 'actuator')
 """
 
 from __future__ import annotations

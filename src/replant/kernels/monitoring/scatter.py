@@ -21,10 +21,7 @@ from replant.kernels.schema import LAGS, Doubt
 
 @kernel("covariances.size > LAGS and model.size > LAGS and previous.size > LAGS")
 def autoregression(covariances: Reals, model: Reals, previous: Reals):
-    """Fill ``model`` (LAGS + 1,) by Levinson and Durbin's recursion; return its innovation's power.
-
-    ``previous`` (LAGS + 1,) is work.
-    """
+    """Fill ``model`` (LAGS + 1,) by Levinson and Durbin; return its innovation's power; ``previous``, as long: work."""
     model[0] = 1.0
     for i in range(1, LAGS + 1):
         model[i] = 0.0

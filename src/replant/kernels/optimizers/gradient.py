@@ -7,8 +7,7 @@ Every kernel has the same signature:
 ``theta`` (P,) and ``memory`` are changed in place; the first ``batch`` of ``rows`` are drawn.  A row of ``buffer`` is
 [phi (P entries), y, 1/m^2], all scaled, and [zeta (P entries)] after it where there are instruments.  The gradient (16)
 of a row is g = -(y - theta' phi) / m^2 * phi, or with zeta in the place of the last phi: ``direction`` is the column
-where that vector begins, 0 or P + 2.
-``settings`` holds the optimizer's numbers in the order that its class in `replant.estimation.optimizers` gives them.
+where that vector begins, 0 or P + 2.  ``settings`` are in the order of the class in `replant.estimation.optimizers`.
 
 Each loop has a code, by which `learn` chooses it and a checkpoint names it: any number that no other optimizer has or
 had.  `MEMORY` declares what lies in the memory of each optimizer; a loop gets a block of it by `block`.

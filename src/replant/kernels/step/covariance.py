@@ -54,10 +54,9 @@ def record_residual(s, error):
 
 
 def take(s, u, y, t, r):
-    """Take one sample as `step.gradient.take` does, with an optimizer that keeps a covariance.
+    """Take one sample as `step.gradient.take` does, and examine its output; where that is NaN the input is used.
 
-    Its output is examined; of a sample whose output alone is missing, NaN, the input is used.  ``r`` is its reference,
-    NaN where there is none.
+    ``r`` is its reference, NaN where there is none.
     """
     u, y = mapped_input(s, u), y - s.output_offset
     if not (acceptable(s, u, y) or lacks_output_alone(s, u, y)):

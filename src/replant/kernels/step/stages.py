@@ -257,9 +257,8 @@ def regressors(
     """Run the chain alone over a record, for offline use: regressors, instruments, target, auxiliary output.
 
     ``u`` and ``y`` are (K,), ``intervals`` (K,) or (1,) in s; ``by_reference`` (K, 2) is what a reference explains of
-    them, or (0, 2) where there is none.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,),
-    scaled, and ``output`` (K,) in the unit of y.  Rows of rejected samples are NaN.  ``zeta`` and ``output`` are left
-    alone where there are no instruments.
+    them, or (0, 2) where there is none.  Writes ``phi`` and ``zeta`` (K, T), ``target`` (K,), scaled, and ``output``
+    (K,) in the unit of y; NaN for rejected samples.  ``zeta`` and ``output`` need instruments, else are left alone.
     """
     T = s.entries
     regular = intervals.size == 1
