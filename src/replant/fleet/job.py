@@ -17,7 +17,7 @@ from replant.errors import InvalidArgumentError, SystemRefusedError
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.settings import AUTO, Request
 from replant.fitting.miso_fit import structures_of
-from replant.logs.arrow import SUFFIXES, RowGroups
+from replant.logs.arrow import RowGroups
 from replant.logs.log import check_one_reference
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
@@ -305,8 +305,8 @@ def work_of(rig: Rig) -> int:
     rows = 0
     for piece in rig.pieces:
         suffix = Path(piece.path).suffix.lower()
-        binary = suffix in SUFFIXES or suffix not in (".csv", ".txt", ".tsv", ".dat", ".jsonl")
-        rows += piece.rows or piece.size // (BINARY_ROW if binary else TEXT_ROW)
+        is_text = suffix in (".csv", ".txt", ".tsv", ".dat", ".jsonl")
+        rows += piece.rows or piece.size // (TEXT_ROW if is_text else BINARY_ROW)
     return FIXED + rows
 
 

@@ -21,7 +21,6 @@ from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route, WebSocketRoute
-from starlette.websockets import WebSocket
 
 from replant.errors import InvalidArgumentError, ReplantError, shown
 from replant.live.dashboard.app import Hub, dashboard_assets, file_answer, page_app, stream
@@ -297,9 +296,6 @@ def create_app(session: Session, hub: Hub, *, token: str | None, hosts: tuple[st
 
 
 def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
-    async def live(socket: WebSocket) -> None:
-        await stream(hub, socket)
-
     async def act(request: Request) -> Response:
         action = ACTIONS.get(request.path_params["name"])
         if action is None:
@@ -336,7 +332,7 @@ def _routes(session: Session, hub: Hub) -> list[Route | WebSocketRoute]:
         return file_answer(session.written().encode(), "application/json", f"session{SUFFIX}")
 
     return [
-        WebSocketRoute("/live", live),
+        WebSocketRoute("/live", partial(stream, hub)),
         Route("/do/{name}", _told(act), methods=["POST"]),
         Route("/logs", _told(upload), methods=["POST"]),
         Route("/ask/{name}", _told(ask)),

@@ -9,7 +9,7 @@ import logging
 import threading
 from collections.abc import AsyncGenerator, Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -210,9 +210,6 @@ async def _failed(_: Request, __: Exception) -> Response:
 def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
     """Return the routes of views, commands, models and reports."""
 
-    async def live(socket: WebSocket) -> None:
-        await stream(hub, socket)
-
     async def model(request: Request) -> Response:
         found = hub.model()
         if not found:
@@ -241,7 +238,7 @@ def _routes(hub: Hub) -> list[Route | WebSocketRoute]:
             return PlainTextResponse("The report could not be made: the terminal shows the reason.\n", 500)
 
     return [
-        WebSocketRoute("/live", live),
+        WebSocketRoute("/live", partial(stream, hub)),
         Route("/model.json", model),
         Route("/model.py", model),
         Route("/command/{name}", command, methods=["POST"]),
