@@ -1,7 +1,6 @@
 """Parquet (.parquet, .pq, or a folder of them), Feather and Arrow files, with pyarrow; columns as float64.
 
-Files written by replant have a checksum in each page, which is verified when the page is read.  Time stamps are seconds
-since the first row.
+Files of replant have a checksum in each page, verified when it is read.  Time stamps are seconds since the first row.
 """
 
 from __future__ import annotations

@@ -10,8 +10,7 @@ a disturbance of the plant's input, their innovation is 40 to 400 times too larg
 A sample with j < p known predecessors is whitened by the model of order j, whose residual has the larger variance V_j,
 and weighted by the root of V_p / V_j: the likelihood of an autoregression with a missing past.
 
-The all-pole filter is what makes white noise an autoregression; the play operator what a part with backlash makes of
-the motion that pushes it.
+The all-pole filter makes white noise an autoregression; the play operator a motion that of a part with backlash.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", sections 10.1 and 16.4; Brokate and Sprekels
 (1996), "Hysteresis and Phase Transitions", chapter 2.

@@ -57,9 +57,8 @@ def respond(s, u, interval, constant, row):
 def branch(s: StateArrays, u: Reals, intervals: Reals, constant: bool, rows: Matrix, output: Reals):
     """Run a model over inputs (K,), from where its last run ended.
 
-    ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T or more), in the order of the entries of the model, that
-    of the constant zero unless it is asked for, and ``output`` (K,).  Both are NaN where an input is not finite or too
-    large.
+    ``intervals`` are (K,) or (1,) in s.  Writes ``rows`` (K, T or more), in the order of the model's entries, that of
+    the constant zero unless asked for, and ``output`` (K,); both NaN where an input is not finite or too large.
     """
     T, bank = s.entries, s.banks[s.serving_bank]
     for k in range(u.size):

@@ -9,11 +9,8 @@ Members are level as long as none rejects a sample that others accept; the first
 With equal random streams level members draw the same rows, which are read where they lie; otherwise every member draws
 its own rows, and those of the batch are gathered first.
 
-A member whose sample is rejected goes through the arithmetic with the others, on its last sample over again, and is put
-back afterwards.
-
-Samples come in tiles of some hundred, a vector a sample.  `ensemble_members` has what is done member by member, and the
-learning.
+A member whose sample is rejected goes through the arithmetic, on its last sample over again, and is put back then.
+Samples come in tiles of some hundred, a vector a sample.  `ensemble_members` has what members do each, and learning.
 """
 
 from replant.kernels import schema as at
@@ -202,8 +199,7 @@ def steps(
     that a row of one member lies together.
 
     ``numbers`` (LANES,) says which of the ensemble's M members these are; lanes beyond ``members`` repeat the first.
-    ``u`` and ``y`` (K, M) have a column for each of the ensemble's members or (K, 1) one for all; ``errors`` is (K, M),
-    ``parameters`` (M, K, size).
+    ``u`` and ``y`` (K, M) have a column a member or (K, 1) one for all; ``errors`` (K, M), ``parameters`` (M, K, size).
 
     Work: ``live`` (LANES,); ``drawn`` (BATCH, WIDTH, LANES), the drawn rows of the buffer; ``order`` (BATCH,), 0, 1, 2,
     ...; ``picked`` (LANES,); ``spare`` (T + M, LANES).  ``tile`` (3, R, LANES) and ``estimates`` (R, size, LANES) are

@@ -152,8 +152,7 @@ def steps(
 ):  # fmt: skip
     """Take the samples from row ``start`` on, up to the stretch in which a member needs attention.
 
-    Returns the row behind that stretch; ``taken`` says up to which row each member has come: all up to that one, but
-    for those that need attention.
+    Returns the row behind it; ``taken`` says how far each member has come: to that row, unless it needs attention.
 
     ``numbers`` (LANES,) says which of the ensemble's M members the states ``one`` to ``sixteen`` are; those beyond the
     size of ``live`` and ``taken`` are not stepped.  ``u`` and ``y`` (K, M) have a column for each of the ensemble's

@@ -1,8 +1,7 @@
 """What an ensemble's members do, each for itself or all alike: rejected samples, learning, counting.
 
 Arrays are those of `step.ensemble`, with a lane for each member: ``arrays`` is (ints, reals, banks, buffer, recent),
-``s`` the fields of all members, ``estimate`` what `stages.cut_estimate` cuts of them, ``work`` what
-`step.ensemble.steps` says.
+``s`` the fields of all, ``estimate`` what `stages.cut_estimate` cuts of them, ``work`` as in `step.ensemble.steps`.
 """
 
 import numpy as np

@@ -207,8 +207,7 @@ def watch(s, beside, alpha, white):
 def take(s, models, beside, places, companion, how, u, y):
     """Take one sample, as `step.covariance.take` does; return the error in the unit of y.
 
-    ``companion`` (T,) becomes zeta as it was learned; ``how`` says whether a noise model filters, and whether the
-    optimizer forgets.
+    ``companion`` (T,) becomes zeta as learned; ``how``: whether a noise model filters, and the optimizer forgets.
     """
     filters, forgets = how
     unless_at_most(beside, abs(u), at.LARGEST)

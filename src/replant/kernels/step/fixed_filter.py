@@ -39,8 +39,7 @@ def place_of(bank, n, T, interval):
 def cut_filters(s, bank, place):
     """Return the arrays of `advance_states`, of the exact solution that begins at ``place``.
 
-    A (n n,), the responses to a constant and to a ramp (n,); the states of the output, then of the input, and room for
-    the new ones (2 n,).
+    A (n n,), the responses to constant and ramp (n,); the states of output, then input, and room for new ones (2 n,).
     """
     n, states = s.order, bk.at_states(s.order, s.entries)
     constant = place + 1 + n * n
@@ -83,8 +82,7 @@ def cut_regressor(s, bank):
 def advance_states(A, constant, ramp, states, new, y, rise_y, u, rise):
     """Find the filter states after one interval: output and input start at y and u and rise along straight lines.
 
-    They take the place of the others at the end (`settle`): the regressor, for which all else waits, is made of ``new``
-    as it comes, not of a copy.
+    `settle` puts them in place at the end: the regressor, for which all waits, is made of ``new`` itself, not a copy.
     """
     n = constant.size
     wy, wu, new_wy, new_wu = states, states[n:], new, new[n:]
