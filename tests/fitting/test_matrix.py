@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -34,18 +35,28 @@ def record(seed: int, samples: int = 600) -> tuple[FloatArray, FloatArray]:
 U, Y = record(0)
 
 
+@cache
+def whole(call: Any) -> rp.MatrixFit:
+    matrix = call(U, Y, DT, **ASKED)
+    assert isinstance(matrix, rp.MatrixFit)
+    return matrix
+
+
+@cache
+def alone(call: Any, number: int) -> Any:
+    """What a call finds of an output by itself."""
+    return call(U, Y[:, number].copy(), DT, **ASKED)
+
+
 @pytest.fixture(scope="module")
 def found() -> rp.MatrixFit:
-    fitted = rp.fit(U, Y, DT, **ASKED)
-    assert isinstance(fitted, rp.MatrixFit)
-    return fitted
+    return whole(rp.fit)
 
 
 def test_each_row_is_the_fit_of_its_output_alone(found: rp.MatrixFit) -> None:
-    for row, y in zip(found.rows, Y.T, strict=True):
-        alone = rp.fit(U, y.copy(), DT, **ASKED)
-        assert (row.parameters == alone.parameters).all()
-        np.testing.assert_array_equal(row.output, alone.output)
+    for number, row in enumerate(found.rows):
+        assert (row.parameters == alone(rp.fit, number).parameters).all()
+        np.testing.assert_array_equal(row.output, alone(rp.fit, number).output)
     assert [each.status for each in found.verdicts] == ["trusted", "trusted"]
     for row, true in zip(found.transfer_functions, PLANT, strict=True):
         for g, plant in zip(row, true, strict=True):
@@ -151,8 +162,8 @@ def test_every_input_of_a_table_counts() -> None:
     ran, fitted = (call(HEATERS, **NAMED, **ASKED) for call in (rp.run, rp.fit))
     for row in (ran, fitted):
         assert row.model.input_names == ("Q1", "Q2")
-    assert ran.parameters == pytest.approx(rp.run(U, Y[:, 0].copy(), DT, **ASKED).parameters)
-    assert fitted.parameters == pytest.approx(rp.fit(U, Y[:, 0].copy(), DT, **ASKED).parameters)
+    assert ran.parameters == pytest.approx(alone(rp.run, 0).parameters)
+    assert fitted.parameters == pytest.approx(alone(rp.fit, 0).parameters)
     found = rp.search(HEATERS, **NAMED, poles=1, delays=((0.0,), (0.0, 0.3)))
     assert found.best.model.input_names == ("Q1", "Q2")
     assert found.delays[1] == pytest.approx(0.3, abs=0.02)
@@ -164,16 +175,15 @@ def test_every_input_of_a_table_counts() -> None:
 
 @pytest.mark.parametrize("call", [rp.fit, rp.run])
 def test_fit_and_run_take_outputs_as_columns_or_by_name(call: Any) -> None:
-    matrix = call(U, Y, DT, **ASKED)
+    matrix = whole(call)
     table = call(HEATERS, input=["Q1", "Q2"], output=["T2", "T1"], **ASKED)
-    assert isinstance(matrix, rp.MatrixFit)
     assert matrix.model.output_names == ("y1", "y2")
     assert table.model.output_names == ("T2", "T1")
     assert table.model.input_names == ("Q1", "Q2")
     for row, number in zip((*matrix.rows, *table.rows), (0, 1, 1, 0), strict=True):
-        alone = call(U, Y[:, number].copy(), DT, **ASKED)
-        assert row.parameters == pytest.approx(alone.parameters, rel=1e-9)
-        assert row.verdict.status == alone.verdict.status == "trusted"
+        one = alone(call, number)
+        assert row.parameters == pytest.approx(one.parameters, rel=1e-9)
+        assert row.verdict.status == one.verdict.status == "trusted"
 
 
 @pytest.mark.slow
