@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -64,6 +66,12 @@ def changed_at(u: FloatArray, at: int) -> FloatArray:
     return y
 
 
+@cache
+def of_another_plant(seed: int, at: int) -> Any:
+    u = inputs(seed)
+    return identified(u, noisy(seed, changed_at(u, at), 0.0))
+
+
 def finds(loads: Sequence[int], begins: Sequence[int]) -> bool:
     return len(loads) == len(begins) and all(abs(a - b) <= NEAR for a, b in zip(loads, begins, strict=True))
 
@@ -91,8 +99,8 @@ def test_a_load_at_an_input_is_found() -> None:
 @every("seed", range(8), quick=1)
 def test_one_branch_that_changes_is_learned_anew(seed: int) -> None:
     """The first samples since are explained by a load as well."""
-    u, at = inputs(seed), 2100
-    ident = identified(u, noisy(seed, changed_at(u, at), 0.0))
+    at = 2100
+    ident = of_another_plant(seed, at)
     (begin,) = ident.begins
     assert abs(begin - at) <= TOGGLED
     assert distance(ident, np.array([11.0, 10.0, 10.0, 0.2, 0.2])) < chi2_quantile(0.9999, TRUE.size)
@@ -206,7 +214,7 @@ def test_a_record_without_a_change_is_not_parted(seed: int) -> None:
 
 @every("supposition", [Supposition.LOAD, Supposition.PLANT], quick=1)
 def test_the_end_takes_back_a_change_that_was_none(supposition: Supposition, monkeypatch: pytest.MonkeyPatch) -> None:
-    u = inputs(7)
+    u = inputs(7)[:2500]
     y, claims = noisy(7, answer(u), 0.0), iter([Change(supposition, 400, 50.0)])
     monkeypatch.setattr(miso_state, "find_change", lambda *_: next(claims, None))
     ident = identified(u, y)
@@ -218,8 +226,7 @@ def test_the_end_takes_back_a_change_that_was_none(supposition: Supposition, mon
 
 
 def test_the_end_keeps_a_change_that_was_one() -> None:
-    u = inputs(8)
-    ident = identified(u, noisy(8, changed_at(u, 2100), 0.0))
+    ident = copy.deepcopy(of_another_plant(0, 2100))
     begins = ident.begins
     ident.finish()
     assert ident.begins == begins != (0,)
@@ -238,7 +245,7 @@ def test_the_end_finds_a_load_that_was_missed(monkeypatch: pytest.MonkeyPatch) -
 
 def test_the_end_finds_another_plant_that_was_missed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(miso_state, "find_change", lambda *_: None)
-    u, at = inputs(10), 2100
+    u, at = inputs(10)[:3500], 1700
     ident = identified(u, noisy(10, changed_at(u, at), 0.0))
     assert ident.begins == (0,)
     ident.finish()
@@ -247,7 +254,7 @@ def test_the_end_finds_another_plant_that_was_missed(monkeypatch: pytest.MonkeyP
     assert any("the plant changed" in reason for reason in ident.assess().reasons)
 
 
-@pytest.mark.parametrize("seed", [0, 4])
+@pytest.mark.parametrize("seed", [0, pytest.param(4, marks=pytest.mark.slow)])
 def test_fit_finds_a_change_of_a_fifth_without_noise(seed: int) -> None:
     """Loads explain it beside one another, until they are too many; of the whole record nothing seemed wrong then."""
     rng, samples, at = np.random.default_rng(seed), 2500, 1183
