@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 import replant as rp
 from replant.estimation.engine.record import MOST_GAPS, Record, gaps_of
+from replant.fitting.fit_result import FitResult
 from replant.fitting.structure_search import search
 from replant.model.state_space import Response
 from support.builders import DT, binary, irregular_record, record, true_parameters, two_modes
@@ -27,7 +30,7 @@ def jittering(seed: int) -> tuple[np.ndarray, ...]:
     return u, y + noise(seed, y.size), t
 
 
-def with_gaps(seed: int, lost: int = 50, every: int = 600, samples: int = 6000) -> tuple[np.ndarray, ...]:
+def with_gaps(seed: int, lost: int = 50, every: int = 600, samples: int = 4400) -> tuple[np.ndarray, ...]:
     u, y = record(PLANT, seed, samples, DT, noise=NOISE)
     kept = np.arange(samples) % every >= lost
     return u[kept], y[kept], DT * np.arange(samples)[kept]
@@ -41,7 +44,12 @@ def of_two_rates(seed: int) -> tuple[np.ndarray, ...]:
 
 
 def short_gaps(seed: int) -> tuple[np.ndarray, ...]:
-    return with_gaps(seed, lost=4, every=100)
+    return with_gaps(seed, lost=4, every=100, samples=4168)
+
+
+@cache
+def on_a_regular_clock(seed: int, samples: int) -> FitResult:
+    return rp.fit(*record(PLANT, seed, samples, DT, noise=NOISE), DT, STRUCTURE)
 
 
 CLOCKS = every("make", [jittering, with_gaps, short_gaps, of_two_rates])
@@ -55,7 +63,7 @@ def test_the_fit_is_as_good_as_its_standard_deviations_say_and_as_on_a_regular_c
     away = fitted.parameters - TRUE
     assert fitted.covariance is not None
     assert away @ np.linalg.solve(fitted.covariance, away) < CERTAIN
-    regular = rp.fit(*record(PLANT, seed, u.size, DT, noise=NOISE), DT, STRUCTURE)
+    regular = on_a_regular_clock(seed, u.size)
     assert regular.uncertainty is not None
     assert fitted.uncertainty is not None
     assert (fitted.uncertainty.std < 3.0 * regular.uncertainty.std).all()
