@@ -136,7 +136,7 @@ def test_noise_that_does_not_grow_is_not_accused(colour: float, tails: bool) -> 
     assert worst < (5.0 if tails else 4.0)
 
 
-@every("seed", [3, 4, 5, 12, 37], quick=2)
+@every("seed", [4, 3, 5, 12, 37], quick=1)
 def test_of_noise_that_drifts_the_newest_block_is_not_accused(seed: int) -> None:
     """A random walk is largest at its end as often as elsewhere: of 40 such records five had been accused."""
     u = np.repeat(np.random.default_rng(seed).uniform(-1.0, 1.0, 35), 20)
