@@ -94,7 +94,7 @@ def sweep(n_jobs: int, defaults: int = 2) -> rp.Ensemble:
 
 
 def test_an_interrupted_identifier_goes_on_as_if_it_had_not_been() -> None:
-    assert interrupted(identifier(0), identifier(0), 0, 4, equal) == 4
+    assert interrupted(identifier(1), identifier(1), 1, 4, equal) == 4
 
 
 @pytest.mark.slow
@@ -216,7 +216,7 @@ def test_a_handler_may_read_and_save_and_may_not_change(monkeypatch: pytest.Monk
         assert equal(again, plain)
 
 
-@every("seed", range(3), quick=1)
+@every("seed", [1, 0, 2], quick=1)
 def test_a_review_writes_to_none_of_the_raw_samples_it_was_given(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """An interrupted one is begun again with the same samples, of which it has no copy."""
     u, y = stream(seed)
