@@ -8,7 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from replant.workbench import session
+from support.command import call
 from support.http_request import ask
 from support.waiting import PATIENCE
 
@@ -31,13 +34,14 @@ def test_it_serves_until_ctrl_c_and_takes_the_next_port_where_one_is_in_use(moto
         assert "Traceback" not in first.stderr.read()
 
 
-def test_a_mistake_is_one_line(tmp_path: Path) -> None:
+def test_a_mistake_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     damaged = tmp_path / "a.workbench"
     damaged.write_text("{}")
-    for words in (["no.csv"], [str(damaged)], [str(damaged), str(damaged)], ["--at", "nowhere"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "replant", "open", *words], capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 2
-        assert done.stderr.startswith("replant: ")
-        assert done.stderr.count("\n") == 1
+    command = [sys.executable, "-m", "replant", "open", "no.csv"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    told = [(done.returncode, done.stdout, done.stderr)]
+    told += [call(capsys, "open", *words) for words in ([damaged], [damaged, damaged], ["--at", "nowhere"])]
+    for code, _, err in told:
+        assert code == 2
+        assert err.startswith("replant: ")
+        assert err.count("\n") == 1
