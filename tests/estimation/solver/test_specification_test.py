@@ -130,8 +130,8 @@ def test_of_roots_one_that_runs_away_stands_for_a_plant_in_feedback_alone(
     """However small its innovation is: where noise drifts an unstable model may leave less than the right one."""
     descend, promising, seen = srivc.Problem.descend, srivc._promising, list[Any]()
 
-    def first_runs_away(*given: Any) -> Any:
-        root = descend(*given)
+    def first_runs_away(*given: Any, **how: Any) -> Any:
+        root = descend(*given, **how)
         if root is None or seen:
             return root
         seen.append(root)

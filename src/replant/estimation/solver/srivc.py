@@ -162,10 +162,14 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     root = _best(ends)
     if root is None:
         return problem.conclude(plain)
-    root_alone_is_unstable = problem.is_stable(plain.model) and not problem.is_stable(root.model)
-    if root_alone_is_unstable and not is_answered(problem.record, root.noise, root.done.error):
-        # an unstable plant is recorded in feedback only
-        root = _best([end for end in ends if end is not None and problem.is_stable(end.model)]) or root
+    alone = problem.is_stable(plain.model) and not problem.is_stable(root.model)
+    if alone and not is_answered(problem.record, root.noise, root.done.error):
+        # an unstable plant is recorded in feedback only: what comes to the axis has fitted the drift
+        starts = [problem.stabilized(end.model) for end in ends if end is not None]
+        ends = [problem.descend(start, WHITENED, RENEWALS, stable=True) for start in starts]
+        root = _best([end for end in ends if end is not None and end.converged])
+        if root is None:
+            return problem.conclude(plain)
     if not root.converged:  # a cost with a bend at the axis takes longer
         root = _best([root, problem.descend(root.model, WHITENED, RENEWALS)]) or root
     if not (plain.converged and problem.is_stable(plain.model)):  # from where the other has come to

@@ -274,7 +274,9 @@ class Problem:
         inside = -np.maximum(np.abs(poles.real), 2.0 * self.slowest) + 1j * poles.imag
         return np.concatenate([np.poly(inside).real[1:], model[self.structure.poles :]])
 
-    def descend(self, model: FloatArray, steps: int, renewals: Sequence[int] = ()) -> Root | None:
+    def descend(
+        self, model: FloatArray, steps: int, renewals: Sequence[int] = (), *, stable: bool = False
+    ) -> Root | None:
         """Take damped steps on the whitened residual; None where the first pass fails."""
         done = self.run(model)
         if not math.isfinite(done.cost):
@@ -283,8 +285,9 @@ class Problem:
         costs: list[float] = []  # of the steps since the noise model was last renewed
         stuck, halved = False, 0  # whether no step lowers the last of them
 
-        def cost(_: FloatArray, done: Pass) -> float:
-            return self.misfit(done) if math.isfinite(done.cost) else math.inf
+        def cost(tried: FloatArray, done: Pass) -> float:
+            is_allowed = math.isfinite(done.cost) and (not stable or self.is_stable(tried))
+            return self.misfit(done) if is_allowed else math.inf
 
         for step in range(steps):
             if self.is_rounding(done):
