@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from support.cases import every
+from support.cases import OTHERS, PART, SOME, every
 
 
 def test_each_case_runs_and_each_failure_is_named() -> None:
@@ -37,6 +37,22 @@ def test_cases_multiply() -> None:
 
     passes()
     assert seen == {("x", 1, 2), ("x", 3, 4), ("y", 1, 2), ("y", 3, 4)}
+
+
+@every("outer, inner", [(None, None), (None, 1), (1, None), (2, 1), (1, 2)])
+def test_of_cases_that_multiply_each_runs_once_in_one_of_the_two_parts(outer: int | None, inner: int | None) -> None:
+    seen = []
+
+    @every("a", "xyz", quick=outer)
+    @every("b", (1, 2, 3, 4), quick=inner)
+    def passes(a: str, b: int) -> None:
+        seen.append((a, b))
+
+    for part in (SOME, OTHERS) if outer or inner else (SOME,):
+        passes(**{PART: part})
+        if part == SOME:
+            assert len(seen) == (outer or 3) * (inner or 4)
+    assert sorted(seen) == [(a, b) for a in "xyz" for b in (1, 2, 3, 4)]
 
 
 def test_a_test_without_cases_fails() -> None:

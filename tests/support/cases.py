@@ -14,7 +14,7 @@ from hypothesis import settings
 
 LONGEST = 60
 ParameterSet = type(pytest.param())
-PART, SOME, OTHERS = "part_of_cases", "some", "others"
+PART, SOME, OTHERS, ALL = "part_of_cases", "some", "others", "all"
 Labels = Iterable[Any] | Callable[[Any], Any] | None
 Cases = Iterable[Any] | Callable[[], Iterable[Any]]
 
@@ -49,15 +49,16 @@ def every(
                 "pytest.param is no case"
             )
             assert len(labels) == len(rows)
-            numbers = range(len(rows))
-            if quick is not None:
-                some = {round(k * (len(rows) - 1) / max(quick - 1, 1)) for k in range(quick)}
-                numbers = [k for k in numbers if (k in some) is (fixtures[PART] == SOME)]
-            if PART not in asked.parameters:
-                fixtures.pop(PART, None)
+            numbers, part, is_nested = range(len(rows)), fixtures.pop(PART, ALL), PART in asked.parameters
+            some = {round(k * (len(rows) - 1) / max(quick - 1, 1)) for k in range(quick or 0)}
+            some = set(numbers) if quick is None else some
+            if part == SOME or (part == OTHERS and not is_nested):
+                numbers = [k for k in numbers if (k in some) is (part == SOME)]
             for number, name, row in [(k, labels[k], rows[k]) for k in numbers]:
                 try:
                     with of_its_own(fixtures, number) as own:
+                        if is_nested:  # beside a case that `make test` leaves out none of the inner ones has been run
+                            own[PART] = ALL if part == OTHERS and number not in some else part
                         test(**own, **dict(zip(keys, row, strict=True)))
                 except pytest.skip.Exception as reason:
                     skipped[name] = str(reason)
