@@ -56,7 +56,7 @@ from replant.estimation.solver.undetermined_poles import INFINITE, grown, with_p
 from replant.kernels.schema import LAGUERRE
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
-from replant.numerics.autoregression import Autoregression
+from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, quiet, roots
 
@@ -153,9 +153,8 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     plain = _plain(problem, distinct)
     if not (problem.is_stable(plain.model) or is_answered(problem.record, plain.noise, plain.done.error)):
         stable = _promising(problem, [problem.stabilized(start) for start in starts], stable=True)
-        simulated = _plain(problem, stable, stable=True) if stable else plain
-        # the error of a prediction is no measure beside that of a simulation
-        plain = simulated if simulated.innovation <= _simulated(problem, plain.model) else plain
+        other = _plain(problem, stable, stable=True) if stable else plain
+        plain = plain if _runs_away_surely(problem, plain.model, other.innovation) else other
     if plain.converged and (plain.noise.order == 0 or not filtered):
         return problem.conclude(plain)
     ends = [problem.descend(start, WHITENED, RENEWALS) for start in [plain.model, *distinct[1:]]]
@@ -207,18 +206,22 @@ def _plain(problem: Problem, starts: Sequence[FloatArray], *, stable: bool = Fal
     return min(alike, key=lambda end: (not end.converged, end.innovation))
 
 
-def _simulated(problem: Problem, model: FloatArray) -> float:
-    """Return the mean square of a model's error when simulated; infinite where that says nothing."""
+def _runs_away_surely(problem: Problem, model: FloatArray, power: float) -> bool:
+    """Return whether an unstable model, simulated, explains surely more than a stable one whose error has a power."""
+    # a drift that it has fitted leaves slow noise, whose samples are few independent ones
     record, plant = problem.whole, problem.structure.transfer_function(model[: problem.structure.size])
     if float(roots(plant.den).real.max()) * record.span > MOST_GROWN:
-        return math.inf
+        return False
     y = np.where(record.is_measured, record.y, np.nan)
     error = y.copy()
     for rows in record.records:
         dt, t = record.clock(rows)
         error[rows] -= simulate(plant, record.u[rows], y[rows], dt, input_hold=record.input_hold, t=t).output
     square = float(np.nanmean(error**2))
-    return square if math.isfinite(square) else math.inf
+    if not 0.0 < square < power:
+        return square < power
+    noise = Autoregression.of_residual(np.nan_to_num(error), record.predecessors, record.count)
+    return 0.5 * record.count / duration_of(noise.coefficients) * math.log(power / square) > -math.log(ALPHA)
 
 
 def _by_reference(problem: Problem, starts: Sequence[FloatArray]) -> Root | None:
