@@ -40,7 +40,7 @@ class Explained:
     power: float = 0.0  # mean square of the part, less its expected value under noise alone
     std: float = 0.0  # of ``power``
     statistic: float = 0.0  # over its limit: above 1 the part is no chance
-    chance: float = 1.0  # of so large a part, by the F distribution
+    chance: float = 1.0  # of so large a part in a residual that the noise model whitens, by the F distribution
     spread: float = math.inf  # standard deviation of the weight of a single column
 
     @property
@@ -127,6 +127,7 @@ class Residual:
         variance = sum_of_squares(rest) / free
         if not variance > 0.0:
             return Explained(weights, float(np.mean((combined(whole, basis @ amounts)) ** 2)), 0.0, math.inf, 0.0, 0.0)
+        chance = float(fdtrc(count, free, part / count / variance))  # colour that the noise model leaves counts
         variance *= widening(combined(left, basis), rest, variance)
         gram = basis.T @ products(whole, whole) @ basis
         output = gram @ amounts
@@ -135,7 +136,6 @@ class Residual:
         std = math.sqrt(variance * (2.0 * variance * float(np.sum(gram**2)) + 4.0 * sum_of_squares(output))) / size
         limit = variance * float(chi2_quantile(1.0 - ALPHA, max(count - spent, 1)))
         spread = math.sqrt(variance) / float(lengths[told][0]) if count == 1 else math.inf
-        chance = float(fdtrc(count, free, part / count / variance))
         return Explained(weights, max(power, 0.0), std, part / limit, chance, spread)
 
     def _whitened(self, columns: FloatArray) -> FloatArray:
