@@ -27,6 +27,7 @@ import numpy as np
 
 from replant.estimation.engine.state import GAP
 from replant.estimation.simulation.fitted_run import fit_percent
+from replant.model.shared_root import cancelled_pole
 from replant.numerics.autoregression import one_step, whiteness
 from replant.numerics.levels import MATTERS, NEGLIGIBLE
 from replant.numerics.linear_algebra import quiet, roots
@@ -91,7 +92,7 @@ def _judged(evidence: Evidence) -> Assessment:
         findings += _of_sensor(evidence, runs)
         # what the comparison with the model names is not named again
         evidence = replace(evidence, stuck=evidence.stuck and all(each.status == "trusted" for each in findings))
-        if not _lacks_excitation(findings):
+        if not (_lacks_excitation(findings) or _shares_root(evidence, found.condition)):
             findings += found.findings
         if not _lacks_excitation(findings):  # without excitation the tests of the model are meaningless
             loop = Loop.of(evidence, runs, reference, doubts)
@@ -102,6 +103,16 @@ def _judged(evidence: Evidence) -> Assessment:
     verdict = Assessment(*conclude(findings, in_favour), **figures)
     # more samples do not make a model right that they speak against
     return without_longer(verdict) if verdict.status == "inconsistent" else verdict
+
+
+def _shares_root(evidence: Evidence, condition: float) -> bool:
+    """Return whether a pole that a zero may cancel is why a condition number is too large, and not the input."""
+    covariance = evidence.covariance
+    return (
+        condition >= sensor_and_excitation.WORST_CONDITION
+        and covariance is not None
+        and cancelled_pole(evidence.structure, evidence.estimate, covariance) is not None
+    )
 
 
 def _lacks_excitation(findings: list[Finding]) -> bool:
