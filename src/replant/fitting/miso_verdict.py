@@ -20,7 +20,7 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import combined, inner, least_norm, products, sum_of_squares
 from replant.numerics.projections import WEAKEST
-from replant.verdict.estimate_tests import MOST_SCATTER, MOST_UNCERTAIN
+from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
 from replant.verdict.evidence import FEWEST, RESTED, moving
 from replant.verdict.miso_tests import lacking, moved
 from replant.verdict.verdict import Finding, Verdict, conclude, duration, percent
@@ -138,7 +138,7 @@ def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]
     """Poles that a zero may cancel, and else that the estimate's error makes too much of the modelled output."""
     made, largest = _scatter(row.from_outside, point, covariance)
     # where that makes little, what the model does is known, and a pole that may be cancelled is no obstacle to trust
-    status = "trusted" if made <= MOST_SCATTER else "converging"
+    status = "trusted" if made <= MINOR_SCATTER else "converging"
     found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows], status) for i, rows in enumerate(row.places)]
     yield from filter(None, found)
     if not any(found) and not made <= MOST_SCATTER:

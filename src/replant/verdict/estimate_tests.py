@@ -34,9 +34,8 @@ those whose error is below 4 % at the best have 0.046 and less.
 Sensitivity: halved or doubled, nothing changes on these records.
 """
 
-# half of the power that matters: the error exceeds that with a chance of 16 % where one direction of the coefficients
-# makes it all, of less where several do; the model is then known, whatever a coefficient is
-MOST_SCATTER = math.sqrt(0.5 * MATTERS)  # rms that the estimate's own error makes, at most [part of the output's]
+MOST_SCATTER = math.sqrt(MATTERS)  # rms that the estimate's own error makes, at most [part of the output's]
+MINOR_SCATTER = 0.5 * MOST_SCATTER  # up to which the model is known whatever a coefficient is [part of the output's]
 MOST_MOVED = math.sqrt(MATTERS)  # movement of a coefficient below which the estimate stands still [part of its size]
 MOVED_SIGMAS = 4.0  # movement of a coefficient that is no chance: 6e-5 of a normal deviate [standard deviations]
 SLOW = 3.0  # scatter of the path from which on slow noise is named as the reason [standard deviations by its colour]
@@ -101,7 +100,7 @@ class Certainty:
             reason += f": {more or longer(scatter, MOST_SCATTER, times)}, or move the input more"
             findings.append(Finding("converging", reason))
         moves = float(np.std(runs.now.forced - runs.old.forced))  # what the movement makes of the modelled output
-        if cancelled is None or moves > FARTHEST * float(np.std(runs.now.forced)):
+        if cancelled is None or moves > MINOR_SCATTER * float(np.std(runs.now.forced)):
             findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
         if cancelled is None and surprise > 1.0 and distance > FARTHEST and not is_apart:
             findings.append(_of_distance(evidence, distance))
@@ -194,7 +193,7 @@ def uncertainty_findings(
     if uncertainty <= most and cancelled is None:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
-    needed = min(uncertainty / most, scatter / MOST_SCATTER)  # either makes it known
+    needed = min(uncertainty / most, scatter / MINOR_SCATTER)  # either makes it known
     advice = f"{more or longer(needed, 1.0, times)}, move the input more, or ask for fewer poles and zeros"
     if cancelled is not None:
         real = cancelled.real + 0.0  # not -0
@@ -202,7 +201,7 @@ def uncertainty_findings(
         if cancelled.imag:
             pole = f"zeros may cancel the poles near {real:.3g} +- {cancelled.imag:.3g}j"
         reason, advice = f"{pole} rad/s, so that the coefficients are not known", "ask for fewer poles and zeros"
-    if scatter <= MOST_SCATTER:
+    if scatter <= MINOR_SCATTER:
         known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"
         trust = "rely on G(s) where the input excites it, not on coefficients"
         return [Finding("trusted", f"{reason}, {known}: {trust}{'' if cancelled is None else ', or ' + advice}")]
