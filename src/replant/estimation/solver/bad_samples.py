@@ -66,7 +66,7 @@ def doubts(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: FloatArray
     """Return the `Doubt` in each output (K,), by a model's; inputs are (K,) or (K, q)."""
     error = y - modelled
     doubt = np.where(np.isfinite(y), Doubt.NONE, Doubt.MISSING)
-    stuck = _stuck(y, modelled, robust_std(error[np.isfinite(error)]) if np.isfinite(error).any() else 0.0)
+    stuck = _stuck(u, y, modelled, robust_std(error[np.isfinite(error)]) if np.isfinite(error).any() else 0.0)
     doubt[_outliers(u, np.where(stuck, np.nan, y), np.where(stuck, np.nan, error), noise)] = Doubt.OUTLIER
     doubt[stuck] = Doubt.STUCK
     return doubt
@@ -95,7 +95,7 @@ def _runs(y: FloatArray) -> list[slice]:
     return [slice(begin, end) for begin, end in runs[np.diff(runs)[:, 0] - 1 > fewest].tolist()]
 
 
-def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
+def _stuck(u: FloatArray, y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
     """Return which outputs (K,) are those of a sensor that is stuck, or at its limit."""
     found = np.zeros(y.size, bool)
     known = y[np.isfinite(y)]
@@ -105,12 +105,19 @@ def _stuck(y: FloatArray, modelled: FloatArray, noise: float) -> BoolArray:
     least, low, high = max(noise, step, HARM * float(known.std())), known.min(), known.max()
     # the model moves meanwhile by more than the noise, some steps of the scale, and what does no harm
     moved = [rows for rows in _runs(y) if float(np.ptp(modelled[rows])) > least]
-    levels = [float(y[rows.start]) for rows in moved]
+    # under an input that rests a plant may rest as often at the same number; before its first move no output proves
+    # that it did not: the model follows the outputs that were left out with its initial state
+    steps = np.flatnonzero(np.diff(u, axis=0).reshape(y.size - 1, -1).any(axis=1)) + 1
+    first = int(steps[0]) if steps.size else y.size
+    driven = [np.searchsorted(steps, rows.start) < np.searchsorted(steps, rows.stop) for rows in moved]
+    levels = [float(y[rows.start]) if is_driven else math.nan for rows, is_driven in zip(moved, driven, strict=True)]
     limits = set()
-    for rows, level in zip(moved, levels, strict=True):
+    for rows in moved:
+        level = float(y[rows.start])
         away = float(modelled[rows].mean()) - level
         again = levels.count(level) > 1 and abs(away) > least
-        if again or (level == high and away > 0.0) or (level == low and away < 0.0):
+        is_limit = again or (level == high and away > 0.0) or (level == low and away < 0.0)
+        if is_limit and rows.start >= first:
             limits.add(level)
         # a plant that rests leaves its rest without a jump, however late; where noise tells any two outputs in a row
         # apart, it does so while a plant rests
