@@ -48,6 +48,18 @@ def test_a_right_estimate_is_trusted_and_its_figures_are_there() -> None:
     assert verdict.uncertainty == pytest.approx(0.005 * 3.0 / 3.0, rel=0.3)
 
 
+@pytest.mark.parametrize("std", [1e-4, 0.1])
+def test_a_model_that_runs_away_in_open_loop_is_refused_however_unsure_its_pole_is(std: float) -> None:
+    """Simulated on, it leaves every output behind: the record is long enough for e^2."""
+    pole = 2.0 / (DT * SAMPLES)
+    verdict = judge(
+        evidence(structure=rp.Structure(1), estimate=np.array([-pole, 1.0]), earlier=np.array([-pole, 1.0]),
+                 covariance=np.diag([std**2, 1e-6]))
+    )  # fmt: skip
+    assert verdict.status == "inconsistent"
+    assert any("the model diverges" in reason for reason in verdict.reasons)
+
+
 def test_a_long_record_that_was_solved_again_just_now_is_judged_in_sample() -> None:
     verdict = judge(evidence(unseen=20))
     assert (verdict.status, verdict.held_out) == ("trusted", 0)

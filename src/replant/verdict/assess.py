@@ -154,8 +154,9 @@ def evidence_of(state: State, settings: Settings) -> Evidence:
     kept = in_use if finished else in_use.since_last_gap(dt)
     record = kept.without_stuck().record(dt, settings.filter.input_hold, parted=True)
     is_well = finished or _is_well(kept)  # what is over is left out, and said
-    if is_well and kept.is_stuck.any():
-        record = replace(record, measured=record.is_measured & ~kept.is_stuck)
+    left_out = kept.is_bridged | kept.is_stuck if finished else kept.is_stuck  # as where the record was solved
+    if is_well and left_out.any():
+        record = replace(record, measured=record.is_measured & ~left_out)
     record = record if record.intervals.size == 1 else record.last(MOST_IRREGULAR)
     record = record.answering(settings.structure.delay)
     newest = kept[len(kept) - record.u.size :]

@@ -150,10 +150,16 @@ class Evidence:
         return Uncertainty(structure, self.estimate[:size], self.covariance[:size, :size]).first_order_modes
 
     @property
-    def unstable_pole(self) -> float:
-        """Real part of the rightmost pole, in rad/s, if it surely grows more than e-fold over the record; else 0."""
+    def diverging_pole(self) -> float:
+        """Real part of the rightmost pole, in rad/s, if it grows more than e-fold over the record; else 0."""
         pole = float(roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]])).real.max())
-        if not pole * self.record.span > 1.0:
+        return pole if pole * self.record.span > 1.0 else 0.0
+
+    @property
+    def unstable_pole(self) -> float:
+        """The same if that is sure: in feedback an integrator's may seem to grow by chance."""
+        pole = self.diverging_pole
+        if not pole:
             return 0.0
         squares = [float(mode.covariance[0, 0]) for mode in self.modes]
         known = zip(self.modes, squares, strict=True)

@@ -124,6 +124,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
     findings = [Finding("diverged", sensor_and_excitation.REFUSED)] if evidence.refused else []
     if evidence.usual_interval:
         findings += sensor_and_excitation.clock_finding(evidence.usual_interval, evidence.dt)
+    findings += sensor_and_excitation.burst_of_stamps_finding(evidence.record)
     u, whole = evidence.record.u, evidence.record.joined.u
     if is_constant(whole):
         reason = CONSTANT

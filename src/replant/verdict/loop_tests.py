@@ -182,7 +182,7 @@ class Loop:
             reference = None
         elif follows:  # a copy of the input
             findings = [Finding("inconsistent", f"{doubt.reason}: {REMEDY}") for doubt in findings]
-        pole = evidence.unstable_pole
+        pole = evidence.unstable_pole if feedback.found else evidence.diverging_pole
         if pole > 0.0 and reference is None:
             run = f"simulated from the input alone, the model diverges (a pole at {pole:+.3g} rad/s)"
             reason = f"{run}, and only a reference can show that an unstable model is right: {REMEDY}"

@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from replant.estimation.simulation.model_run import ModelRun
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.model_run import PER_COEFFICIENT, ModelRun
 from replant.kernels.monitoring.outliers import MANY, STEPS
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import innovations
@@ -111,6 +112,16 @@ def clock_finding(usual: float, dt: float) -> list[Finding]:
         return []
     reason = f"the time stamps are {usual:.3g} s apart where dt says {dt:.3g} s: one of them is wrong"
     return [Finding("inconsistent", reason)]
+
+
+def burst_of_stamps_finding(record: Record) -> list[Finding]:
+    """Return a finding if the gaps of a record leave so few samples between them that each has a state of its own."""
+    parts, samples = len(record.parts), record.u.size
+    if parts == 1 or samples >= PER_COEFFICIENT * parts:
+        return []
+    reason = f"the time stamps have a gap every {figure(samples / parts)} samples: if they say when samples were stored"
+    advice = f"and not when they were taken, give the sampling time in their place, dt = {record.span / samples:.3g} s"
+    return [Finding("inconsistent", f"{reason}, {advice}")]
 
 
 def level_finding(u: FloatArray, y: FloatArray) -> list[Finding]:

@@ -178,6 +178,17 @@ def stuck(y: np.ndarray, *places: tuple[int, int]) -> np.ndarray:
     return held
 
 
+@every("seed", range(12), quick=4)
+def test_a_coarse_sensor_that_toggles_while_the_plant_rests_is_not_stuck(seed: int) -> None:
+    """A heater from rest, its sensor of half a degree: the same number comes in several runs before the step."""
+    u = np.where(np.arange(481) < 30, 0.0, 178.5)
+    clean = rp.TransferFunction([0.55], np.polymul([250.0, 1.0], [8.0, 1.0])).simulate(u, 1.0)
+    y = np.round((29.33 + clean + np.random.default_rng(seed).normal(0.0, 0.12, u.size)) / 0.489) * 0.489
+    found = rp.fit(u, y, 1.0, rp.Structure(2))
+    assert not found.stuck.size
+    assert abs(found.transfer_function.dc_gain / 0.55 - 1.0) < 4.0 * found.uncertainty.dc_gain_std / 0.55
+
+
 def test_a_stuck_sensor_is_left_out_and_its_inputs_are_used() -> None:
     u, y = noisy(21)
     clean = rp.fit(u, y, DT, STRUCTURE)
