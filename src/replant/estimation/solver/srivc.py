@@ -153,8 +153,8 @@ def _by_output_error(problem: Problem, starts: Sequence[FloatArray], *, filtered
     plain = _plain(problem, distinct)
     if not (problem.is_stable(plain.model) or is_answered(problem.record, plain.noise, plain.done.error)):
         stable = _promising(problem, [problem.stabilized(start) for start in starts], stable=True)
-        other = _plain(problem, stable, stable=True) if stable else plain
-        plain = plain if _runs_away_surely(problem, plain.model, other.innovation) else other
+        rival = _plain(problem, stable, stable=True) if stable else plain
+        plain = plain if _runs_away_surely(problem, plain.model, rival.innovation) else rival
     if plain.converged and (plain.noise.order == 0 or not filtered):
         return problem.conclude(plain)
     ends = [problem.descend(start, WHITENED, RENEWALS) for start in [plain.model, *distinct[1:]]]
