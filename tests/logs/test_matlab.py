@@ -50,6 +50,15 @@ def test_a_matrix_of_signals(tmp_path: Path) -> None:
     assert log.input.flags.c_contiguous
 
 
+def test_structs_within_a_struct(tmp_path: Path) -> None:
+    """As a recorder writes them: the time in one, and a struct for each signal."""
+    signals = np.array([(U[:, 0], "V"), (U[:, 1], "rpm")], dtype=[("Data", object), ("Unit", object)])
+    path = save(tmp_path, rec={"X": {"Data": T}, "Y": signals, "Note": "a run"})
+    assert read_columns(path).names == ("rec.X.Data", "rec.Y(1).Data", "rec.Y(2).Data")
+    log = read_log(path, time="rec.X.Data", input="rec.Y(1).Data", output="rec.Y(2).Data")
+    np.testing.assert_array_equal(log.output, U[:, 1])
+
+
 def test_the_name_of_a_matrix_lists_its_columns(tmp_path: Path) -> None:
     path = save(tmp_path, other=T, rig=U)
     with pytest.raises(LogError, match=r"no column 'rig' \(did .*\); there are: rig\[:,0\], rig\[:,1\], other$"):

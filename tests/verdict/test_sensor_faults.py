@@ -65,6 +65,16 @@ def test_a_motor_at_rest_is_no_sensor_at_its_limit() -> None:
     assert saturation_finding(late, 10.0 * G1.simulate(np.ones(300), 0.02)) == []
 
 
+def test_the_tail_of_a_coarse_sensors_noise_is_no_limit() -> None:
+    """Below its dead zone a plant stands still where the model goes on: numbers get rarer there, none piles up."""
+    x = np.sin(np.linspace(0.0, 20.0, 4000))
+    y = np.round((np.maximum(x, 0.0) + 0.1 * np.random.default_rng(2).standard_normal(x.size)) * 20.0) / 20.0
+    counts = np.unique(y, return_counts=True)[1]
+    assert counts[0] < counts[1] < counts[2]
+    assert saturation_finding(y, 1.2 * x) == []
+    assert saturation_finding(np.maximum(np.round(x * 20.0) / 20.0, -0.5), x), "cut off, they do"
+
+
 @every("noisy", [True, False])
 @every("failure", ["stuck", "saturated"])
 def test_a_failed_sensor_is(failure: str, noisy: bool) -> None:

@@ -264,28 +264,41 @@ def _unpacked_size(file: Any, length: int) -> int:
 
 def _signals(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the numeric arrays among variables with their names, those in a struct as ``logs.time``."""
-    for name, value in _arrays(contents):
-        if value.dtype.kind in "biuf" and (value.size > 1 or is_sampling_time(name, value.shape, value.dtype.kind)):
-            yield name, value
+    for deep in (False, True):  # structs within structs are looked into where nothing lies above them
+        found = [(name, value) for name, value in _arrays(contents, deep=deep) if value.dtype.kind in "biuf"]
+        if any(value.size > 1 for _, value in found):
+            yield from (
+                (name, value)
+                for name, value in found
+                if value.size > 1 or is_sampling_time(name, value.shape, value.dtype.kind)
+            )
+            return
 
 
-def _arrays(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+def _arrays(contents: dict[str, Any], *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:
     for name, value in contents.items():
         if name.startswith("__") or not isinstance(value, np.ndarray):
             continue
         if value.dtype.names is None:
             yield name, value
         elif value.size == 1 and not _is_opaque(value):  # a struct, or an object whose fields SciPy reads
-            fields = value.reshape(-1)[0]
-            unit = _unit_of_time(fields)
-            for field in value.dtype.names:
-                for place, held in _in_cells(f"{name}.{field}", fields[field]):
-                    if not is_sampling_time(place, held.shape, held.dtype.kind):
-                        yield place, held
-                    elif unit is not None:
-                        yield place, held * unit
-                    if field == "signals":
-                        yield from _simulink_signals(place, held)
+            yield from _in_struct(name, value, deep=deep)
+
+
+def _in_struct(name: str, value: NDArray[Any], *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield the arrays in a struct, or in each of an array of structs, and ``deep`` in the structs within it."""
+    for number, fields in enumerate(value.reshape(-1), 1):
+        unit, of_one = _unit_of_time(fields), name if value.size == 1 else f"{name}({number})"
+        for field in value.dtype.names or ():
+            for place, held in _in_cells(f"{of_one}.{field}", fields[field]):
+                if field == "signals" and held.dtype.names is not None:
+                    yield from _simulink_signals(place, held)
+                elif deep and held.dtype.names is not None and not _is_opaque(held):
+                    yield from _in_struct(place, held, deep=deep)
+                elif not is_sampling_time(place, held.shape, held.dtype.kind):
+                    yield place, held
+                elif unit is not None:
+                    yield place, held * unit
 
 
 def _in_cells(name: str, value: Any) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -311,7 +324,7 @@ def _unit_of_time(fields: Any) -> float | None:
 
 def _simulink_signals(name: str, signals: NDArray[Any]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the values of what Simulink logs as a structure with time."""
-    if signals.dtype.names and "values" in signals.dtype.names:
+    if "values" in (signals.dtype.names or ()):
         for number, signal in enumerate(signals.reshape(-1), 1):
             place = name if signals.size == 1 else f"{name}({number})"
             yield f"{place}.values", signal["values"]

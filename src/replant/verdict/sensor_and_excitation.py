@@ -148,13 +148,15 @@ def saturation_finding(y: FloatArray, modelled: FloatArray, unit: float = 1.0) -
         if not end.size or np.count_nonzero(outwards * (y - end[0]) > 0.0) >= MANY:
             continue
         there, inside = y == end[0], outwards * (y - end[0]) < 0.0
+        nearest = outwards * float((outwards * y[inside]).max(initial=-math.inf))
+        if not np.count_nonzero(there) > np.count_nonzero(y == nearest):  # what is cut off piles up; a tail thins out
+            continue
         power = min(2, np.unique(y[inside]).size - 1)
         if power < 1:
             continue
         # by the output, not the other way round: what is cut off then changes nothing of what is left
         usual = np.polynomial.Polynomial.fit(y[inside], modelled[inside], power)
         # past the values that it is fitted to the curve says nothing: the model is as far off there as at their end
-        nearest = outwards * float((outwards * y[inside]).max())
         past_end = outwards * (modelled[there] - end[0])
         beyond, farthest = float(past_end.mean()) - outwards * (float(usual(nearest)) - nearest), float(past_end.max())
         visits = int(np.count_nonzero(np.diff(there, prepend=False) & there))
