@@ -38,9 +38,9 @@ _HEAD = """# The tuned constants
 
 *Which numbers were chosen, and what happens if they are others?*
 
-{tuned} constants are tuned; {derived} others follow from something else or stand for a level, and {facts} are plain
-facts. The string below a constant in the source says what it means and where it comes from. `make pages` makes this
-page of these strings.
+{tuned} constants are tuned. {others} others follow from something else, stand for a level, or are plain facts: a
+comment at each says which. The string below a tuned one in the source says what it means and where it comes from.
+`make pages` makes this page of these strings.
 
 `make sensitivity` halves and doubles a constant, of a number between 0.5 and 1.5 its distance from one, on records with
 noise, outliers, failing sensors, gaps, jitter, changes and plants of other kinds. An effect is another verdict, another
@@ -163,8 +163,7 @@ def page() -> str:
     tuned = [one for one in found if one.kind == "tuned"]
     head = _HEAD.format(
         tuned=_count(tuned),
-        derived=_count([one for one in found if one.kind == "derived"]),
-        facts=_count([one for one in found if one.kind == "fact"]),
+        others=_count([one for one in found if one.kind != "tuned"]),
         unmeasured=_count([one for one in tuned if one.paragraphs.get("Sensitivity") == f"{NOT_MEASURED}."]),
     )
     lines = [head]
