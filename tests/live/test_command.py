@@ -24,7 +24,6 @@ from replant.live.streams.demo import controlled
 from replant.online import saving
 from replant.rigs import deap_rig
 from support.cases import every
-from support.command import call
 from support.live_command import MODEL, ReplayingPeer, estimates, finished, learned, lines, live, sequence_of, wait_for
 from support.live_fakes import DT, REQUEST, record
 from support.places import ROOT
@@ -491,14 +490,13 @@ def test_a_dashboard_that_cannot_listen_is_one_line() -> None:
 
 
 @pytest.mark.parametrize("option", ["--record", "--checkpoint"])
-def test_a_second_session_that_would_write_to_the_same_place_is_refused(
-    tmp_path: Path, option: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_second_session_that_would_write_to_the_same_place_is_refused(tmp_path: Path, option: str) -> None:
     used = tmp_path / "rig"
     peer = ReplayingPeer(lines(U, Y, T, first=0))
     with live(peer.url, option, used) as first:
         wait_for(lambda: (tmp_path / ".rig.lock").exists())
-        code, out, err = call(capsys, "live", "-", *MODEL, option, used)
+        with live("-", option, used) as second:
+            code, out, err = finished(second, b"")
         assert (code, out) == (2, "")
         assert err == f"replant: {used}: another session writes there; end that one, or give another name\n"
         first.kill()
