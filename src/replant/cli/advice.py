@@ -138,6 +138,12 @@ def _dead_time(situation: Situation) -> NextStep:
     return _search(situation) if found is None else NextStep("set the dead time", again(delay=found[1]))
 
 
+def _without_stamps(situation: Situation) -> NextStep:
+    found = re.search(r"in their place, dt = ([\d.e+-]+) s", situation.reason)
+    given = {} if found is None else {"dt": found[1]}
+    return NextStep("give the sampling time in place of the stamps", again("time", **given))
+
+
 def _fewer(situation: Situation) -> NextStep:
     if situation.poles > 1:
         fewer = _likelier(situation.reason) or situation.poles - 1
@@ -206,6 +212,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"does not excite every coefficient", _fewer),
     (r"the output has only|explains almost nothing", _look),
     (r"s apart where dt says", _clock),
+    (r"have a gap every", _without_stamps),
     (r"the actuator seems", _look),
     (r"run straight between|runs straight between", _straight),
     (r"than the model says", _dead_time),
