@@ -43,6 +43,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.fitted_run import simulate
+from replant.estimation.simulation.model_run import runs_away
 from replant.estimation.solver.refined_estimate import Refined, Root, without_nuisances
 from replant.estimation.solver.specification_test import (
     FALSE_ALARM,
@@ -220,6 +221,8 @@ def _runs_away_surely(problem: Problem, model: FloatArray, power: float) -> bool
     square = float(np.nanmean(error**2))
     if not 0.0 < square < power:
         return square < power
+    if not runs_away(plant.den, record.span):  # as the estimate of an integrator does not
+        return True
     noise = Autoregression.of_residual(np.nan_to_num(error), record.predecessors, record.count)
     return 0.5 * record.count / duration_of(noise.coefficients) * math.log(power / square) > -math.log(ALPHA)
 
