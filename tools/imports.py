@@ -19,7 +19,7 @@ OUTSIDE = {
     "numerics.operating_system",
     "online.checkpoint.files",
     "online.second_process",
-    "fitting.inspect",
+    "fitting.log_inspection",
     "fitting.model_file",
     "logs",
     "examples",

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.cli import advice, deliver
+from replant.cli import advice, results
 from replant.online.runs.result import Result
 from replant.verdict.verdict import Assessment
 from support.builders import binary
@@ -60,7 +60,7 @@ def walked(monkeypatch: pytest.MonkeyPatch) -> Watched:
             found.append((row, original(replace(result, verdict=verdict), log, path, is_searched=is_searched)))
         return original(result, log, path, is_searched=is_searched)
 
-    monkeypatch.setattr(deliver, "next_step", walk)
+    monkeypatch.setattr(results, "next_step", walk)
     return found
 
 
@@ -81,7 +81,7 @@ def test_every_reason_has_a_next_command_that_runs(
     commands = {step.command for _, step in walked}
     assert len(commands) > 5
     assert all(step.words for _, step in walked)
-    monkeypatch.setattr(deliver, "next_step", advice.next_step)
+    monkeypatch.setattr(results, "next_step", advice.next_step)
     for command in sorted(commands):
         _, *words = shlex.split(command.replace(advice.OTHER_LOG, str(log)))
         code, _, err = call(capsys, *words, *([] if "look" in words else ["--quiet"]))

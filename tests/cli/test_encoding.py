@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from replant.cli.notes import PLAIN, replace_unencodable
+from replant.cli.messages import PLAIN, replace_unencodable
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from replant.cli.advice import _is_step_test
 from replant.cli.conditioning_options import BAND, STRETCH, words_of
 from replant.cli.fleet import _plain
 from replant.cli.live import TIME, address_of, demo_of, looped
-from replant.cli.notes import is_quiet, to_ascii
+from replant.cli.messages import is_quiet, to_ascii
 from replant.cli.option_types import WHOLE, Choice, OptimizerChoice, did_you_mean
 from replant.estimation.optimizers import OPTIMIZERS, AMSGrad
 from support.cases import every

@@ -15,7 +15,7 @@ import replant as rp
 from replant.estimation.engine.state import State
 from replant.kernels import native
 from replant.kernels.filters import bank, simulate
-from replant.kernels.filters.series import fill_all_pole, nested_models
+from replant.kernels.filters.autoregressions import fill_all_pole, nested_models
 from replant.kernels.native import KERNELS, Kernel
 from replant.kernels.optimizers import covariance, gradient
 from replant.kernels.schema import Attention, ColourSlots, NoiseSlots, PathSlots

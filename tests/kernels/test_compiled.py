@@ -15,9 +15,9 @@ import pytest
 import replant as rp
 from replant.estimation.engine.state import State, step_kernels
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.kernels.filters import bank, chain, series
+from replant.kernels.filters import autoregressions, bank, chain
+from replant.kernels.filters.autoregressions import fill_all_pole, fill_play
 from replant.kernels.filters.reference import functions
-from replant.kernels.filters.series import fill_all_pole, fill_play
 from replant.kernels.monitoring import interruptions, scatter
 from replant.kernels.native import KERNELS, Kernel, interpreted
 from replant.kernels.schema import LAGS, LAGUERRE
@@ -240,11 +240,11 @@ def check_series() -> None:
 
     def models() -> tuple[Any, ...]:
         found, variances = np.zeros((size, size)), np.zeros(size)
-        order = series.nested_models(lags @ lags.T, 300.0, found, variances, np.zeros(size * size + size))
+        order = autoregressions.nested_models(lags @ lags.T, 300.0, found, variances, np.zeros(size * size + size))
         model = np.zeros(size)
         power = scatter.autoregression((lags @ lags[0]).copy(), model, np.zeros(size))
         flat = np.zeros((size, size)), np.zeros(size)
-        series.nested_models(np.zeros((size, size)), 300.0, *flat, np.zeros(size * size + size))
+        autoregressions.nested_models(np.zeros((size, size)), 300.0, *flat, np.zeros(size * size + size))
         return found, variances, float(order), model, power, *flat
 
     check(models)
@@ -260,7 +260,7 @@ def check_series() -> None:
     def whitened() -> tuple[Any, ...]:
         result, order = np.zeros(noise.size), 3
         orders = np.tril(np.cumsum(noise[: (order + 1) ** 2]).reshape(order + 1, order + 1))
-        series.whiten_known(orders, noise[: order + 1], noise, 2, np.arange(noise.size // 2) % 5 - 1, result)
+        autoregressions.whiten_known(orders, noise[: order + 1], noise, 2, np.arange(noise.size // 2) % 5 - 1, result)
         return (result,)
 
     check(whitened)

@@ -15,13 +15,13 @@ import pytest
 
 import replant as rp
 from replant.kernels import native
+from replant.kernels.filters.autoregressions import fill_play, play
 from replant.kernels.filters.bank import whole_power
-from replant.kernels.filters.series import fill_play, play
 from support.cases import every
 from support.compilers import without_optimization
 from support.places import ROOT
 
-USE = "import numpy as np; from replant.kernels.filters.series import play; print(play(np.array([3.0]), 1.0))"
+USE = "import numpy as np; from replant.kernels.filters.autoregressions import play; print(play(np.array([3.0]), 1.0))"
 
 
 @pytest.fixture
@@ -43,7 +43,7 @@ def quick_compiler(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 IN_THREADS = """
 from concurrent.futures import ThreadPoolExecutor
 import numpy as np
-from replant.kernels.filters.series import play
+from replant.kernels.filters.autoregressions import play
 with ThreadPoolExecutor(4) as pool:
     print([float(each[0]) for each in pool.map(lambda v: play(v, 1.0), [np.array([3.0])] * 4)])
 """
@@ -59,7 +59,7 @@ def use(clone: Path, code: str = USE, **more: str) -> subprocess.CompletedProces
 def test_an_edit_of_a_kernel_takes_effect_and_is_said_once(clone: Path, quick_compiler: dict[str, str]) -> None:
     """Also where threads begin at once: the first of them makes the library for all."""
     assert (use(clone).stdout, use(clone).stderr) == ("[2.]\n", "")
-    edited = clone / "src/replant/kernels/filters/series.py"
+    edited = clone / "src/replant/kernels/filters/autoregressions.py"
     edited.write_text(edited.read_text().replace("held, v[k] - width)", "held, v[k] - 2.0 * width)"))
     first, second = use(clone, IN_THREADS, **quick_compiler), use(clone)
     assert (first.stdout, second.stdout) == ("[1.0, 1.0, 1.0, 1.0]\n", "[1.]\n")
@@ -68,13 +68,13 @@ def test_an_edit_of_a_kernel_takes_effect_and_is_said_once(clone: Path, quick_co
 
 
 def test_a_kernel_that_cannot_be_translated_is_named(clone: Path) -> None:
-    edited = clone / "src/replant/kernels/filters/series.py"
+    edited = clone / "src/replant/kernels/filters/autoregressions.py"
     edited.write_text(edited.read_text().replace("    held = 0.0", "    held = sorted([0.0])"))
     done = use(clone)
     assert done.returncode
     last = done.stderr.strip().splitlines()[-1]
     assert "the kernels cannot be compiled" in last
-    assert re.search(r"src/replant/kernels/filters/series\.py:\d+: .*List is no part of the subset", last)
+    assert re.search(r"src/replant/kernels/filters/autoregressions\.py:\d+: .*List is no part of the subset", last)
 
 
 TWICE = """

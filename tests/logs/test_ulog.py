@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError, MissingDependencyError
-from replant.fitting.inspect import inspect
+from replant.fitting.log_inspection import inspect
 from replant.logs import read_columns, read_log
 
 pyulog = pytest.importorskip("pyulog")

@@ -10,7 +10,7 @@ import pytest
 
 import replant as rp
 from replant.numerics.linear_algebra import compose
-from replant.verdict.judge import BEFORE
+from replant.verdict.reasons import BEFORE
 from support.builders import DT, identifier, is_finite, record, true_parameters, two_modes
 from support.cases import every
 

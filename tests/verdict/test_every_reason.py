@@ -16,12 +16,12 @@ import replant as rp
 from replant.estimation.engine.record import Record
 from replant.fitting.miso_fit import fit_row
 from replant.fitting.samples import Samples
-from replant.kernels.filters.series import play
+from replant.kernels.filters.autoregressions import play
 from replant.signals import multisine, random_steps
 from replant.verdict import Verdict, assess_record
 from replant.verdict.evidence import Evidence
-from replant.verdict.judge import judge
 from replant.verdict.other_columns import other_columns, with_other_columns
+from replant.verdict.reasons import judge
 from support.builders import binary
 from support.cases import every
 from support.loops import DT as LOOP_DT
@@ -420,10 +420,10 @@ ELSEWHERE = {
         "verdict/test_gain_error.py: test_the_truth_is_seldom_contradicted",
     ),
     "the residual is as usual again, but the samples since tell abs G": (
-        "verdict/test_judge.py: test_after_an_alarm_nothing_is_trusted_before_the_gain_can_show",
+        "verdict/test_gravest_finding.py: test_after_an_alarm_nothing_is_trusted_before_the_gain_can_show",
     ),
     "rely on G(s) where the input excites it": (
-        "verdict/test_judge.py: test_a_coefficient_that_is_known_badly_is_said_where_the_model_is_known_well",
+        "verdict/test_gravest_finding.py: test_a_coefficient_that_is_known_badly_is_said_where_the_model_is_known_well",
     ),
     "lie exactly at an extreme of the output": (
         "verdict/test_reasons.py: test_an_output_that_is_cut_off_is",

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 import replant as rp
-from replant.kernels.filters.series import play
+from replant.kernels.filters.autoregressions import play
 from replant.signals import random_steps
 from support.builders import DT, binary
 from support.cases import every

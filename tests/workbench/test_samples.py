@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from replant.workbench.samples import BUCKET, CancelledError, Clock, Column, Samples, buckets_of, doubts
+from replant.workbench.drawn_samples import BUCKET, CancelledError, Clock, Column, Samples, buckets_of, doubts
 from replant.workbench.tasks import thinned
 from support.cases import every
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from replant.workbench.app import _safe
 from replant.workbench.choices import Setup, Stretch, Wish, command_line, numbers, plain, words_of
+from replant.workbench.drawn_samples import Doubt, doubts
 from replant.workbench.model_cards import Place, in_order, place_of, title_of
-from replant.workbench.samples import Doubt, doubts
 from support.cases import every
 
 LEFT_OUT = Setup("u", "y", leave_out=(Stretch(10.0, 12.0),))

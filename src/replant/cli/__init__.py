@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 import click
 
 from replant import __version__
-from replant.cli.notes import TYPED, did_you_mean, replace_unencodable
+from replant.cli.messages import TYPED, did_you_mean, replace_unencodable
 from replant.errors import ReplantError, brief
 from replant.numerics.operating_system import ask_for_one_thread, refusal
 

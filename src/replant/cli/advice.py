@@ -14,7 +14,7 @@ import numpy as np
 
 from replant.cli.conditioning_options import REST
 from replant.cli.option_types import command_line
-from replant.fitting.inspect import rounded_up
+from replant.fitting.log_inspection import rounded_up
 from replant.logs.column_roles import prepared, response
 from replant.logs.log import Log
 from replant.numerics.arguments import FloatArray

@@ -10,7 +10,7 @@ from typing import Any
 import click
 import numpy as np
 
-from replant.cli.notes import note
+from replant.cli.messages import note
 from replant.cli.option_types import Choice, Parsed
 from replant.errors import InvalidArgumentError
 from replant.logs.conditioning import STEPS, from_rest

@@ -9,9 +9,9 @@ from typing import Any
 
 import click
 
-from replant.cli.deliver import make_folder, write_errors_reported
-from replant.cli.notes import did_you_mean, progress_bar
+from replant.cli.messages import did_you_mean, progress_bar
 from replant.cli.option_types import command_line, flag, path_option
+from replant.cli.results import make_folder, write_errors_reported
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers import AMSGrad
 from replant.estimation.optimizers.optimizer import Replay

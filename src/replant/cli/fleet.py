@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from replant.cli.notes import note, progress_bar
+from replant.cli.messages import note, progress_bar
 from replant.cli.option_types import Choice, numbers_of, path_option
 from replant.cli.run_fit_compare_options import columns_of, fleet_options, structure_of
 from replant.errors import LogError

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from replant.cli.deliver import (
+from replant.cli.messages import note, progress_bar
+from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
+from replant.cli.results import (
     REQUIRE,
     check_required,
     kept,
@@ -22,12 +24,10 @@ from replant.cli.deliver import (
     whole_log,
     write_errors_reported,
 )
-from replant.cli.notes import note, progress_bar
-from replant.cli.option_types import JSON, Choice, column_option, command_line, flag, path_option
 from replant.cli.run_fit_compare_options import compare_options, open_log
 from replant.errors import InvalidArgumentError, ModelFileError
 from replant.examples import NAMES, path_of
-from replant.fitting.inspect import inspect
+from replant.fitting.log_inspection import inspect
 from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.model_file import holds_model

@@ -13,7 +13,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from replant.cli.notes import TYPED, did_you_mean, plain
+from replant.cli.messages import TYPED, did_you_mean, plain
 from replant.errors import InvalidArgumentError, LogError
 from replant.estimation.optimizers import OPTIMIZERS, Optimizer
 from replant.estimation.settings import AUTO
@@ -256,7 +256,7 @@ def _look(given: dict[str, Any]) -> str:
     """Print what is in the log; return how the command goes on."""
     from rich.console import Console
 
-    from replant.fitting.inspect import inspect, options_of
+    from replant.fitting.log_inspection import inspect, options_of
     from replant.report.log_as_text import print_findings
 
     columns = {name: given[f"{name}_column"] for name in ("input", "output", "time")}

@@ -10,9 +10,9 @@ from typing import Any
 
 import click
 
-from replant.cli.deliver import Keeping, deliver, keeping_options, make_folder
-from replant.cli.notes import progress_bar
+from replant.cli.messages import progress_bar
 from replant.cli.option_types import Choice, are_several, path_option
+from replant.cli.results import Keeping, deliver, keeping_options, make_folder
 from replant.cli.run_fit_compare_options import (
     OPTIMIZER,
     are_ranges,

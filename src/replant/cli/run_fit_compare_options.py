@@ -14,7 +14,7 @@ import click
 import numpy as np
 
 from replant.cli.conditioning_options import CONDITIONING, STRETCHES, conditioned, input_hold_of, is_conditioned
-from replant.cli.notes import ASKED, QUIET, note
+from replant.cli.messages import ASKED, QUIET, note
 from replant.cli.option_types import (
     JSON,
     Choice,
@@ -31,7 +31,7 @@ from replant.cli.option_types import (
 from replant.errors import InvalidArgumentError
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import AUTO, Request, filter_for
-from replant.fitting.inspect import with_others
+from replant.fitting.log_inspection import with_others
 from replant.logs import Log, Recording, doubtful_unit, open_recording, stamped_interval
 from replant.logs.log import check_one_reference
 from replant.logs.sampling_time import COARSE

@@ -12,7 +12,9 @@ import click
 
 from replant.cli.advice import OTHER_LOG, NextStep, again
 from replant.cli.conditioning_options import is_conditioned
-from replant.cli.deliver import (
+from replant.cli.messages import is_quiet, progress_bar
+from replant.cli.option_types import command_line, is_range, orders_of, refuse_not_yet, refuse_ranges
+from replant.cli.results import (
     CONDITIONED,
     Keeping,
     check_required,
@@ -21,8 +23,6 @@ from replant.cli.deliver import (
     print_rest,
     write_errors_reported,
 )
-from replant.cli.notes import is_quiet, progress_bar
-from replant.cli.option_types import command_line, is_range, orders_of, refuse_not_yet, refuse_ranges
 from replant.cli.run_fit_compare_options import read_several
 from replant.fitting import model_json
 from replant.fitting.fit import fit

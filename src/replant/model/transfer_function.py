@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from replant.errors import InvalidArgumentError, needs, shown
 from replant.model import interop, state_space
-from replant.model.mode import Mode
+from replant.model.natural_mode import Mode
 from replant.model.polynomial import polynomial_text
 from replant.model.state_space import Response
 from replant.numerics.arguments import (

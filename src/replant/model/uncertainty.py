@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from replant.model.mode import Mode
+from replant.model.natural_mode import Mode
 from replant.model.shared_root import cancelled_pole, untold_pole
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction

@@ -1,7 +1,7 @@
 """Autoregression: the model D(q) e = w that whitens a residual; and the regular grid that samples lie on.
 
 Models of every order up to `LAGS` are found by least squares on sums of products e_{k-i} e_{k-j} over the samples whose
-predecessors are all known, see `replant.kernels.filters.series`.  The Bayesian information criterion chooses:
+predecessors are all known, see `replant.kernels.filters.autoregressions`.  The Bayesian information criterion chooses:
 white noise keeps order 0 and is left as it is.
 
 Sources: Ljung (1999), "System Identification: Theory for the User", section 16.6; Soderstrom and Stoica (1989), "System
@@ -71,7 +71,7 @@ class Autoregression:
     @classmethod
     def of_sums(cls, sums: FloatArray, count: float) -> Autoregression:
         """Return the model with these sums of e_{k-i} e_{k-j}, (LAGS + 1, LAGS + 1), over ``count`` samples."""
-        from replant.kernels.filters.series import nested_models
+        from replant.kernels.filters.autoregressions import nested_models
 
         size = LAGS + 1
         lower, models, variances = np.tril(sums), np.empty((size, size)), np.empty(size)
@@ -127,13 +127,15 @@ class Autoregression:
         With j < p known ones by the best model of order j, whose residual has the larger variance V_j, weighted by the
         root of V_p / V_j: the likelihood of an autoregression with a missing past.
         """
-        from replant.kernels.filters import series
+        from replant.kernels.filters import autoregressions
 
         if self.order == 0:
             return signals
         flat = np.ascontiguousarray(signals, np.float64).reshape(-1)
         result, channels = np.empty(flat.size), flat.size // max(known.size, 1)
-        series.whiten_known(self.models, self._weights, flat, channels, np.ascontiguousarray(known, np.int64), result)
+        autoregressions.whiten_known(
+            self.models, self._weights, flat, channels, np.ascontiguousarray(known, np.int64), result
+        )
         return result.reshape(signals.shape)
 
     @property
@@ -183,7 +185,7 @@ class Autoregression:
 
     def colour(self, signals: FloatArray) -> FloatArray:
         """Return x / D(q) of ``signals`` (K, ...) from rest; roots of D outside the unit circle are mirrored."""
-        from replant.kernels.filters.series import all_pole
+        from replant.kernels.filters.autoregressions import all_pole
 
         model, gain = _mirrored(self.coefficients)
         channels = all_pole(model, signals.reshape(signals.shape[0], -1).T)

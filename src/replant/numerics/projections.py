@@ -73,7 +73,7 @@ POLES = tuple((1.0 - np.geomspace(0.8, 0.01, 7)).tolist())  # tried: memories of
 
 def laguerre(r: FloatArray, pole: float) -> FloatArray:
     """Return the states (K, 12) of the functions with this pole, driven by r - mean r (K,)."""
-    from replant.kernels.filters.series import all_pole
+    from replant.kernels.filters.autoregressions import all_pole
 
     model, states = np.array([1.0, -pole]), np.empty((LAGUERRE, r.size))
     states[0] = all_pole(model, math.sqrt(1.0 - pole * pole) * (r - r.mean())[None])[0]

@@ -23,7 +23,7 @@ from replant.numerics.arguments import FloatArray, array_of_reals, number, one_o
 from replant.numerics.limits import duration, stamps_of
 from replant.online.locking import Shared, Turn, changes, reads
 from replant.online.miso_history import RowSettings, fewest
-from replant.online.miso_newest import NO_COLUMNS, newest_of
+from replant.online.miso_newest_samples import NO_COLUMNS, newest_of
 from replant.online.miso_state import RowState
 from replant.online.miso_step import Kept
 from replant.online.trace import Trace

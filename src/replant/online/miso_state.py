@@ -33,10 +33,10 @@ from replant.kernels.schema import Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
-from replant.online.miso_begins import Begins, is_settled, is_white
+from replant.online.miso_accepted_samples import REASONS, RowClock, Screened
 from replant.online.miso_history import RowHistory, RowSettings
 from replant.online.miso_recursion import RowRecursion
-from replant.online.miso_screen import REASONS, RowClock, Screened
+from replant.online.miso_starting_points import Begins, is_settled, is_white
 from replant.verdict.verdict import Finding
 
 # as often as it is solved again, and once in between

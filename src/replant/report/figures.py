@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.fitting.inspect import Inspection
+from replant.fitting.log_inspection import Inspection
 from replant.fitting.responses import Bode, StepResponse, frequencies
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import accepted

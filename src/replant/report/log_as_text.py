@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Iterator
 from typing import Any
 
-from replant.fitting.inspect import Inspection, options_of
+from replant.fitting.log_inspection import Inspection, options_of
 from replant.fitting.model_json import finite
 from replant.logs.columns import Column, Kind
 from replant.logs.sampling_time import time_candidates

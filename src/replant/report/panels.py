@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.fitting.inspect import Inspection
+from replant.fitting.log_inspection import Inspection
 from replant.fitting.model import Model
 from replant.logs.columns import Column
 from replant.model.interop import unit_of

@@ -40,7 +40,7 @@ from replant.verdict.estimate_tests import (
     uncertainty_findings,
 )
 from replant.verdict.evidence import CONSTANT, FEWEST, LEAST_POWER, Evidence, is_constant, moving
-from replant.verdict.judge import POOREST_FIT, judge
+from replant.verdict.reasons import POOREST_FIT, judge
 from replant.verdict.sensor_and_excitation import (
     REFUSED,
     Excitation,

@@ -144,7 +144,7 @@ class Speeds:
         """Return signals (K, ...) without what integrators make drift: each is filtered by s/(s + output)."""
         if not self.integrators:
             return signals
-        from replant.kernels.filters.series import all_pole
+        from replant.kernels.filters.autoregressions import all_pole
 
         decay = np.array([1.0, -math.exp(-self.output * dt)])
         channels = signals.reshape(len(signals), -1).T

@@ -35,7 +35,7 @@ from replant.numerics.projections import without
 from replant.numerics.score_test import Explained
 from replant.verdict.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.unexplained import dynamics, power_of, residual_of, unexplained
+from replant.verdict.residual_dynamics import dynamics, power_of, residual_of, unexplained
 from replant.verdict.verdict import Finding, percent
 
 WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]
@@ -174,7 +174,7 @@ def _scaled(u: FloatArray) -> FloatArray:
 
 def _curves(v: FloatArray) -> Iterator[tuple[FloatArray, tuple[str, str]]]:
     """Yield curves (K, C) of the scaled input, and what they are where they grow less and more than straight ones."""
-    from replant.kernels.filters.series import play  # compiled: imported where it is used
+    from replant.kernels.filters.autoregressions import play  # compiled: imported where it is used
 
     yield np.column_stack([v**3, v**5]), (SATURATES, DEAD)
     yield np.abs(v)[:, None], (LOPSIDED, LOPSIDED)

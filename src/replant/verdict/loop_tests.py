@@ -38,7 +38,7 @@ from replant.numerics.projections import (
 )
 from replant.numerics.score_test import Explained
 from replant.verdict.evidence import RESTING, ROUNDING, Evidence, Runs, rounding_of
-from replant.verdict.unexplained import residual_of
+from replant.verdict.residual_dynamics import residual_of
 from replant.verdict.verdict import Finding
 
 STILL = "the reference stands still"

@@ -229,7 +229,7 @@ def program(path: Path, setup: Setup, wish: Wish, saved: str = "model.json") -> 
     lines = ["import dataclasses", "import sys", "", *(["import numpy as np", ""] if is_cut else [])]
     lines += [
         "import replant as rp",
-        "from replant.fitting.inspect import with_others",
+        "from replant.fitting.log_inspection import with_others",
         "from replant.logs import open_recording",
         "from replant.logs.recording import digest",
         *(["from replant.online.runs.run_log import judged_by_log"] if wish.kind == RUN else []),

@@ -15,7 +15,7 @@ from replant.errors import ReplantError
 from replant.numerics.operating_system import Worker, one_line
 from replant.workbench import tasks
 from replant.workbench.choices import Setup, Wish
-from replant.workbench.samples import CancelledError, Clock, Samples
+from replant.workbench.drawn_samples import CancelledError, Clock, Samples
 from replant.workbench.tasks import Work
 
 MOST_DRAWN = 24  # columns of a log that are drawn [count]

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ReplantError
-from replant.fitting.inspect import Inspection, inspect, key_of
+from replant.fitting.log_inspection import Inspection, inspect, key_of
 from replant.fitting.model import Model
 from replant.fitting.model_json import finite
 from replant.fitting.validation import Validation
@@ -41,7 +41,7 @@ from replant.numerics.residuals import BAND_95
 from replant.plotting.numbers import rounded
 from replant.report.log_as_text import as_json, findings_of
 from replant.workbench.choices import Setup, Stretch
-from replant.workbench.samples import doubts, joined_extremes
+from replant.workbench.drawn_samples import doubts, joined_extremes
 
 KEPT_LOGS = 2  # logs whose samples are kept for the next request [count]
 KEPT_VALIDATIONS = 32  # validations that are kept [count]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from replant.kernels.filters.series import nested_models
+from replant.kernels.filters.autoregressions import nested_models
 from replant.kernels.schema import LAGS
 from replant.numerics import autoregression as numerics
 from replant.numerics.autoregression import Autoregression

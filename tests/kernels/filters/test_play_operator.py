@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 
-from replant.kernels.filters.series import play
+from replant.kernels.filters.autoregressions import play
 from support.cases import every
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError
-from replant.fitting.inspect import beside_first_model, first_model, inspect, options_of
+from replant.fitting.log_inspection import beside_first_model, first_model, inspect, options_of
 from replant.logs.column_roles import role_by_name
 from replant.logs.columns import Column, Kind, describe
 from replant.logs.read import read_log

@@ -181,7 +181,7 @@ def _untold(signals: FloatArray, past: FloatArray, inverse: FloatArray) -> tuple
 
 def _carried(push: FloatArray, own: FloatArray, u: FloatArray) -> FloatArray:
     """Return what a push (K,) makes of an input (K,) that its own past carries on."""
-    from replant.kernels.filters.series import all_pole
+    from replant.kernels.filters.autoregressions import all_pole
 
     answer = all_pole(np.append(1.0, -own), push[None])[0]
     held = bool(np.isfinite(answer).all()) and sum_of_squares(answer) <= LOUDEST**2 * sum_of_squares(u)

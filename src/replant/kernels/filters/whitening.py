@@ -20,7 +20,7 @@ Theory for the User", sections 7.3 and 10.3.
 
 import math
 
-from replant.kernels.filters.series import nested_models
+from replant.kernels.filters.autoregressions import nested_models
 from replant.kernels.schema import LAGS, Doubt
 
 # beyond half an interval the sample nearest in time is another one

@@ -15,7 +15,7 @@ Technometrics 52.
 
 import math
 
-from replant.kernels.filters.series import nested_models
+from replant.kernels.filters.autoregressions import nested_models
 from replant.kernels.native import Cube, Ints, Matrix, Reals, kernel
 from replant.kernels.schema import LAGS
 

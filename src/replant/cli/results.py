@@ -18,7 +18,7 @@ import click
 from replant.cli.advice import OTHER_LOG, NextStep, next_step
 from replant.cli.conditioning_options import NAMES as STRETCH_NAMES
 from replant.cli.conditioning_options import is_conditioned
-from replant.cli.notes import is_quiet, note
+from replant.cli.messages import is_quiet, note
 from replant.cli.option_types import Choice, command_line, group, path_option
 from replant.cli.run_fit_compare_options import read
 from replant.errors import InvalidArgumentError

@@ -37,7 +37,7 @@ from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
 from replant.verdict.evidence import CONSTANT, LEAST_POWER, RESTING, Evidence, Runs, is_constant
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
 from replant.verdict.loop_tests import COLOURED, Loop, Reference, unexplained_by_reference
-from replant.verdict.unexplained import unexplained, unexplained_before
+from replant.verdict.residual_dynamics import unexplained, unexplained_before
 from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, percent
 
 POOREST_FIT = 10.0  # simulated fit below which the input explains next to nothing: noise has four times its power [%]

@@ -14,7 +14,7 @@ from replant.numerics.levels import LARGEST_PART, NEGLIGIBLE
 from replant.numerics.score_test import Explained
 from replant.verdict import Assessment, assess_record
 from replant.verdict.evidence import Evidence
-from replant.verdict.judge import judge
+from replant.verdict.reasons import judge
 from replant.verdict.verdict import STATUSES, Finding, conclude, percent
 from support.builders import binary
 from support.cases import every
