@@ -52,6 +52,13 @@ def test_a_step_test_tells_order_and_dead_time(samples: int, grid: float) -> Non
         assert abs(found.best.structure.delay - 2.5) < 2 * 0.5, den
 
 
+def test_a_first_output_that_is_bad_makes_no_pole() -> None:
+    """A sensor that gives 0 when it is read for the first time; a fast pole with an initial state would explain it."""
+    y = rp.TransferFunction([2.0], [1.0, 2.0]).simulate(U, 0.05) + 5.0 + white_noise(U.size, 0.02, seed=4)
+    y[0] = 0.0
+    assert search(U, y, 0.05, poles=(2, 1)).chosen.structure == rp.Structure(1)
+
+
 def test_of_structures_alike_the_simpler_one_is_chosen() -> None:
     """Of a lag with noise, a second pole far away fits as well: it costs ln(K) / 2 for itself and for its state."""
     y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(U, 0.05)

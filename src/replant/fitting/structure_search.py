@@ -13,7 +13,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.filters import RefinedFilter
-from replant.estimation.solver.solve import at_first
+from replant.estimation.solver.solve import at_first, leaving_out, solve
 from replant.fitting.fit import check_delay, check_length, fit_samples
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.miso_search import Options, search_rows
@@ -167,7 +167,7 @@ def _searched(
     check_delay(times[-1], dt, u.size, stamps)
     resolved = preprocess.resolve(u, told)
     ready = RawRecord(grid[0], dt, resolved, u, told, stamps, given.input_hold, given.begins).made_ready(told, r)
-    used = at_first(ready)
+    used = _without_bad(min(grid, key=_size), ready)
     for _ in range(2):
         sweep = _Sweep(used, grid, times, progress)
         chosen = sweep.chosen
@@ -309,6 +309,13 @@ class _Sweep:
             return self._evidence.of(replace(best.structure, delay=delay), [beside.found.theta])
 
         self._between[_size(best.structure)] = likeliest_between(found, low, high, self._evidence.record.dt, tried)
+
+
+def _without_bad(structure: Structure, ready: Record) -> Record:
+    """Return a record without the outputs that are bad by the smallest structure, or by themselves."""
+    # a fast pole and an initial state of a larger one would explain a first output that is bad
+    solution = solve(structure, ready)
+    return at_first(ready) if solution is None else leaving_out(ready, solution.doubt)
 
 
 def _options(given: Samples, poles: Any, zeros: Any, delays: Any) -> list[Options]:
