@@ -130,7 +130,7 @@ def test_every_public_name_resolves_and_is_listed_in_order() -> None:
     assert len(set(replant.__all__)) == len(replant.__all__)
     for name in set(replant.__all__) - {"__version__"}:
         assert getattr(replant, name) is getattr(exported, name), name
-    modules = {"examples", "figures", "fleet"}
+    modules = {"examples", "figures", "fleet", "rigs", "signals"}
     names = {name for name, value in vars(exported).items() if not name.startswith("_")}
     public = {name for name in names if name in modules or not is_module(getattr(exported, name))}
     assert public | {"__version__"} == set(replant.__all__), "public.py and __all__ differ"

@@ -117,7 +117,8 @@ def of_the_reference(pages: Pages) -> Iterator[str]:
     """Every public name is in the reference."""
     text = "\n".join(pages.text(page) for page in pages.site if page.startswith("docs/reference/"))
     documented = set(re.findall(r"^\.\. auto(?:class|function|exception):: ([\w.]+)$", text, re.MULTILINE))
-    modules = {"examples": "replant.examples.", "figures": "replant.report.figures.", "fleet": "replant.fleet."}
+    modules = {name: f"replant.{name}." for name in ("examples", "fleet", "rigs", "signals")}
+    modules["figures"] = "replant.report.figures."
     for name in replant.__all__:
         inside = name in modules and any(path.startswith(modules[name]) for path in documented)
         if name not in documented and name != "__version__" and not inside:

@@ -32,6 +32,8 @@ __version__ = "0.1.0"
 _PLACES = {
     "examples": "replant.examples",
     "fleet": "replant.fleet",
+    "rigs": "replant.rigs",
+    "signals": "replant.signals",
     "ArgumentTypeError": "replant.errors",
     "CheckpointError": "replant.errors",
     "DamagedCheckpointError": "replant.errors",

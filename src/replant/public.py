@@ -56,3 +56,5 @@ from replant.report.compared_page import ModelComparison as ModelComparison, com
 from replant.online.runs.run_log import run as run
 from replant import examples as examples
 from replant import fleet as fleet
+from replant import rigs as rigs
+from replant import signals as signals

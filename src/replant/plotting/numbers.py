@@ -102,6 +102,11 @@ def with_std(value: float, std: float | None) -> str:
     return f"{_digits(value, min(max(digits, 1), 4))} +- {_digits(std, 2)}"
 
 
+def of_integrator(gain: float, std: float | None) -> str:
+    """Say beside a gain that it may be infinite, where its standard deviation is larger."""
+    return "; the slowest pole may be an integrator" if std is not None and std > abs(gain) else ""
+
+
 def _digits(value: float, digits: int) -> str:
     """Return a figure with so many digits, zeros at its end among them; with a power of ten where it is far from 1."""
     if not 1e-4 <= abs(value) < 1e5:

@@ -19,7 +19,7 @@ from replant.logs.log import Log
 from replant.model.preprocess import Preprocess
 from replant.online.runs.result import Result
 from replant.plotting.diagrams import draw_auto, draw_cross, draw_validation
-from replant.plotting.numbers import gain_unit, mathml, number, percent, uncertain, with_unit
+from replant.plotting.numbers import gain_unit, mathml, number, of_integrator, percent, uncertain, with_unit
 from replant.report import contents as tables
 from replant.report import figures, page_figures
 from replant.report.contents import Material
@@ -240,11 +240,11 @@ def _figures(material: Material) -> str:
     """Return the key figures."""
     result, known = material.result, material.result.uncertainty
     unit = gain_unit(material.plant_label, material.log.output_name)
-    gain = uncertain(result.transfer_function.dc_gain, None if known is None else known.dc_gain_std)
+    gain, gain_std = result.transfer_function.dc_gain, None if known is None else known.dc_gain_std
     entries = [
         (percent(result.simulation.fit), f"fit, {result.simulation.how}"),
         (percent(result.one_step), "fit, one step ahead"),
-        (gain, with_unit("DC gain", unit)),
+        (uncertain(gain, gain_std), with_unit("DC gain", unit) + of_integrator(gain, gain_std)),
         (f"{result.samples:,}", "samples used"),
     ]
     return "".join(f"<div><dd>{in_small(text)}</dd><dt>{html.escape(name)}</dt></div>" for text, name in entries)

@@ -22,6 +22,7 @@ from replant.plotting.numbers import (
     duration,
     fraction,
     interval,
+    of_integrator,
     off_by,
     percent,
     std_alone,
@@ -148,7 +149,8 @@ def _print_model(console: Any, model: Model, truth: TransferFunction | None) -> 
     console.print()
     console.print(_mode_table(model))
     console.print()
-    _say(console, "DC gain", with_std(model.transfer_function.dc_gain, known.dc_gain_std if known else None))
+    gain, gain_std = model.transfer_function.dc_gain, known.dc_gain_std if known else None
+    _say(console, "DC gain", with_std(gain, gain_std) + of_integrator(gain, gain_std))
 
 
 def table(
