@@ -226,3 +226,19 @@ def test_a_plain_root_that_has_converged_is_not_looked_for_again(
     assert refined is not None
     assert refined.noise_model.order > 0
     assert len(found) == times
+
+
+def test_what_each_of_several_records_begins_with_counts_as_fitted() -> None:
+    """Of 30 records of 20 samples an offset and a state each, 90 numbers, take a seventh of the residual's power."""
+    begins = tuple(range(20, 600, 20))
+    structure, plant = rp.Structure(2), rp.TransferFunction([4.0], [1.0, 0.8, 4.0])
+    variances = []
+    for seed in range(9):
+        random = np.random.default_rng(seed)
+        u = np.repeat(random.choice([-1.0, 1.0], 120), 5)
+        y = plant.simulate(u, 0.05) + 0.05 * random.standard_normal(600)
+        found = refine(structure, Record(u, y, np.array([0.05]), begins=begins))
+        assert found is not None
+        variances.append(found.variance / 0.05**2)
+    # of each the deviation is sqrt(2 / 507)
+    assert abs(np.mean(variances) - 1.0) < 4.0 * np.sqrt(2.0 / 507 / len(variances))

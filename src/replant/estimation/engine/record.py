@@ -115,6 +115,11 @@ class Record:
         gaps = gaps_of(self.intervals, self.usual).tolist() if math.isfinite(self.usual) else []
         return _slices(sorted({*gaps, *self.begins}), self.u.size)
 
+    def nuisances_beside(self, poles: int, *, bias: bool) -> int:
+        """Return how many initial states and offsets are unknown beside those that the record begins with."""
+        others = self.parts[1:]
+        return sum(min(rows.stop - rows.start, poles + (rows.start in self.begins and not bias)) for rows in others)
+
     def answers(self, delay: float) -> BoolArray:
         """Return which outputs (K,) answer to inputs of their own part, with a dead time in s."""
         answers = np.ones(self.u.size, bool)

@@ -198,11 +198,12 @@ def conclude(
     """Return the estimate that an iteration comes to, with its covariance; None if not finite."""
     model, done, noise = root.model, root.done, root.noise
     samples, size = record.count, model.size
+    free = max(samples - size - record.nuisances_beside(structure.poles, bias=structure.bias), 1)
     applied = noise if root.filters else Autoregression.white(1.0, samples)
     zeta, white = record.whitened(applied, done.zeta), record.whitened(applied, done.error)
     prior = Prior.none(size) if prior is None else prior
-    variance = sum_of_squares(done.error) / max(samples - size, 1)
-    innovation = sum_of_squares(white) / max(samples - size, 1)
+    variance = sum_of_squares(done.error) / free
+    innovation = sum_of_squares(white) / free
     before = prior.weight
     upper, diagonal = factor_information(products(zeta, zeta) + before)
     inverse = compose(upper, diagonal)
@@ -212,7 +213,7 @@ def conclude(
     else:
         plain = innovation * inverse
     colour, power = _colour(zeta, white, samples)
-    covariance = larger(power / max(samples - size, 1) * inverse @ colour.squares @ inverse.T, plain)
+    covariance = larger(power / free * inverse @ colour.squares @ inverse.T, plain)
     # before the scatter along the path is added: a start-up has few blocks, and their chance must not decide its length
     uncertainty = relative_uncertainty(structure, model, covariance, done.phi, record)
     entries = size - structure.poles
