@@ -319,6 +319,7 @@ def _refined_result(
         outliers,
         stuck,
         np.flatnonzero((doubt == Doubt.MISSING) & raw.made_use_of),
+        filtered=found.noise.filters > 0.0,
         disagreement=found.disagreement,
         loads=np.array(raw.loads, np.int64),
     )

@@ -87,6 +87,8 @@ class FitResult(Identified):
         The record made ready, with the model's outputs where they are missing or outliers: what the verdict looks at.
     means : tuple of two floats
         Of the mapped input and of the output, where both can be used.
+    filtered : bool
+        Whether the model was found with the noise model as a filter.
     disagreement : float
         See `replant.estimation.solver.refined_estimate.Refined.disagreement`.
     usual_interval : float or None
@@ -120,6 +122,7 @@ class FitResult(Identified):
     rival: FitResult | None = None
     record: Record | None = None
     means: tuple[float, float] = (0.0, 0.0)
+    filtered: bool = False
     disagreement: float = 0.0
     usual_interval: float | None = None
     others: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -144,6 +147,7 @@ class FitResult(Identified):
             self.covariance,
             instruments=self.method != "least_squares",
             usual_interval=self.usual_interval,
+            filtered=self.filtered,
             disagreement=self.disagreement,
             left_out=self.stuck.size,
             plant_change=self._plant_change if self.method == "srivc" else None,

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from replant.estimation.solver.resampled_scatter import resampled_scatter
 from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
@@ -36,6 +37,9 @@ Sensitivity: halved or doubled, nothing changes on these records.
 
 MOST_SCATTER = math.sqrt(MATTERS)  # rms that the estimate's own error makes, at most [part of the output's]
 MINOR_SCATTER = 0.5 * MOST_SCATTER  # up to which the model is known whatever a coefficient is [part of the output's]
+MINOR_RESAMPLED = math.sqrt(0.5 * MATTERS)  # the same of a scatter that is not of first order [part of the output's]
+# of field records' estimates 2.9 times as much at the most, and half as much at the least
+FIRST_ORDER = 3.0  # by how many times an estimate may scatter more, or less, than its covariance says [ratio]
 MOST_MOVED = math.sqrt(MATTERS)  # movement of a coefficient below which the estimate stands still [part of its size]
 MOVED_SIGMAS = 4.0  # movement of a coefficient that is no chance: 6e-5 of a normal deviate [standard deviations]
 SLOW = 3.0  # scatter of the path from which on slow noise is named as the reason [standard deviations by its colour]
@@ -82,7 +86,9 @@ class Certainty:
         left = float(np.var(errors[0][evidence.newest])), float(np.var(errors[1][evidence.newest]))
         improves = evidence.adapts and moved > MOST_MOVED and left[0] < IMPROVED * left[1]
         most = MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN
-        scatter = _scatter(evidence, runs, known, speeds, by_reference)
+        scatter, minor = _scatter(evidence, runs, known, speeds, by_reference), MINOR_SCATTER
+        if not closed and _is_in_doubt(evidence, scatter):
+            scatter, minor = _resampled(evidence), MINOR_RESAMPLED
         cancelled = cancelled_pole(evidence.structure, evidence.estimate, known)
         slow, surprise = slow_noise(evidence, uncertainty), _surprise(evidence, away, known)
         is_apart = evidence.is_solved and cancelled is None and surprise > 1.0
@@ -93,7 +99,7 @@ class Certainty:
         # where the input rests for most of the record, more rest tells nothing
         times = "repeat it {} times" if evidence.moving < evidence.samples / 2 else "record {} times as long"
         findings = uncertainty_findings(
-            uncertainty, most, math.inf if closed else scatter, cancelled, slow, more, times
+            uncertainty, most, math.inf if closed else scatter, cancelled, slow, more, times, minor
         )
         if not scatter <= MOST_SCATTER:
             reason = f"the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output"
@@ -176,6 +182,18 @@ def _scatter(
     return math.sqrt(max(made, 0.0) / size) if size > 0.0 else math.inf
 
 
+def _is_in_doubt(evidence: Evidence, scatter: float) -> bool:
+    """Return whether the estimate of a record that has ended scatters too much, or not, by what is left out of this."""
+    can_be_made = evidence.is_solved and evidence.filtered is not None and not evidence.diverging_pole
+    return can_be_made and MOST_SCATTER / FIRST_ORDER < scatter < MOST_SCATTER * FIRST_ORDER
+
+
+def _resampled(evidence: Evidence) -> float:
+    """Return the scatter by records that the estimate makes, see `resampled_scatter`."""
+    record, filtered = evidence.record.joined, bool(evidence.filtered)
+    return resampled_scatter(evidence.structure, record, evidence.estimate, filtered=filtered)
+
+
 def longer(uncertainty: float, most: float, times: str) -> str:
     """Return in words how much of the same another record has to hold: a standard deviation falls as 1/sqrt(N)."""
     return times.format(figure((uncertainty / most) ** 2))
@@ -187,13 +205,14 @@ def without_longer(verdict: Assessment) -> Assessment:
 
 
 def uncertainty_findings(
-    uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str, more: str, times: str = ""
-) -> list[Finding]:
+    uncertainty: float, most: float, scatter: float, cancelled: complex | None, slow: str, more: str,
+    times: str = "", minor: float = MINOR_SCATTER,
+) -> list[Finding]:  # fmt: skip
     """Say where a coefficient is not known well; no obstacle to trust where what the model does is known."""
     if uncertainty <= most and cancelled is None:
         return []
     reason = f"a coefficient has a standard deviation of {percent(uncertainty)}{slow}"
-    needed = min(uncertainty / most, scatter / MINOR_SCATTER)  # either makes it known
+    needed = min(uncertainty / most, scatter / minor)  # either makes it known
     advice = f"{more or longer(needed, 1.0, times)}, move the input more, or ask for fewer poles and zeros"
     if cancelled is not None:
         real = cancelled.real + 0.0  # not -0
@@ -201,7 +220,7 @@ def uncertainty_findings(
         if cancelled.imag:
             pole = f"zeros may cancel the poles near {real:.3g} +- {cancelled.imag:.3g}j"
         reason, advice = f"{pole} rad/s, so that the coefficients are not known", "ask for fewer poles and zeros"
-    if scatter <= MINOR_SCATTER:
+    if scatter <= minor:
         known = f"but the uncertainty of the estimate amounts to {percent(scatter)} of the modelled output only"
         trust = "rely on G(s) where the input excites it, not on coefficients"
         return [Finding("trusted", f"{reason}, {known}: {trust}{'' if cancelled is None else ', or ' + advice}")]

@@ -51,6 +51,7 @@ class Evidence:
     follows: bool = False  # whether the estimate follows a plant that changes: the newest samples alone test it
     largest_power: float = 0.0  # largest moving variance that the input has had; 0 where it is not known
     usual_interval: float = 0.0  # median time between samples in s, gaps included; 0 where there are no time stamps
+    filtered: bool | None = None  # whether the estimate was found with its noise model as a filter; None: not known
     disagreement: float = 0.0  # difference of two estimates of the record that a right structure makes equal
     usual_power: float = 0.0  # variance of the residual that the monitoring takes for usual; 0 where there is none
     grown: int = 0  # samples since the residual began to exceed its usual size beyond chance; else 0
