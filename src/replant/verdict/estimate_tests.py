@@ -183,9 +183,11 @@ def _scatter(
 
 
 def _is_in_doubt(evidence: Evidence, scatter: float) -> bool:
-    """Return whether the estimate of a record that has ended scatters too much, or not, by what is left out of this."""
-    can_be_made = evidence.is_solved and evidence.filtered is not None and not evidence.diverging_pole
-    return can_be_made and MOST_SCATTER / FIRST_ORDER < scatter < MOST_SCATTER * FIRST_ORDER
+    """Return whether the estimate of a whole record may scatter by too much, or not, beyond first order."""
+    # where the input answers the noise, another noise would have made another input
+    if not evidence.is_solved or evidence.filtered is None or evidence.record.r is not None or evidence.diverging_pole:
+        return False
+    return MOST_SCATTER / FIRST_ORDER < scatter < MOST_SCATTER * FIRST_ORDER
 
 
 def _resampled(evidence: Evidence) -> float:
