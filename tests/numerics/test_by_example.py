@@ -212,6 +212,10 @@ def test_without_spikes() -> None:
         atol=1e-8,
     )
 
+    # both of an end are bad: no neighbour is there twice
+    found = without_spikes(np.array([-1e4, 1e3, 50.0, 51.0, 52.0, 53.0, 54.0, 1e5]))
+    assert found.tolist() == [51.0, 51.0, 50.0, 51.0, 52.0, 53.0, 54.0, 53.0]
+
 
 def test_normal_scores() -> None:
     np.testing.assert_allclose(

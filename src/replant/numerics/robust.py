@@ -22,8 +22,8 @@ def without_spikes(y: FloatArray) -> FloatArray:
     if y.size < SPIKE_NEIGHBOURS or not np.isfinite(y).all():
         return y
     half = SPIKE_NEIGHBOURS // 2
-    windows = np.lib.stride_tricks.sliding_window_view(np.pad(y, half, mode="reflect"), SPIKE_NEIGHBOURS)
-    median = np.median(windows, axis=1)
+    windows = np.lib.stride_tricks.sliding_window_view(y, SPIKE_NEIGHBOURS)
+    median = np.pad(np.median(windows, axis=1), half, mode="edge")  # a mirror would show an end that is bad twice
     limit = GROSS * float(np.ptp(median))
     with np.errstate(over="ignore"):
         gross = (np.abs(y - median) > limit) & (limit > 0.0)

@@ -29,6 +29,29 @@ def away(result: rp.FitResult, other: rp.FitResult) -> float:
     return float(np.abs((result.parameters - other.parameters) / np.sqrt(np.diag(other.covariance))).max())
 
 
+@pytest.mark.parametrize("first", [[0.0], [-9999.0, 0.0]])
+def test_first_outputs_that_are_bad_are_named_and_change_nothing(first: list[float]) -> None:
+    """A sensor is read before it is ready; a fast pole with an initial state would explain it, and did."""
+    u, y = noisy(1)
+    y += 5.0
+    clean = rp.fit(u, y, DT, STRUCTURE)
+    y[: len(first)] = first
+    found = rp.fit(u, y, DT, STRUCTURE)
+    assert found.outliers.tolist() == list(range(len(first)))
+    assert away(found, clean) < 0.2
+
+
+def test_a_fast_pole_that_is_in_motion_at_first_is_none() -> None:
+    """The first jump is the largest: the input was far away before the record."""
+    plant = rp.TransferFunction([40.0, 60.0], [1.0, 31.0, 30.0])
+    u, before = binary(1, SAMPLES, 8), np.full(200, -20.0)
+    y = plant.simulate(np.concatenate([before, u]), DT)[200:] + 0.02 * np.random.default_rng(2).standard_normal(SAMPLES)
+    assert np.abs(np.diff(y)).argmax() == 0
+    found = rp.fit(u, y, DT, rp.Structure(2, 1))
+    assert not found.outliers.size
+    np.testing.assert_allclose(found.parameters, [31.0, 30.0, 40.0, 60.0], rtol=0.1)
+
+
 @pytest.mark.parametrize("size", [5.0, 1e6, -1e12])
 def test_one_outlier_is_named_and_changes_nothing(size: float) -> None:
     u, y = noisy(1)

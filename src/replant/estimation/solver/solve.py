@@ -7,6 +7,7 @@ own output takes their place.  Which outputs are bad is told with a model, so th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,7 +22,10 @@ from replant.estimation.solver.undetermined_poles import with_untold
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
+from replant.numerics.levels import ALPHA
 
+# a reading before the sensor is ready, and one more
+FIRST = 2  # first outputs that may be bad together [count]
 ROUNDS = 5  # times that a record is solved and its outputs judged, at the most [count]
 
 
@@ -50,6 +54,40 @@ def solve(
     nested: bool = False,
 ) -> Solution | None:  # fmt: skip
     """Solve a record, see `refine`; None where no start leads to a model."""
+    solution = _solved(structure, record, given, afresh=afresh, nested=nested)
+    first = first_jump(record)
+    if solution is None or not first or record.r is not None:
+        return solution
+    # a fast pole with an initial state explains any first output: whether it is bad is told by all others
+    measured = record.is_measured & (np.arange(record.u.size) >= first)
+    left = replace(record, y=filled(record.y, measured), measured=measured)
+    without = _solved(structure, left, given, afresh=afresh, nested=nested)
+    if without is None or not without.found.innovation > 0.0:
+        return solution
+    likelier = 0.5 * record.count * math.log(solution.found.innovation / without.found.innovation)
+    if likelier <= first * (math.log(record.count) - math.log(ALPHA)):
+        return solution
+    is_first = ~measured & record.is_measured
+    return replace(without, doubt=np.where(is_first, Doubt.OUTLIER, without.doubt))
+
+
+def first_jump(record: Record) -> int:
+    """Return how many first outputs lie before the largest jump of a record; 0 where it is not near the beginning."""
+    y = np.where(record.is_measured, record.y, np.nan)
+    y[suspected(record) != Doubt.NONE] = np.nan
+    known = np.flatnonzero(np.isfinite(y))
+    if known.size < 2 * FIRST + 2:
+        return 0
+    jumps = np.abs(np.diff(y[known]))
+    largest = int(jumps.argmax())
+    is_alone = largest < FIRST and known[largest] <= FIRST and jumps[largest] > 2.0 * jumps[largest + 1 :].max()
+    return int(known[largest]) + 1 if is_alone else 0
+
+
+def _solved(
+    structure: Structure, record: Record, given: Sequence[FloatArray], *, afresh: bool, nested: bool
+) -> Solution | None:
+    """Solve a record, its outputs being judged by the model."""
     answers, doubt = record.answers(structure.delay), suspected(record)
     found = _first(structure, leaving_out(record, doubt), given, afresh=afresh, nested=nested)
     if found is None and (doubt > Doubt.MISSING).any():  # as they came
