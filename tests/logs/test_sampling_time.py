@@ -168,6 +168,10 @@ def test_a_column_that_has_another_role_is_not_looked_for_as_the_time(write: Wri
     ("stamps", "message"),
     [
         (["0", "0.1", "0.1", "0.2"], "line 4, column 't': the time stamp 0.1 repeats the one before"),
+        (
+            [*(f"{k}" for k in range(20)), *(f"{k}" for k in range(20))],
+            r"goes back from the one before \(19\); the clock begins anew: where another",
+        ),
         (["0", "0.1", "0.05", "0.2"], "line 4, column 't': the time stamp 0.05 goes back from the one before"),
         (
             ["0", "", "0.2", "0.3"],

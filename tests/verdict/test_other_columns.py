@@ -141,3 +141,12 @@ def test_a_longer_record_is_not_asked_for_where_another_column_is_the_cause() ->
     for more in ("record 7.1 times as long, ", "repeat it 2 times, ", "record more than 10000 times as long, or "):
         asked = Assessment("converging", (f"{unsure}{more}move the input more",))
         assert with_other_columns(asked, (pump,)).reasons == (pump.reason, f"{unsure}move the input more")
+
+
+def test_the_time_is_never_an_input() -> None:
+    for name in ("time", "t [s]", "Timestamp"):
+        reason = OtherColumn(name, size=0.1, left=0.5, bias=0.2).reason
+        assert (
+            reason
+            == f"column {name} explains 50 % of what is left: the output drifts, or the log holds several recordings"
+        )

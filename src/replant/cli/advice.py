@@ -17,6 +17,7 @@ from replant.cli.option_types import command_line
 from replant.fitting.log_inspection import rounded_up
 from replant.logs.column_roles import prepared, response
 from replant.logs.log import Log
+from replant.logs.sampling_time import time_candidates
 from replant.numerics.arguments import FloatArray
 from replant.numerics.limits import typed_path
 from replant.online.runs.result import Result
@@ -180,6 +181,8 @@ def _part(situation: Situation) -> NextStep:
 def _column(situation: Situation) -> NextStep:
     found = re.search(COLUMN, situation.reason)
     name = "" if found is None else found[1]
+    if time_candidates([name]):
+        return _look(situation, "look how the output drifts, and whether the log holds several recordings")
     words = f"record with column {name} held still; or try it as the input"
     return NextStep(words, again("input", "reference", "delay", input=name))
 

@@ -23,9 +23,10 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.other_columns import OtherColumn, other_columns
+from replant.verdict.reasons import POOREST_FIT
 
 MOST_SAMPLES_OF_FIRST = 1000  # samples that a first model is made from: evenly spaced ones of a longer record [samples]
-DELAYS = 12  # dead times that it tries beside 0, from a sample to a quarter of the record, by equal factors [count]
+DELAYS = 6  # dead times that it tries beside 0, from a sample to a quarter of the record, by equal factors [count]
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
         if found.verdict.status == "trusted":
             slowest = found.transfer_function.modes[0].time_constant
             return FirstModel(found.structure.delay, slowest, found.simulation.fit)
+        if found.simulation.fit < POOREST_FIT:  # from rest, without an initial state, it would explain less
+            return None
     return None
 
 

@@ -31,6 +31,12 @@ _UNIT_AT_END = re.compile(rf".*{_UNIT}|{_ALONE}", re.IGNORECASE)
 _TIME_NAME = re.compile(rf"(?:.*\.)?(?:t|time|timestamp){_UNIT}?|{_ALONE}", re.IGNORECASE)
 _ENDLESS = 1e300  # magnitude of a stamp beyond which the difference of two may leave float64 [s]
 _REMEDY = "drop that row, or give the sampling time (dt, --dt) instead of a time column"
+# stamps that are only out of order go back by less
+ANEW = 10.0  # intervals that a clock goes back by where it begins anew [usual intervals]
+_BEGINS_ANEW = (
+    "the clock begins anew: where another recording begins, cut the file there and give both parts; where the same one "
+    "goes on, give the sampling time (dt, --dt)"
+)
 
 
 def time_candidates(names: Sequence[str]) -> list[int]:
@@ -130,7 +136,7 @@ def _check_increasing(
     path: Path, name: str, stamps: FloatArray, first: int, describe_row: Callable[[int], str]
 ) -> None:
     finite = np.abs(stamps) < _ENDLESS
-    steps = np.diff(stamps)
+    steps, remedy = np.diff(stamps), _REMEDY
     if not finite.all():
         row = int(np.argmin(finite))
         what = f"is {stamps[row]}"
@@ -138,9 +144,11 @@ def _check_increasing(
         row = int(np.argmin(steps > 0.0)) + 1
         what = "repeats" if steps[row - 1] == 0.0 else "goes back from"
         what = f"{stamps[row]:.12g} {what} the one before ({stamps[row - 1]:.12g})"
+        if -steps[row - 1] > ANEW * float(np.median(np.abs(steps))):
+            remedy = _BEGINS_ANEW
     else:
         return
-    raise LogError(f"{path}: {describe_row(first + row)}, column {shown(name)}: the time stamp {what}; {_REMEDY}")
+    raise LogError(f"{path}: {describe_row(first + row)}, column {shown(name)}: the time stamp {what}; {remedy}")
 
 
 LATEST = 1e11  # stamp beyond which the unit cannot be the one taken: in seconds since 1970 it is the year 5138 [s]

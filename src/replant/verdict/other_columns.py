@@ -22,6 +22,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import ModelRun, run_model
+from replant.logs.sampling_time import time_candidates
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import MATTERS
@@ -51,6 +52,8 @@ class OtherColumn:
     def reason(self) -> str:
         """What is said of it."""
         told = f"column {self.name} explains {percent(self.left)} of what is left"
+        if time_candidates([self.name]):
+            return f"{told}: the output drifts, or the log holds several recordings"
         if self.bias > MATTERS:
             return f"{told}, and moves with the input, so that its effect is in the coefficients"
         return f"{told}: it moves the output, too; record with it held still"
