@@ -139,7 +139,10 @@ def test_every_form_reads_alike_in_small_blocks(write: Write, monkeypatch: pytes
     np.testing.assert_array_equal(np.hstack([np.array(block) for block in blocks]), whole)
 
 
-@every("cell", ["+1.5", " 1.5 ", "1e400", "1e-400", "-nan", "INF", "NA", "null", "", "1.", ".5", "4.9e-324", "1" * 40])
+@every(
+    "cell",
+    ["+1.5", " 1.5 ", "1e400", "1e-400", "-nan", "INF", "NA", "null", "-", "--", "", "1.", ".5", "4.9e-324", "1" * 40],
+)
 def test_a_cell_is_the_same_number_in_a_long_file(write: Write, monkeypatch: pytest.MonkeyPatch, cell: str) -> None:
     """To NumPy as to Python."""
     path = write("u;y\n" + f"{cell};1\n" * 30)

@@ -15,7 +15,7 @@ from replant.logs import read_columns
 from support.cases import examples
 
 NAME = st.from_regex(r"[A-Za-z][A-Za-z0-9]{0,5}( \[[a-zA-Z/]{1,3}\])?", fullmatch=True).filter(
-    lambda name: name.lower() not in {"na", "nan", "null", "inf", "infinity"}
+    lambda name: name.lower() not in {"na", "nan", "none", "null", "inf", "infinity"}
 )
 NUMBER = st.floats(width=64) | st.integers(-1000, 1000).map(float) | st.just(math.nan)
 
