@@ -34,6 +34,7 @@ ROWS = [line.split("|")[1].strip() for line in PAGE.read_text("utf-8").splitline
 DT, SAMPLES = 0.05, 3000
 LAG, ONE, TWO = rp.TransferFunction([1.0], [1.0, 1.0]), rp.Structure(1), rp.Structure(2)
 ZERO, BUMP = rp.TransferFunction([2.0, 6.0], [1.0, 1.0, 9.0]), rp.TransferFunction([0.3, 2.0], [1.0, 3.0, 2.0])
+FAST = rp.TransferFunction([80.0], [1.0, 80.0])  # faster than 3 / DT
 SLOW = rp.TransferFunction([2.0], [1.0, 4.0, 3.0])
 Array = np.ndarray
 
@@ -406,6 +407,10 @@ PAIRS: dict[str, Pair] = {
     "the samples give a coefficient that differs by x %": (
         lambda: held(earlier=TRUE * [1.3, 1.0], estimate=TRUE * [1.3, 1.0], adapts=False),
         lambda: held(earlier=TRUE * 1.01, estimate=TRUE * 1.01, adapts=False),
+    ),
+    "a pole is as fast as is looked for": (
+        lambda: fit(steps(1), out(steps(1), FAST, 0.01)),
+        lambda: fit(steps(1), out(steps(1), rp.TransferFunction([50.0], [1.0, 50.0]), 0.01)),
     ),
     "the present model is provisional": (lambda: run(U[:300], out(U[:300])), lambda: run(U[:700], out(U[:700]))),
     "the samples of the start-up spoke against the model that they gave": (

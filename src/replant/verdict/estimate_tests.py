@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from replant.estimation.solver.resampled_scatter import resampled_scatter
+from replant.estimation.solver.srivc_steps import FASTEST
 from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
@@ -48,6 +49,9 @@ IMPROVED = 1.0 - MOST_MOVED  # of the power that an earlier estimate left: less 
 FARTHEST = 0.5 * math.sqrt(MATTERS)  # distance from what the samples give that is of no account [part of the size]
 SUSPECT = 0.05  # chance of a distance by chance, of an estimate that noise biases: how much is asked [probability]
 INTEGRATOR_SIGMAS = 3.0  # distance from the origin below which a pole may be an integrator's [standard deviations]
+
+# steps that would cross the bound are halved ten times
+AT_BOUND = 1e-3  # distance from the fastest pole that is looked for within which one lies at it [part of it]
 
 LONGER = re.compile(r"(?:(?:record|repeat it) [\w. ]+? times(?: as long)?|take more samples), (?:or )?")  # see `longer`
 
@@ -110,7 +114,7 @@ class Certainty:
             findings += movement_findings(moved, sigmas, evidence.span, improves=improves)
         if cancelled is None and surprise > 1.0 and distance > FARTHEST and not is_apart:
             findings.append(_of_distance(evidence, distance))
-        findings += gain_findings(evidence, runs, known, away.covariance)
+        findings += gain_findings(evidence, runs, known, away.covariance) + _fastest(evidence)
         return cls(figures, improves, findings, _apart(runs, away.step) if is_apart else 0.0)
 
 
@@ -157,6 +161,16 @@ class Speeds:
         for _ in range(self.integrators):
             channels = all_pole(decay, np.diff(channels, axis=1, prepend=channels[:, :1]))
         return np.ascontiguousarray(channels.T).reshape(signals.shape)
+
+
+def _fastest(evidence: Evidence) -> list[Finding]:
+    """Say that a pole lies at the bound of the search; no obstacle to trust where the other poles are known."""
+    speeds = np.abs(roots(np.append(1.0, evidence.estimate[: evidence.structure.poles]))) * evidence.dt
+    beyond = speeds >= FASTEST * (1.0 - AT_BOUND)
+    if not beyond.any():
+        return []
+    reason = "a pole is as fast as is looked for, 3 / dt, and may be faster: sample faster"
+    return [Finding("inconsistent" if beyond.all() else "trusted", reason)]
 
 
 def slow_noise(evidence: Evidence, uncertainty: float) -> str:
