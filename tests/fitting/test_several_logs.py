@@ -47,6 +47,20 @@ def test_they_know_as_much_as_all_of_them() -> None:
     assert together.verdict.status == "trusted"
 
 
+def test_what_states_explain_speaks_for_no_input() -> None:
+    """Each log decays from a state of its own, whatever the input does: G(s) is next to nothing, and not known."""
+    random, t = np.random.default_rng(3), 0.1 * np.arange(200)
+    decays = [
+        rp.Log(
+            random.choice([-1.0, 1.0], 20).repeat(10), 3.0 * k * np.exp(-0.5 * t) + 0.02 * random.normal(size=200), 0.1
+        )
+        for k in range(1, 7)
+    ]
+    verdict = rp.fit(decays, poles=1).verdict
+    assert verdict.status != "trusted"
+    assert verdict.reasons[0].startswith("the uncertainty of the estimate amounts to")
+
+
 def test_a_search_takes_them_too() -> None:
     found = rp.search([log(1), log(2)], poles=[1, 2], zeros=[0])
     assert found.best.structure == rp.Structure(2)

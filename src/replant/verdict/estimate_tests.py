@@ -185,6 +185,9 @@ def _scatter(
 ) -> float:
     """Return the standard deviation of the modelled output by the estimate's error, over that of the output."""
     slopes, output = runs.now.zeta, runs.now.forced
+    if len(evidence.record.joined.parts) > 1:  # what states behind gaps explain is no output of the input's
+        b = evidence.structure.numerator
+        output = combined(slopes[:, b], evidence.estimate[b])
     if by_reference is not None and runs.now.instruments is not None:
         slopes, output = runs.now.instruments, by_reference
     signals = np.column_stack([slopes, output, runs.now.nuisances])

@@ -26,7 +26,7 @@ from replant.estimation.solver.srivc_steps import Problem
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import quiet, sum_of_squares
+from replant.numerics.linear_algebra import combined, quiet, sum_of_squares
 
 # ten squares of chance tell their mean to a quarter where two directions scatter
 DRAWS = 10  # records that are made [count]
@@ -75,6 +75,7 @@ def _found(problem: Problem, model: FloatArray, noise: Autoregression | None) ->
 
 
 def _output(problem: Problem, model: FloatArray) -> FloatArray:
-    """Return the output (K,) of a model (T,) from rest."""
-    size = problem.structure.coefficients
-    return problem.run_whole(without_nuisances(problem.structure, model[:size])).output
+    """Return the output (K,) of a model (T,) by the input alone, behind gaps beside what states there explain."""
+    size, b = problem.structure.coefficients, problem.structure.numerator
+    done = problem.run_whole(without_nuisances(problem.structure, model[:size]))
+    return combined(done.zeta[:, b], model[b])
