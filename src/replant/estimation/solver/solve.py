@@ -22,7 +22,7 @@ from replant.estimation.solver.undetermined_poles import with_untold
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
-from replant.numerics.levels import ALPHA
+from replant.numerics.levels import ALPHA, ROUNDING
 
 # a reading before the sensor is ready, and one more
 FIRST = 2  # first outputs that may be bad together [count]
@@ -62,9 +62,10 @@ def solve(
     measured = record.is_measured & (np.arange(record.u.size) >= first)
     left = replace(record, y=filled(record.y, measured), measured=measured)
     without = _solved(structure, left, given, afresh=afresh, nested=nested)
-    if without is None or not without.found.innovation > 0.0:
+    usual, less = solution.found.innovation, 0.0 if without is None else without.found.innovation
+    if without is None or not less > 0.0 or usual <= ROUNDING * float(np.mean(solution.record.y**2)):
         return solution
-    likelier = 0.5 * record.count * math.log(solution.found.innovation / without.found.innovation)
+    likelier = 0.5 * record.count * math.log(usual / less)
     if likelier <= first * (math.log(record.count) - math.log(ALPHA)):
         return solution
     is_first = ~measured & record.is_measured
