@@ -167,7 +167,10 @@ def test_of_a_step_test_the_rest_before_it_is_asked_for(capsys, tmp_path: Path) 
 
 
 @every("command", ["fit", "run"])
-def test_of_a_lag_with_two_poles_one_is_tried_next(capsys, tmp_path: Path, command: str) -> None:
+def test_of_a_lag_with_two_poles_one_is_tried_next(
+    capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)  # the model may be saved
     u = binary(3, 1500, 8)
     y = rp.TransferFunction([2.0], [1.0, 1.0]).simulate(u, 0.05) + 1.0 * np.random.default_rng(5).standard_normal(1500)
     log = tmp_path / "lag.csv"

@@ -141,7 +141,7 @@ def test_every_form_reads_alike_in_small_blocks(write: Write, monkeypatch: pytes
 
 @every(
     "cell",
-    ["+1.5", " 1.5 ", "1e400", "1e-400", "-nan", "INF", "NA", "null", "-", "--", "", "1.", ".5", "4.9e-324", "1" * 40],
+    ["+1.5", " 1.5 ", "1e400", "1e-400", "-nan", "INF", "NA", "null", "none", "", "1.", ".5", "4.9e-324", "1" * 40],
 )
 def test_a_cell_is_the_same_number_in_a_long_file(write: Write, monkeypatch: pytest.MonkeyPatch, cell: str) -> None:
     """To NumPy as to Python."""

@@ -14,7 +14,7 @@ from replant.logs.table import MOST_COLUMNS
 from replant.model.interop import unit_of
 from replant.numerics.arguments import FloatArray
 
-MISSING = frozenset({"", "na", "n/a", "null", "none", "-", "--"})  # NaN, beside what float() knows
+MISSING = frozenset({"", "na", "n/a", "null", "none"})  # no dash: a unit may be one, and a number that was cut off
 _SHOWN = 40  # characters of a cell that an error shows [characters]
 _QUOTED = r'"([^"]*+(?:""[^"]*+)*+)"'  # a doubled mark inside stands for one; ++ and *+: linear time on any text
 _UNIT_BEHIND = r"(?:\s+(?:\[[^\[\]]*\]|\([^()]*\)))?"  # a unit in brackets belongs to its name
