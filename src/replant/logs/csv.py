@@ -285,7 +285,7 @@ def _are_full(text: str, delimiter: str, width: int) -> bool:
 @lru_cache(maxsize=8)
 def _missing(delimiter: str) -> re.Pattern[str]:
     """Return the pattern of a missing cell beside another one, at which a line is told from a blank one."""
-    mark, words = re.escape(delimiter), "|".join(map(re.escape, filter(None, MISSING)))
+    mark, words = re.escape(delimiter), "|".join(filter(None, MISSING))
     word = rf" *(?:{words})? *" if delimiter == "\t" else rf"[ \t]*(?:{words})?[ \t]*"
     return re.compile(rf"(?<={mark}){word}(?={mark}|$)|^{word}(?={mark})", re.IGNORECASE | re.MULTILINE)
 
