@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 
-from support.browsing import WatchedPage
+from support.browsing import WatchedPage, drawn_anew
 from support.places import ROOT
 
 PIXELS = "name => document.querySelector(`#${name} canvas`).toDataURL()"
@@ -34,4 +34,5 @@ class Page(WatchedPage):
         return self.page.locator(f"#{name}").inner_text()
 
     def pixels(self, *names: str) -> list[str]:
+        drawn_anew(self.page)  # what it was told or its size was changed to before
         return [self.page.evaluate(PIXELS, name) for name in names or ("output", "input", "magnitude", "phase")]

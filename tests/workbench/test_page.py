@@ -85,8 +85,8 @@ def test_a_search_an_online_pass_and_a_stop(browser, motor: Path) -> None:
         at.until(lambda: at.page.locator(".card[data-state=stopped]").count() == 1)
         at.page.locator(".card[data-state=stopped]").get_by_role("button", name="Remove").click()
         at.page.select_option("#order", "name")
-        at.until(lambda: at.page.locator(".card .title").first.inner_text().startswith("1 pole"))
-        at.page.get_by_role("button", name="Rename").first.click()
+        at.until(lambda: at.page.locator(".card .title").first.inner_text() == "1 pole, 0.01 s")
+        at.page.get_by_role("button", name="Rename").nth(1).click()  # the one that was made first
         at.page.keyboard.type("the one")
         at.page.keyboard.press("Enter")
         at.until(lambda: "the one" in at.page.locator(".card .title").all_inner_texts())
