@@ -41,6 +41,14 @@ def test_quoted_thousands_between_commas(write: Write) -> None:
     assert read_columns(write('t,u\n0,"1,234.5"\n1,0.5\n')).column("u").tolist() == [1234.5, 0.5]
 
 
+def test_thousands_beside_a_clock(write: Write) -> None:
+    """Two thirds of the cells are then numbers at a semicolon alone."""
+    rows = "".join(f"10:00:{k:02};{k % 2};1.2{k:02},50\n" for k in range(60))
+    table = read_columns(write("time;valve;flow\n" + rows))
+    assert table.names == ("time", "valve", "flow")
+    assert table.column("flow").tolist() == [1200.5 + k for k in range(60)]
+
+
 def test_the_mark_may_first_show_far_below(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(csv_module, "BLOCK_BYTES", 100)
     path = write("t;u;y\n" + "".join(f"{k};{k};7\n" for k in range(500)) + "500;1.234,5;7\n501;0,25;7\n")

@@ -60,6 +60,16 @@ def test_stamps_cross_midnight_months_and_leap_days(write: Write) -> None:
     assert log.time[-1] == 600.0 * 399
 
 
+@every("size", [1, 40, 1 << 20])
+def test_a_clock_without_a_date_goes_on_over_midnight(write: Write, monkeypatch: pytest.MonkeyPatch, size: int) -> None:
+    monkeypatch.setattr(csv_module, "BLOCK_BYTES", size)
+    stamps = [datetime(2024, 2, 28, 23, 50) + timedelta(minutes=k) for k in range(3000)]  # over two of them
+    path = write("time,u,y\n" + "".join(f"{stamp:%H:%M:%S},1,2\n" for stamp in stamps))
+    log = read_log(path, input="u", output="y")
+    assert log.time is not None
+    np.testing.assert_array_equal(log.time, 60.0 * np.arange(3000))
+
+
 @given(
     st.datetimes(datetime(1900, 1, 1), datetime(2200, 1, 1)),
     st.integers(-23 * 60, 23 * 60),
@@ -126,9 +136,9 @@ REFUSED = {
         ["2024-03-31 01:59:{:02}", "2024-03-31 03:00:{:02}"],
         "line 62, column 'time': the clock goes on by 3601 s, as at the beginning of daylight saving time",
     ),
-    "midnight without date": (
-        ["23:59:{:02}", "00:00:{:02}"],
-        "line 62, column 'time': the clock goes back by 86399 s, as at midnight; write the date",
+    "clock without date set back": (
+        ["23:59:{:02}", "00:05:{:02}"],
+        "line 62, column 'time': the time stamp -86040 goes back from the one before (59)",
     ),
     "clock set back": (
         ["2024-05-01 10:05:{:02}", "2024-05-01 10:00:{:02}"],

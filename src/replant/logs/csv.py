@@ -42,7 +42,7 @@ from replant.logs.text_layout import (
     split_or_none,
     too_long_error,
 )
-from replant.logs.text_times import READ, checked_clocks
+from replant.logs.text_times import READ, followed_clocks
 from replant.numerics.arguments import FloatArray
 
 _CELL_REMEDY = "correct it, leave the cell empty, or put # before the line"
@@ -166,7 +166,7 @@ def read(path: Path) -> Table:
 def _blocks(path: Path, layout: Layout, columns: Sequence[int]) -> Iterator[Arrays]:
     blocks = (_parse(path, layout, text, first, columns) for first, text in _texts(path, layout))
     describe_row = partial(_line_of_row, path, layout)
-    return checked_clocks(path, layout.names, layout.stamps, columns, describe_row, blocks)
+    return followed_clocks(path, layout.names, layout.stamps, columns, describe_row, blocks)
 
 
 def _parse(path: Path, layout: Layout, text: bytes, first: int, columns: Sequence[int]) -> Arrays:

@@ -18,7 +18,7 @@ from replant.logs.csv import last_lines
 from replant.logs.table import MOST_COLUMNS, Arrays, Table, too_many_error
 from replant.logs.text_cells import CellError, as_float, quote
 from replant.logs.text_layout import MOST_LINES_ABOVE, lines_of
-from replant.logs.text_times import StampFormat, checked_clocks, find_format
+from replant.logs.text_times import StampFormat, find_format, followed_clocks
 from replant.numerics.arguments import FloatArray
 
 BLOCK_ROWS = 1 << 14  # rows read at a time [rows]
@@ -127,7 +127,7 @@ def _blocks(path: Path, columns: _Columns, numbers: Sequence[int]) -> Iterator[A
     blocks = iter(lambda: list(islice(rows, most)), [])
     arrays = ([_column(path, columns, number, block) for number in numbers] for block in blocks)
     describe_row = partial(_line_of_row, path, columns.is_cut)
-    return checked_clocks(path, columns.names, columns.stamps, numbers, describe_row, arrays)
+    return followed_clocks(path, columns.names, columns.stamps, numbers, describe_row, arrays)
 
 
 def _column(path: Path, columns: _Columns, number: int, block: Sequence[_Row]) -> FloatArray:

@@ -92,6 +92,9 @@ def as_float(number: float) -> float:
 
 def is_number(cell: str, delimiter: str | None) -> bool:
     """Return whether a cell is a number, or missing; a comma is a decimal comma unless it is the delimiter."""
+    grouped = None if delimiter == "," else _GROUPED.fullmatch(cell)
+    if grouped and grouped["end"] and grouped["end"][0] != grouped["mark"]:
+        return True
     try:
         parse_number(cell if delimiter == "," else cell.replace(",", "."))
     except ValueError:

@@ -195,52 +195,51 @@ _HOUR = 3600.0  # by how much daylight saving time turns a clock [s]
 _DAY = 86400.0  # by how much a clock without a date goes back at midnight [s]
 _NEAR = 0.5  # difference of a jump from an hour or a day up to which it is one [usual intervals]
 _REMEDY = "write the stamps with their offset from UTC (+01:00), or give the sampling time (dt, --dt)"
+_TURNS = (
+    (-_HOUR, "back", "as at the end of daylight saving time"),
+    (_HOUR, "on", "as at the beginning of daylight saving time, or after a pause of an hour"),
+)
 
 
 class LocalClock:
-    """Looks for such jumps in time stamps that are given block by block."""
+    """Follows time stamps of a place, block by block: over midnight without a date, to no other hour with one."""
 
     def __init__(self, path: Path, name: str, describe_row: Callable[[int], str], *, has_date: bool) -> None:
         self._path, self._name, self._describe_row, self._has_date = path, name, describe_row, has_date
-        self._rows, self._last, self._usual = 0, np.empty(0), math.nan
+        self._rows, self._last, self._usual, self._days = 0, np.full(1, np.nan), math.nan, 0
 
-    def check(self, stamps: FloatArray) -> None:
-        """Look at the next stamps, in s."""
-        row = self._rows - self._last.size
-        known = np.concatenate([self._last, stamps])
-        steps = np.diff(known)
+    def followed(self, stamps: FloatArray) -> FloatArray:
+        """Return the next stamps, in s, without the jumps of midnight."""
+        steps = np.diff(np.concatenate([self._last, stamps]))
         forward = steps[steps > 0.0]
         if math.isnan(self._usual) and forward.size:
             self._usual = float(np.median(forward))
-        for jump, said in self._jumps():
-            found = np.abs(steps - self._usual - jump) <= _NEAR * self._usual
-            if found.any() and self._usual < 0.25 * _HOUR:
+        # of stamps an hour apart none tells whether the clock was turned
+        near = _NEAR * self._usual if self._usual < 0.25 * _HOUR else math.nan
+        for turn, way, said in _TURNS if self._has_date else ():
+            found = np.abs(steps - self._usual - turn) <= near
+            if found.any():
                 at = int(np.argmax(found))
                 raise LogError(
-                    f"{self._path}: {self._describe_row(row + at + 1)}, column {shown(self._name)}: the clock goes "
-                    f"{'back' if jump < 0.0 else 'on'} by {abs(steps[at]):.6g} s, {said}"
+                    f"{self._path}: {self._describe_row(self._rows + at)}, column {shown(self._name)}: the clock goes "
+                    f"{way} by {abs(steps[at]):.6g} s, {said}; {_REMEDY}"
                 )
+        days = self._days + np.cumsum((np.abs(steps - self._usual + _DAY) <= near) & (not self._has_date))
         self._rows += stamps.size
-        self._last = known[-1:]
-
-    def _jumps(self) -> list[tuple[float, str]]:
-        back = (-_HOUR, f"as at the end of daylight saving time; {_REMEDY}")
-        forth = (_HOUR, f"as at the beginning of daylight saving time, or after a pause of an hour; {_REMEDY}")
-        midnight = "as at midnight; write the date into the column, too, or give the sampling time (dt, --dt)"
-        return [back, forth] if self._has_date else [(-_DAY, midnight)]
+        if stamps.size:
+            self._last, self._days = stamps[-1:], int(days[-1])
+        return np.asarray(stamps + _DAY * days)
 
 
-def checked_clocks(
+def followed_clocks(
     path: Path, names: Sequence[str], stamps: Mapping[int, StampFormat], columns: Sequence[int],
     describe_row: Callable[[int], str], blocks: Iterator[Arrays],
 ) -> Iterator[Arrays]:  # fmt: skip
-    """Yield blocks of columns, those of local clocks looked at for jumps."""
-    clocks = [
-        (at, LocalClock(path, names[column], describe_row, has_date="d" in form.parts))
+    """Yield blocks of columns, those of local clocks followed over midnight."""
+    clocks = {
+        at: LocalClock(path, names[column], describe_row, has_date="d" in form.parts)
         for at, column in enumerate(columns)
         if (form := stamps.get(column)) is not None and form.is_local
-    ]
+    }
     for block in blocks:
-        for at, clock in clocks:
-            clock.check(block[at])
-        yield block
+        yield [clocks[at].followed(part) if at in clocks else part for at, part in enumerate(block)]

@@ -177,7 +177,7 @@ def _seconds(path: Path, sheet: _Sheet, number: int, cells: Sequence[Any]) -> Fl
     if form.is_local if form else kinds & {datetime, time}:
         has_date = "d" in form.parts if form else datetime in kinds
         clock = LocalClock(path, sheet.names[number], sheet.describe_row, has_date=has_date)
-        clock.check(values)
+        values = clock.followed(values)
     return values
 
 
