@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -195,6 +197,56 @@ def test_an_output_that_is_too_slow_for_its_input_is_refused(every: int) -> None
     message = r"log.ulg: column 'u' changes between the samples of 'y': merged, \d\d % of \d+ rows have no output, from"
     with pytest.raises(LogError, match=message):
         merged(found, {"input": 0, "output": 1})
+
+
+def test_a_fast_input_that_seldom_changes_adds_its_changes_alone() -> None:
+    t = np.arange(100.0)
+    u = Signal(t + 0.5, np.repeat(np.arange(5.0), 20))
+    one = merged(table(u=u, y=Signal(t, t)), {"input": 0, "output": 1})
+    added = one.column("time")[np.isnan(one.column("y"))]
+    assert added.tolist() == [20.5, 40.5, 60.5, 80.5]
+
+
+# --- tables with rows for each signal
+
+
+def of_rows(**columns: np.ndarray) -> Table:
+    return Table(Path("log.csv"), tuple(columns), lambda numbers: iter([[list(columns.values())[n] for n in numbers]]))
+
+
+def sparse(t: np.ndarray, u: np.ndarray, y: np.ndarray, which: str) -> Table:
+    """The same signals in the rows of a file, as loggers write them."""
+    if which == "where it changes":
+        return of_rows(t=t, u=np.where(np.diff(u, prepend=np.nan) == 0.0, np.nan, u), y=y)
+    both, nothing = np.repeat(t, 2), np.full(t.size, np.nan)
+    return of_rows(t=both, u=np.stack([u, nothing], 1).ravel(), y=np.stack([nothing, y], 1).ravel())
+
+
+@every("which", ["where it changes", "on rows of its own"])
+@every("unit", [1.0, 1000.0])
+def test_an_input_that_is_written_apart_is_held(which: str, unit: float) -> None:
+    t = 0.5 * np.arange(400)
+    u = np.repeat(np.random.default_rng(0).permutation(np.arange(20.0)), 20)
+    found = sparse(unit * t, u, t % 7.0, which)
+    found = replace(found, names=("t [s]" if unit == 1.0 else "t [ms]", *found.names[1:]))
+    recording = open_recording(found, input="u", output="y")
+    log = recording.held
+    assert log is not None
+    assert re.fullmatch(r"log.csv: column 'u' is empty in [34]\d0 of [48]00 rows, and taken .*", *recording.table.notes)
+    last = -1 if which == "on rows of its own" else -20  # it is not known how long the last value was held
+    assert len(log) >= 400 + last
+    np.testing.assert_array_equal(log.input, u[: len(log)])
+    np.testing.assert_array_equal(log.output, (t % 7.0)[: len(log)])
+    assert log.dt == 0.5
+
+
+@every("lost", [0.3, 0.7])
+def test_an_input_that_was_lost_for_a_while_is_not_held(lost: float) -> None:
+    t, u = np.arange(400.0), np.arange(400.0) % 9.0
+    u[50 : 50 + int(lost * u.size)] = np.nan
+    log = open_recording(of_rows(t=t, u=u, y=t), input="u", output="y").held
+    assert log is not None
+    np.testing.assert_array_equal(log.input, u)
 
 
 def test_a_few_rows_without_an_output_are_merged() -> None:

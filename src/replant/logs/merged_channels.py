@@ -6,7 +6,10 @@ actuator holds it; the reference likewise.  The output is known at its own stamp
 The rows are the stamps of the output, if the input changes at none but them: then nothing is lost.  Otherwise a change
 between two outputs would come too late, by up to an interval, which looks like dead time.  The rows then are the stamps
 of output and input together, and the output is NaN, a missing one, where it was not measured.  Of rasters that nest, as
-10 ms and 100 ms, the finer one results, with a regular clock.
+10 ms and 100 ms, the finer one results, with a regular clock.  Where too many rows would then be without an output, of
+the input's stamps those at which it changes are rows alone.
+
+A table may have such channels, too: a row for each value of each signal, or an input that is written where it changes.
 """
 
 from __future__ import annotations
@@ -43,7 +46,7 @@ class Merged:
     held: tuple[FloatArray, ...]
 
 
-def merge(output: Signal, held: Sequence[Signal]) -> Merged:
+def merge(output: Signal, held: Sequence[Signal], *, at_changes: bool = False) -> Merged:
     """Merge an output with inputs and references, each of a sample or more, over the time for which all are known."""
     for signal in (output, *held):
         if not np.all(np.isfinite(signal.t)) or np.any(np.diff(signal.t) < 0.0):
@@ -59,7 +62,8 @@ def merge(output: Signal, held: Sequence[Signal]) -> Merged:
     t, y = output.t[inside], output.values[inside]
     for signal in held:
         if not np.isin(signal.t[_changes(signal.values)], output.t).all():
-            within = signal.t[(signal.t > t[0]) & (signal.t < t[-1])] if t.size else signal.t[:0]
+            rows = signal.t[_changes(signal.values)] if at_changes else signal.t
+            within = rows[(rows > t[0]) & (rows < t[-1])] if t.size else rows[:0]
             added = np.setdiff1d(within, t)
             t, y = np.concatenate([t, added]), np.concatenate([y, np.full(added.size, np.nan)])
             order = np.argsort(t, kind="stable")
@@ -128,6 +132,50 @@ def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tupl
     return table, roles
 
 
+def written_apart(
+    table: Table, roles: Mapping[str, int], stamps_of: Callable[[FloatArray], FloatArray]
+) -> Table | None:
+    """Return the columns as channels where most outputs come without an input, and inputs alone; None elsewhere.
+
+    ``stamps_of`` gives the stamps in s of the column of the time, or of any column where there is none.
+    """
+    numbers = list(roles.values())
+    if not _some_apart(roles, table.head(numbers, 1)):
+        return None
+    read = table.columns(numbers)
+    empty = _some_apart(roles, read)
+    if not empty:
+        return None
+    columns = dict(zip(numbers, read, strict=True))
+    t = stamps_of(columns[roles.get("time", roles["output"])])
+    notes = [
+        f"{table.path}: column {shown(table.names[number])} is empty in {rows:,} of {t.size:,} rows, and taken to hold "
+        "from each value to the next"
+        for number, rows in empty.items()
+    ]
+    return replace(
+        table,
+        blocks=lambda keys: iter([[columns[key][np.isfinite(columns[key])] for key in keys]]),
+        stamps=lambda key: t[np.isfinite(columns[key])],
+        notes=(*table.notes, *notes),
+    )
+
+
+def _some_apart(roles: Mapping[str, int], columns: Sequence[FloatArray]) -> dict[int, int]:
+    """Return the inputs and references that are written apart from the output, and how many of their rows are empty."""
+    each = dict(zip(roles, columns, strict=True))
+    y, found = np.isfinite(each["output"]), {}
+    for role, column in each.items():
+        known = np.isfinite(column)
+        if role in ("time", "output") or known.size != y.size:
+            continue
+        # not lost for a while: most values stand alone, whereas a sensor that fails now and then gives some in a row
+        alone = known & ~np.append(False, known[:-1])
+        if 2 * np.count_nonzero(alone) > np.count_nonzero(known) and 2 * np.count_nonzero(y & ~known) > y.sum():
+            found[roles[role]] = int(np.count_nonzero(~known))
+    return found
+
+
 def merged(table: Table, roles: Mapping[str, int]) -> Table:
     """Return a table with the time, and the columns of ``roles`` at common stamps; see `merge`."""
     assert table.stamps is not None
@@ -136,12 +184,15 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
     for (role, number), values in zip(roles.items(), columns, strict=True):
         signals[role] = Signal(_checked(table, number, table.stamps(number)), values)
     held = [role for role in roles if role != "output"]
-    found = merge(signals["output"], [signals[role] for role in held])
-    if found.t.size == 0:
-        names = " and ".join(shown(table.names[roles[role]]) for role in roles)
-        raise LogError(f"{table.path}: columns {names} have no time in common; choose others")
-    measured = float(np.isin(found.t, signals["output"].t).mean())
-    if measured < 1.0 - MOST_MISSING:
+    for at_changes in (False, True):
+        found = merge(signals["output"], [signals[role] for role in held], at_changes=at_changes)
+        if found.t.size == 0:
+            names = " and ".join(shown(table.names[roles[role]]) for role in roles)
+            raise LogError(f"{table.path}: columns {names} have no time in common; choose others")
+        measured = float(np.isin(found.t, signals["output"].t).mean())
+        if measured >= 1.0 - MOST_MISSING:
+            break
+    else:
         of_input, of_output = (table.names[roles[role]] for role in ("input", "output"))
         raise LogError(
             f"{table.path}: column {shown(of_input)} changes between the samples of {shown(of_output)}: merged, "

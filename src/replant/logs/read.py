@@ -8,6 +8,7 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError, LogError, shown
 from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
-from replant.logs.merged_channels import on_one_clock
+from replant.logs.merged_channels import on_one_clock, written_apart
 from replant.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
 from replant.logs.sampling_time import (
     Clock,
@@ -145,6 +146,10 @@ def open_recording(
             step = table.dt
         else:
             roles["time"] = _find_time(table, roles)
+    apart = None if table.stamps else written_apart(table, roles, partial(_stamps_of, table, roles.get("time"), step))
+    if apart is not None:
+        signals = {role: number for role, number in roles.items() if role != "time"}
+        (table, roles), step = on_one_clock(apart, signals, is_timed=False), None
     if begin is not None or end is not None:
         table = _part(table, roles.get("time"), step, check_range(begin, end))
     arrays = table.arrays(list(roles.values()), most_held, progress)
@@ -189,6 +194,17 @@ def _signals(inputs: list[Any], output: str | int, references: list[Any]) -> dic
     for kind, several in (("input", inputs), ("reference", references)):
         keys |= {f"{kind} {place}": key for place, key in enumerate(several[1:], 2)}
     return keys
+
+
+def _stamps_of(table: Table, time: int | None, step: float | None, column: FloatArray) -> FloatArray:
+    """Return the stamps in s of a column of times, or where there is none of one with a sampling time."""
+    if time is None:
+        assert step is not None
+        return np.asarray(step * np.arange(column.size), np.float64)
+    if time in table.in_seconds:
+        return column
+    check_unit(table.path, table.names[time], column[:FIRST])
+    return column * unit_in_seconds(table.names[time])
 
 
 def _part(table: Table, time: int | None, dt: float | None, between: tuple[float, float]) -> Table:
