@@ -90,6 +90,18 @@ def test_without_noise_gaps_cost_nothing() -> None:
     assert fitted.simulation.fit > 99.9999
 
 
+@every("identified", [rp.fit, rp.run])
+def test_rows_without_an_input_are_as_rows_that_are_missing(identified) -> None:
+    u, y = record(PLANT, 3, 4000, DT, noise=NOISE)
+    lost = np.arange(4000) % 500 >= 440
+    empty = identified(np.where(lost, np.nan, u), y, DT, STRUCTURE)
+    missing = identified(u[~lost], y[~lost], DT, STRUCTURE, t=DT * np.arange(4000)[~lost])
+    np.testing.assert_allclose(empty.parameters, missing.parameters, rtol=1e-9)
+    assert empty.model.verdict.status == missing.model.verdict.status == "trusted"
+    assert empty.simulation.fit == pytest.approx(missing.simulation.fit, abs=0.1)
+    assert empty.simulation.fit == pytest.approx(100.0 * (1.0 - NOISE / np.std(y)), abs=1.5)
+
+
 def test_gaps_and_a_dead_time() -> None:
     plant = rp.TransferFunction(PLANT.num, PLANT.den, 7.5 * DT)
     u, y = record(plant, 3, 4000, DT)

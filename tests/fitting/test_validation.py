@@ -101,6 +101,18 @@ def test_missing_outputs_and_an_irregular_clock(model: rp.Model) -> None:
     assert model.validate(u, output).fit < irregular.fit - 2.0  # the stamps left out
 
 
+@every("made", ["rows missing", "inputs missing"])
+def test_the_verdict_has_the_fit_of_a_record_with_gaps(model: rp.Model, made: str) -> None:
+    u, y = record(1)
+    lost, t = np.arange(u.size) % 300 >= 240, DT * np.arange(u.size)
+    if made == "rows missing":
+        found = model.validate(u[~lost], y[~lost], t[~lost])
+    else:
+        found = model.validate(np.where(lost, np.nan, u), y)
+    assert found.verdict.status == "trusted"
+    assert f"fits the output to {found.fit:.1f} %" in found.verdict.reasons[0]
+
+
 def test_the_clock_of_the_record_counts_not_that_of_the_model(model: rp.Model) -> None:
     generator = np.random.default_rng(3)
     u = np.repeat(generator.choice([1.0, 3.0], 200), 10)

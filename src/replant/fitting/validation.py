@@ -195,7 +195,8 @@ def _verdict(
     # the constant beside G(s) is estimated from the record: its mean keeps the numbers small
     record = Record(
         v[rows] - v[rows].mean(), np.where(measured, y[rows], modelled[rows]) - level, intervals, model.input_hold,
-        None if r is None else r[rows], measured=None if measured.all() else measured,
+        None if r is None else r[rows], usual=math.inf if intervals.size == 1 else dt,
+        measured=None if measured.all() else measured,
     )  # fmt: skip
     instruments = model.provenance.method != "least_squares"
     found = assess_record(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from scipy import signal
 
 import replant as rp
+from replant.estimation.simulation.fitted_run import FittedRun
 from replant.verdict import simulate
 from support.builders import G1, G2, binary, random_plant
 from support.cases import every
@@ -112,11 +114,24 @@ def test_holes_in_the_output_do_not_matter_to_a_true_model() -> None:
 def test_a_hole_in_the_input_is_bridged_by_the_last_value() -> None:
     u = binary(4, 300, 5)
     holes = u.copy()
-    holes[[1, 2, 3, 4, 102]] = np.nan, np.inf, np.nan, -np.inf, np.nan  # within bits: the last value is the true one
+    holes[[1, 2, 102]] = np.nan, np.inf, -np.inf  # within bits: the last value is the true one
     np.testing.assert_array_equal(simulate(G1, holes, Y, 0.1).output, simulate(G1, u, Y, 0.1).output)
     first = u.copy()
     first[0] = np.nan  # before the first value the input is at rest, which it is
     np.testing.assert_array_equal(simulate(G1, first, Y, 0.1).output, simulate(G1, u, Y, 0.1).output)
+
+
+@pytest.mark.parametrize("cuts", [[], [120], [101, 105, 160]])
+def test_a_longer_hole_in_the_input_is_a_gap(cuts: list[int]) -> None:
+    """Its outputs say nothing, and the state behind it is another one; the same of all batches."""
+    u = binary(4, 300, 5)
+    u[95:102] = 1.0  # the first two samples of the hole have the last value
+    y = G1.simulate(u, 0.1) + 3.0
+    u[100:130], y[103:130] = np.nan, 1e3
+    run, ends = FittedRun(G1, 0.1), [0, *cuts, u.size]
+    outputs, known = zip(*[run.take(u[a:b], y[a:b]) for a, b in pairwise(ends)], strict=True)
+    assert np.flatnonzero(np.isnan(np.concatenate(known))).tolist() == list(range(102, 130))
+    np.testing.assert_allclose(np.concatenate(outputs)[130:], y[130:], rtol=1e-9)
 
 
 def test_a_model_that_explodes_is_told_and_does_not_crash() -> None:

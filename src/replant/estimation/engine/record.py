@@ -268,5 +268,5 @@ def ready_record(
         r = np.interp(np.arange(r.size), np.flatnonzero(told), r[told]) if told.any() else r
     return Record(
         u, np.where(measured, y, 0.0), intervals, input_hold, r,
-        usual=math.inf if stamps is None else dt, measured=None if measured.all() else measured,
+        usual=math.inf if regular else dt, measured=None if measured.all() else measured,
     )  # fmt: skip

@@ -19,7 +19,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.estimation.engine.record import gaps_of
+from replant.estimation.engine.record import GAP, gaps_of
 from replant.model.state_space import Response, Stretch
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import BoolArray, FloatArray, vector
@@ -130,7 +130,7 @@ class FittedRun:
     def __init__(self, model: TransferFunction, dt: float, input_hold: str = "zoh") -> None:
         self._model, self._dt, self._hold = model, dt, input_hold
         self._response: Response | None = None
-        self._input, self._last = 0.0, math.nan
+        self._input, self._last, self._told = 0.0, math.nan, math.nan  # times of the last sample and the last input
         self._state = np.zeros(model.den.size - 1)
         self.offset = 0.0
 
@@ -139,9 +139,15 @@ class FittedRun:
         """Take the next samples (K,); return the model's output (K,), and the measured one (K,)."""
         if u.size == 0:
             return u.copy(), y.copy()
-        first = self._response is None
+        first, told = self._response is None, np.isfinite(u)
+        intervals = None if t is None else np.diff(t, prepend=t[0] - self._dt if first else self._last)
+        gaps, is_blind = self._gaps(told, t)
         u, self._input = bridged(u, self._input)
-        parts = self._parts(u, y, t)
+        begins = sorted({0, *gaps})
+        parts = [
+            self._part(slice(*ends), u, np.where(is_blind, np.nan, y), intervals, behind_gap=ends[0] in gaps)
+            for ends in zip(begins, [*begins[1:], u.size], strict=True)
+        ]
         triangles = [part.triangle if part.begins else None for part in parts]
         if first:
             self.offset = common_offset([each for each in triangles if each is not None])
@@ -154,20 +160,17 @@ class FittedRun:
             modelled.append(part.output(self.offset, self._state))
         return np.concatenate(modelled), np.concatenate([part.known for part in parts])
 
-    def _parts(self, u: FloatArray, y: FloatArray, t: FloatArray | None) -> list[Part]:
-        """Return the parts of a batch, which a model has been run over."""
-        gaps: list[int] = []
-        intervals = None
-        if t is not None:
-            intervals = np.diff(t, prepend=t[0] - self._dt if self._response is None else self._last)
-            self._last = float(t[-1])
-            # the interval of the first sample is looked at, too, where the batch goes on
-            gaps = (gaps_of(np.append(self._dt, intervals), self._dt) - 1).tolist()
-        begins = sorted({0, *gaps})
-        return [
-            self._part(slice(*ends), u, y, intervals, behind_gap=ends[0] in gaps)
-            for ends in zip(begins, [*begins[1:], u.size], strict=True)
-        ]
+    def _gaps(self, told: BoolArray, t: FloatArray | None) -> tuple[list[int], BoolArray]:
+        """Return the samples of a batch behind gaps of its clock, or of inputs (K,) not ``told``; and those within."""
+        begun = t[0] - self._dt if t is not None else 0.0 if math.isnan(self._last) else self._last
+        clock = begun + self._dt * np.arange(1, told.size + 1) if t is None else t
+        rows, before = np.flatnonzero(told), begun if math.isnan(self._told) else self._told
+        newest = np.maximum.accumulate(np.where(told, clock, before))  # time of the last input
+        self._last, self._told = float(clock[-1]), float(newest[-1])
+        intervals = np.diff(clock[rows], prepend=before)
+        # the interval of the first sample is looked at, too
+        gaps = rows[gaps_of(np.append(self._dt, intervals), self._dt) - 1]
+        return gaps.tolist(), clock - newest > (GAP - 1.0) * self._dt
 
     def _part(
         self, rows: slice, u: FloatArray, y: FloatArray, intervals: FloatArray | None, *, behind_gap: bool
