@@ -225,6 +225,26 @@ def test_names_that_are_not_time() -> None:
     assert unit_in_seconds("s") == unit_in_seconds("clock") == unit_in_seconds("t [rev]") == 1.0
 
 
+@every("origin", [45_413.0, 739_373.0], ids=["Excel", "MATLAB"])
+@every("step", [0.2, 1.0, 60.0])
+def test_dates_as_numbers_of_days_are_no_seconds(origin: float, step: float) -> None:
+    days = origin + step / 86400.0 * np.arange(500.0)
+    unit = unit_of_stamps("Date", days)
+    assert unit.refused
+    assert "name the column Date [d]" in unit.remedy
+    assert not unit_of_stamps("Date [d]", days).refused
+    assert unit_of_stamps("Date [d]", days).seconds == 86400.0
+    assert not unit_of_stamps("t", origin + step * np.arange(500.0)).refused  # since midnight, say
+
+
+def test_a_file_that_runs_backwards_is_said_to(write: Write) -> None:
+    rows = "".join(f"{9 - k},1,2\n" for k in range(10))
+    with pytest.raises(
+        LogError, match=r"line 3, column 't': the time stamp 8 goes back .*; the file runs backwards: sort"
+    ):
+        read_log(write("t,u,y\n" + rows), input="u", output="y")
+
+
 def test_without_time_and_dt_both_options_are_named(write: Write) -> None:
     with pytest.raises(LogError, match=r"name the time column \(time, --time\) or give the sampling time \(dt, --dt\)"):
         read_log(write("x,u,y\n0,1,2\n1,2,3\n"), input="u", output="y")

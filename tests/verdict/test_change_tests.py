@@ -40,6 +40,15 @@ def test_samples_without_an_error_count_for_nothing_and_a_block_of_few_others_ha
     assert _powers(lost, 30)[0] == 0.0
 
 
+def test_outputs_that_are_nearly_all_in_the_newest_block_make_no_burst() -> None:
+    generator, samples = np.random.default_rng(1), 800
+    u = np.repeat(generator.choice([-1.0, 1.0], samples // 5), 5)
+    y = rp.TransferFunction([3.0], [1.0, 0.8]).simulate(u, 0.1) + generator.standard_normal(samples)
+    y[1:-15] = math.nan
+    reasons = rp.fit(u, y, 0.1, poles=1).verdict.reasons
+    assert not any("largest power" in reason for reason in reasons), reasons
+
+
 @every("seed", [1, 0, *range(2, 8)], quick=1)
 def test_outputs_that_are_missing_make_no_burst_of_a_drift(seed: int) -> None:
     """A drift is predicted by its past; where that is missing, nothing is known of an error one step ahead."""

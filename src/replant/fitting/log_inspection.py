@@ -15,7 +15,7 @@ from replant.logs.columns import Clock, Column, Contents, find_clock, read_conte
 from replant.logs.conditioning import from_rest
 from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
-from replant.logs.merged_channels import side_by_side
+from replant.logs.merged_channels import held_where_empty, side_by_side
 from replant.logs.recording import Recording
 from replant.logs.table import Table
 from replant.model.preprocess import Preprocess, screen
@@ -163,6 +163,7 @@ def inspect(
     for number in given.values():
         table.column(number)  # raises, with the place of the cell that is no number
     contents = read_contents(table)
+    contents = replace(contents, values={number: held_where_empty(each) for number, each in contents.values.items()})
     clock = find_clock(table, contents, own if time is None else table.find(time), set(given.values()))
     record = _record(contents, clock, given)
     signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]

@@ -152,6 +152,7 @@ GAP = 1.5  # interval of a steady clock from which on a sample is lost [usual in
 LOST = 3.5  # the same of a clock that jitters, as GAP of `replant.estimation.engine.record` [usual intervals]
 STEADY = 0.2  # deviation of an interval up to which an unnamed column may be a time [part of the median]
 MOSTLY = 0.95  # part of its intervals that must be steady [part]
+SINCE_1970 = 1e9  # stamp of September 2001, in s: what never falls and is larger counts time [s]
 FEWEST = 20  # rows from which on a rising column without a telling name may be a time [rows]
 
 
@@ -187,18 +188,26 @@ def find_clock(
         duration = table.dt * max(0, contents.usual_length - 1)
         return Clock(None, "", 1.0, "", table.dt, 0.0, 0, table.dt, 0, duration, "")
     free = [column for column in contents.columns if column.number not in others]
-    rising = next((column for column in free if seems_time(column, contents)), None)
+    rising = next((each for each in free if seems_time(each, contents) and not counts_rows(each, contents)), None)
     guess = "no column is called t, time or timestamp, and this one rises in equal steps"
     return None if rising is None else _clock(table, contents, rising, guess)
 
 
 def seems_time(column: Column, contents: Contents) -> bool:
-    """Return whether a column without a telling name rises in nearly equal steps."""
+    """Return whether a column without a telling name rises in nearly equal steps, or holds times since 1970."""
     if column.kind not in (Kind.WHOLE, Kind.REAL) or column.missing or column.rows < FEWEST:
         return False
     steps = np.diff(contents.values[column.number])
     usual = float(np.median(steps))
+    if usual > 0.0 and column.low > SINCE_1970 and steps.min() >= 0.0:
+        return True
     return usual > 0.0 and float((np.abs(steps - usual) <= STEADY * usual).mean()) >= MOSTLY
+
+
+def counts_rows(column: Column, contents: Contents) -> bool:
+    """Return whether a column is the number of the row, from 0 or 1: it says nothing of time."""
+    values = contents.values.get(column.number, np.empty(0))
+    return bool(values.size >= FEWEST and values[0] in (0.0, 1.0) and (np.diff(values) == 1.0).all())
 
 
 def _clock(table: Table, contents: Contents, column: Column, guess: str) -> Clock:

@@ -169,11 +169,23 @@ def _some_apart(roles: Mapping[str, int], columns: Sequence[FloatArray]) -> dict
         known = np.isfinite(column)
         if role in ("time", "output") or known.size != y.size:
             continue
-        # not lost for a while: most values stand alone, whereas a sensor that fails now and then gives some in a row
-        alone = known & ~np.append(False, known[:-1])
-        if 2 * np.count_nonzero(alone) > np.count_nonzero(known) and 2 * np.count_nonzero(y & ~known) > y.sum():
+        if _stand_alone(known) and 2 * np.count_nonzero(y & ~known) > y.sum():
             found[roles[role]] = int(np.count_nonzero(~known))
     return found
+
+
+def _stand_alone(known: NDArray[np.bool_]) -> bool:
+    """Return whether most values (K,) have none before: of a sensor that fails for a while several come in a row."""
+    return bool(2 * np.count_nonzero(known & ~np.append(False, known[:-1])) > np.count_nonzero(known))
+
+
+def held_where_empty(values: FloatArray) -> FloatArray:
+    """Return a column to look at: where at most half of its rows hold a number, each is held until the next one."""
+    known = np.isfinite(values)
+    if not 0 < 2 * np.count_nonzero(known) <= known.size or not _stand_alone(known):
+        return values
+    newest = np.maximum.accumulate(np.where(known, np.arange(known.size), -1))
+    return np.where(newest < 0, np.nan, values[newest])
 
 
 def merged(table: Table, roles: Mapping[str, int]) -> Table:

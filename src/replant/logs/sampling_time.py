@@ -21,7 +21,7 @@ from replant.numerics.time_stamps import TOLERANCE, StampResolution, is_regular_
 CHECKED = 1 << 18  # stamps that the usual interval is taken from [samples]
 FINE = 1e-4  # rounding error of an interval from which on its digits are left out [part of the interval]
 _UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
-_UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0}
+_UNITS |= {"ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0, "day": 86400.0, "days": 86400.0}
 _UNITS |= {"msec": 1e-3, "millis": 1e-3, "milliseconds": 1e-3, "usec": 1e-6, "micros": 1e-6, "microseconds": 1e-6}
 _UNITS |= {"nsec": 1e-9, "nanos": 1e-9, "nanoseconds": 1e-9, "minutes": 60.0, "hours": 3600.0}
 _AFTER_UNDERSCORE = "s|sec|seconds|[mun]s|[mun]sec|millis|micros|nanos|milliseconds|microseconds|nanoseconds"
@@ -144,7 +144,9 @@ def _check_increasing(
         row = int(np.argmin(steps > 0.0)) + 1
         what = "repeats" if steps[row - 1] == 0.0 else "goes back from"
         what = f"{stamps[row]:.12g} {what} the one before ({stamps[row - 1]:.12g})"
-        if -steps[row - 1] > ANEW * float(np.median(np.abs(steps))):
+        if (steps < 0.0).all():
+            remedy = "the file runs backwards: sort its rows by time"
+        elif -steps[row - 1] > ANEW * float(np.median(np.abs(steps))):
             remedy = _BEGINS_ANEW
     else:
         return
@@ -153,6 +155,9 @@ def _check_increasing(
 
 LATEST = 1e11  # stamp beyond which the unit cannot be the one taken: in seconds since 1970 it is the year 5138 [s]
 COARSE = 1.0  # interval of stamps without a unit from which on they may be counts of ms, us or ns [their unit]
+# Excel counts from 1900 on, MATLAB from the year 0
+_DATES = (36_526.0, 73_051.0), (730_486.0, 767_011.0)  # numbers of the days of the years 2000 to 2100 [days]
+ROUND = 1e-3  # difference of a step from one of two digits that is rounding [part of it]
 _COUNTS = ((1e-3, "milliseconds", "ms"), (1e-6, "microseconds", "us"), (1e-9, "nanoseconds", "ns"))
 _GIVE_DT = "or give the sampling time (dt, --dt) instead of a time column"
 
@@ -172,7 +177,7 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
     unit, known = unit_in_seconds(name), _UNIT_AT_END.fullmatch(name.strip()) is not None
     stated = unit_of(name)
     if stated and not known:
-        doubt = f"the unit {shown(stated)} in its name is not one of s, ms, us, ns, min, h"
+        doubt = f"the unit {shown(stated)} in its name is not one of s, ms, us, ns, min, h, d"
         return StampUnit(unit, doubt, True, f"write one of these, {_GIVE_DT}")
     finite = stamps[np.isfinite(stamps)]
     farthest = float(np.abs(finite).max()) if finite.size else 0.0
@@ -182,6 +187,9 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
             if farthest * seconds <= LATEST:
                 doubt = f"{taken} are beyond the year 5000; by their size they are {words} since 1970"
                 return StampUnit(seconds, doubt, True, f"name the column {_core(name)}_{short}, {_GIVE_DT}")
+    if not known and _are_dates(finite):
+        doubt = "its name states no unit; by size and step its stamps are dates, counted in days as by a spreadsheet"
+        return StampUnit(86400.0, doubt, True, f"name the column {_core(name)} [d], {_GIVE_DT}")
     with np.errstate(over="ignore"):
         step = float(np.median(np.diff(finite))) if finite.size > 1 else 0.0
     if not known and step >= COARSE:
@@ -191,6 +199,19 @@ def unit_of_stamps(name: str, stamps: FloatArray) -> StampUnit:
         remedy = f"if they are, name the column {_core(name)}_ms, {_GIVE_DT}"
         return StampUnit(unit, doubt, False, remedy)
     return StampUnit(unit)
+
+
+def _are_dates(stamps: FloatArray) -> bool:
+    """Return whether stamps (K,) can be dates as numbers of days, whose step is a round one in s alone."""
+    if stamps.size < 2 or not any(first <= stamps[0] < last for first, last in _DATES):
+        return False
+    step = float(stamps[-1] - stamps[0]) / (stamps.size - 1)
+    return step > 0.0 and _is_round(86400.0 * step) and not _is_round(step)
+
+
+def _is_round(value: float) -> bool:
+    """Return whether a number has one or two digits, but for rounding."""
+    return abs(value / float(f"{value:.2g}") - 1.0) <= ROUND
 
 
 def check_unit(path: Path, name: str, stamps: FloatArray) -> None:

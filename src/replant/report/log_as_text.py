@@ -9,7 +9,7 @@ from typing import Any
 
 from replant.fitting.log_inspection import Inspection, options_of
 from replant.fitting.model_json import finite
-from replant.logs.columns import Column, Kind
+from replant.logs.columns import Column, Kind, counts_rows
 from replant.logs.sampling_time import time_candidates
 from replant.numerics.limits import typed_path
 from replant.plotting.numbers import duration, interval, wrapped
@@ -199,12 +199,17 @@ def _clock_findings(found: Inspection) -> Iterator[tuple[str, str]]:
     if clock is None:
         dated = [column.name for column in found.contents.columns if column.problem and time_candidates([column.name])]
         named = f"column {dated[0]!r} holds no numbers" if dated else "no column is called t, time or timestamp"
+        counting = [column.name for column in found.contents.columns if counts_rows(column, found.contents)]
+        named += f", {counting[0]!r} counts the rows, and no other" if counting else ", and none"
         remedy = ": put the sampling time in s in place of --dt 1, which counts time in samples"
-        yield "Clock", f"{named}, and none rises in equal steps{remedy if command_of(found) else ''}"
+        yield "Clock", f"{named} rises in equal steps{remedy if command_of(found) else ''}"
         return
     name = "Ts, a number in the file" if clock.column is None else clock.column.name
     if math.isnan(clock.dt):
-        yield "Clock", f"{name}: no stamp is greater than the one before"
+        yield (
+            "Clock",
+            f"{name}: no stamp is greater than the one before; if the file runs backwards, sort its rows",
+        )
         return
     steady = clock.jitter <= STEADY * clock.dt
     jitter = "regular" if steady else f"jitter {interval(clock.jitter)} ({share(clock.jitter / clock.dt)})"

@@ -312,7 +312,8 @@ def burst_finding(evidence: Evidence, runs: Runs) -> list[Finding]:
         if error.size // count <= FEWEST_BLOCKS:
             return []
         last, largest, usual = _powers(error, count)
-        if not (last > BURST * largest and last - usual > BURST_MATTERS * runs.power):
+        # earlier blocks may have too few outputs
+        if not (last > BURST * largest > 0.0 and last - usual > BURST_MATTERS * runs.power):
             continue
         # it must stand out once whitened by the samples before: of a residual that drifts any block may be the largest
         newest, before, _ = _powers(innovations(error, error.size - count), count)

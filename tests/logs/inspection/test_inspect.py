@@ -283,6 +283,44 @@ def test_a_second_clock_is_no_input_or_output(tmp_path: Path) -> None:
     assert alone.roles.output.column.name == "way"  # nothing else is left
 
 
+@every("clock", ["elapsed", "milliseconds since 1970", "with pauses"])
+def test_a_column_that_counts_the_rows_is_no_clock_beside_one(tmp_path: Path, clock: str) -> None:
+    signals = open_loop()
+    t = signals.pop("t")
+    if clock != "elapsed":
+        t = np.rint(1.7e12 + 1e3 * t) + (1e5 * (np.arange(t.size) // 20) if clock == "with pauses" else 0.0)
+    path = tmp_path / "log.csv"
+    columns = {"No": np.arange(t.size), "stamp": t, **signals}
+    rows = np.column_stack(list(columns.values())).tolist()
+    path.write_text(",".join(columns) + "\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    found = inspect(path)
+    assert found.clock is not None
+    assert found.clock.column.name == "stamp"
+    assert found.clock.dt == pytest.approx(DT)
+
+
+def test_a_column_that_counts_the_rows_is_no_clock(tmp_path: Path) -> None:
+    signals = open_loop()
+    found = inspect(save(tmp_path / "log.csv", {**signals, "t": np.arange(1.0, 3001.0)}))
+    assert found.clock.column.name == "t"  # by its name
+    del signals["t"]
+    found = inspect(save(tmp_path / "log.csv", {"row": np.arange(3000), **signals}))
+    assert found.clock is None
+    assert options_of(found) == ("-i", "u", "-o", "y", "-p", "2", "--dt", "1")
+    assert "'row' counts the rows" in dict(findings_of(found))["Clock"]
+
+
+@every("sparse", ["u", "y"])
+def test_cells_that_are_written_at_changes_are_held(tmp_path: Path, sparse: str) -> None:
+    """No controller is seen in them."""
+    signals = open_loop(noise=0.05)
+    empty = np.diff(signals[sparse], prepend=np.nan) == 0.0 if sparse == "u" else np.arange(3000) % 5 > 0
+    signals[sparse] = np.where(empty, np.nan, signals[sparse])
+    found = inspect(save(tmp_path / "log.csv", signals))
+    assert options_of(found)[:4] == ("-i", "u", "-o", "y")
+    assert not found.roles.answers
+
+
 def test_a_number_called_ts_is_the_clock(tmp_path: Path) -> None:
     signals, path = open_loop(), tmp_path / "log.npz"
     np.savez(path, u=signals["u"], y=signals["y"], Ts=DT)
