@@ -6,8 +6,8 @@ actuator holds it; the reference likewise.  The output is known at its own stamp
 The rows are the stamps of the output, if the input changes at none but them: then nothing is lost.  Otherwise a change
 between two outputs would come too late, by up to an interval, which looks like dead time.  The rows then are the stamps
 of output and input together, and the output is NaN, a missing one, where it was not measured.  Of rasters that nest, as
-10 ms and 100 ms, the finer one results, with a regular clock.  Where too many rows would then be without an output, of
-the input's stamps those at which it changes are rows alone.
+10 ms and 100 ms, the finer one results, with a regular clock.  While the output pauses, the rows are the stamps of the
+input: a gap would say that the input of the meantime is not known.
 
 A table may have such channels, too: a row for each value of each signal, or an input that is written where it changes.
 """
@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
+from replant.logs.columns import LOST
 from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
 
@@ -46,7 +47,7 @@ class Merged:
     held: tuple[FloatArray, ...]
 
 
-def merge(output: Signal, held: Sequence[Signal], *, at_changes: bool = False) -> Merged:
+def merge(output: Signal, held: Sequence[Signal]) -> Merged:
     """Merge an output with inputs and references, each of a sample or more, over the time for which all are known."""
     for signal in (output, *held):
         if not np.all(np.isfinite(signal.t)) or np.any(np.diff(signal.t) < 0.0):
@@ -61,13 +62,13 @@ def merge(output: Signal, held: Sequence[Signal], *, at_changes: bool = False) -
         inside &= (output.t >= signal.t[0]) & (output.t < until - tolerance)
     t, y = output.t[inside], output.values[inside]
     for signal in held:
-        if not np.isin(signal.t[_changes(signal.values)], output.t).all():
-            rows = signal.t[_changes(signal.values)] if at_changes else signal.t
-            within = rows[(rows > t[0]) & (rows < t[-1])] if t.size else rows[:0]
-            added = np.setdiff1d(within, t)
-            t, y = np.concatenate([t, added]), np.concatenate([y, np.full(added.size, np.nan)])
-            order = np.argsort(t, kind="stable")
-            t, y = t[order], y[order]
+        added = signal.t[(signal.t > t[0]) & (signal.t < t[-1])] if t.size else signal.t[:0]
+        if np.isin(signal.t[_changes(signal.values)], output.t).all():
+            added = added[_in_a_pause(added, t)]
+        added = np.setdiff1d(added, t)
+        t, y = np.concatenate([t, added]), np.concatenate([y, np.full(added.size, np.nan)])
+        order = np.argsort(t, kind="stable")
+        t, y = t[order], y[order]
     newest = [np.searchsorted(signal.t, t, side="right") - 1 for signal in held]
     return Merged(t, y, tuple(signal.values[at] for signal, at in zip(held, newest, strict=True)))
 
@@ -80,13 +81,20 @@ def _snapped(t: FloatArray, grid: FloatArray, tolerance: float) -> FloatArray:
     return np.where(np.abs(nearest - t) <= tolerance, nearest, t)
 
 
+def _in_a_pause(t: FloatArray, output: FloatArray) -> NDArray[np.bool_]:
+    """Return which stamps lie between two of the output (K,) that come much later than usual."""
+    steps = np.diff(output)
+    if not steps.size:
+        return np.zeros(t.size, np.bool_)
+    return np.asarray(steps[np.searchsorted(output, t) - 1] > LOST * np.median(steps))
+
+
 def _changes(values: FloatArray) -> NDArray[np.bool_]:
     """Return which values differ from the one before; a missing one does not differ from another missing one."""
     same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
     return np.concatenate([np.zeros(min(values.size, 1), np.bool_), ~same])
 
 
-MOST_MISSING = 0.2  # rows without an output, as many as a fit fills in [share of rows]
 _KEPT = 4  # channels of a table that are held in memory [count]
 TIME = "time"  # name of the column of merged stamps
 
@@ -153,6 +161,7 @@ def written_apart(
         "from each value to the next"
         for number, rows in empty.items()
     ]
+    columns |= {number: _newest(columns[number]) for number in empty}
     return replace(
         table,
         blocks=lambda keys: iter([[columns[key][np.isfinite(columns[key])] for key in keys]]),
@@ -182,9 +191,12 @@ def _stand_alone(known: NDArray[np.bool_]) -> bool:
 def held_where_empty(values: FloatArray) -> FloatArray:
     """Return a column to look at: where at most half of its rows hold a number, each is held until the next one."""
     known = np.isfinite(values)
-    if not 0 < 2 * np.count_nonzero(known) <= known.size or not _stand_alone(known):
-        return values
-    newest = np.maximum.accumulate(np.where(known, np.arange(known.size), -1))
+    return _newest(values) if 0 < 2 * np.count_nonzero(known) <= known.size and _stand_alone(known) else values
+
+
+def _newest(values: FloatArray) -> FloatArray:
+    """Return of each row of a column (K,) the newest number so far; NaN before the first one."""
+    newest = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(values.size), -1))
     return np.where(newest < 0, np.nan, values[newest])
 
 
@@ -196,21 +208,10 @@ def merged(table: Table, roles: Mapping[str, int]) -> Table:
     for (role, number), values in zip(roles.items(), columns, strict=True):
         signals[role] = Signal(_checked(table, number, table.stamps(number)), values)
     held = [role for role in roles if role != "output"]
-    for at_changes in (False, True):
-        found = merge(signals["output"], [signals[role] for role in held], at_changes=at_changes)
-        if found.t.size == 0:
-            names = " and ".join(shown(table.names[roles[role]]) for role in roles)
-            raise LogError(f"{table.path}: columns {names} have no time in common; choose others")
-        measured = float(np.isin(found.t, signals["output"].t).mean())
-        if measured >= 1.0 - MOST_MISSING:
-            break
-    else:
-        of_input, of_output = (table.names[roles[role]] for role in ("input", "output"))
-        raise LogError(
-            f"{table.path}: column {shown(of_input)} changes between the samples of {shown(of_output)}: merged, "
-            f"{100.0 * (1.0 - measured):.0f} % of {found.t.size:,} rows have no output, from which no model is right; "
-            "log the output as often as the input, or choose an input and an output of one raster"
-        )
+    found = merge(signals["output"], [signals[role] for role in held])
+    if found.t.size == 0:
+        names = " and ".join(shown(table.names[roles[role]]) for role in roles)
+        raise LogError(f"{table.path}: columns {names} have no time in common; choose others")
     arrays = {"output": found.output, **dict(zip(held, found.held, strict=True))}
     ordered = [found.t, *(arrays[role] for role in roles)]
     return Table(
