@@ -237,7 +237,9 @@ def test_each_experiment_of_an_iddata_object_has_its_columns(tmp_path: Path) -> 
     assert (log.dt, len(log)) == (0.25, 9)
 
 
-@pytest.mark.parametrize(("unit", "dt"), [("milliseconds", 0.02), ("minutes", 1200.0), ("", 20.0), ("days", None)])
+@pytest.mark.parametrize(
+    ("unit", "dt"), [("milliseconds", 0.02), ("minutes", 1200.0), ("", 20.0), ("days", 1_728_000.0), ("years", None)]
+)
 def test_the_sampling_time_of_an_iddata_object_has_its_unit(tmp_path: Path, unit: str, dt: float | None) -> None:
     data = iddata(OutputData=cells(U[:, :1]), InputData=cells(U[:, 1:]), Ts=cells(20.0), TimeUnit=unit)
     assert read_columns(save(tmp_path, data=data)).dt == (None if dt is None else pytest.approx(dt))

@@ -201,6 +201,7 @@ def two_poles() -> Verdict:
     return run(U, out(U, SLOW))
 
 
+GLITCHES = np.arange(SAMPLES) % 700 == 350
 KEPT = np.arange(SAMPLES) % 60 < 54  # six rows in a row are lost, again and again
 Pair = tuple[Callable[[], Verdict], Callable[[], Verdict]]
 #: By the row: a record where it is the cause, and one that looks alike.
@@ -208,6 +209,10 @@ PAIRS: dict[str, Pair] = {
     "the input is constant": (
         constant,
         rested,
+    ),
+    "far from its others,": (
+        lambda: fit(np.where(GLITCHES, 80.0, U), out(U)),
+        lambda: fit(np.where(GLITCHES, 80.0, U), out(np.where(GLITCHES, 80.0, U), SLOW)),
     ),
     "the input has rested for the last": (
         rested,

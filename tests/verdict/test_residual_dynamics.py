@@ -100,6 +100,17 @@ def test_the_unit_of_the_output_does_not_matter() -> None:
     assert other.power == pytest.approx(part.power, rel=1e-6)
 
 
+@every("seed", range(4), quick=2)
+def test_a_direct_path_that_the_model_misses_is_measured(seed: int) -> None:
+    """No input of the past tells it."""
+    u = np.random.default_rng(seed).standard_normal(SAMPLES)
+    missed = 0.1 * u
+    y = G1.simulate(u, DT) + missed + 0.1 * noise(seed, 0.0)
+    part, wanted = part_of(y, u), float(np.var(not_by_slopes(missed, y, u)) / np.var(y))
+    assert part.is_sure
+    assert part.power == pytest.approx(wanted, rel=0.2)
+
+
 def test_feedback_is_no_fault_of_the_model() -> None:
     """The input answers to the noise that was: later inputs follow the residual, the model is right."""
     alarms = 0

@@ -208,6 +208,7 @@ _default = _repeat("use the method by default", "optimizer", "method", "startup"
 
 #: What reasons say, and what to do; the first that fits counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
+    (r"far from its others", _repeat("make these cells of the input empty, and repeat")),
     (COLUMN, _column),
     (FEWER, _fewer),
     (r"the input is constant|has rested|hardly moves|came to rest", _move),

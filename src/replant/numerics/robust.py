@@ -30,6 +30,16 @@ def without_spikes(y: FloatArray) -> FloatArray:
     return np.where(gross, median, y) if gross.any() else y
 
 
+def far_out(values: FloatArray) -> tuple[BoolArray, float, float]:
+    """Return which values (K,) lie farther outside the range of nine tenths than that is wide, and this range."""
+    known = values[np.isfinite(values)]
+    low, high = np.quantile(known, [0.05, 0.95]) if known.size else (0.0, 0.0)
+    width = float(high - low)
+    with np.errstate(invalid="ignore", over="ignore"):
+        outside = (values < low - width) | (values > high + width)
+    return outside & (width > 0.0), float(low), float(high)
+
+
 def normal_scores(values: FloatArray) -> FloatArray:
     """Return the normal quantiles of the ranks of values (K,), van der Waerden's scores: their order without size."""
     from scipy.special import ndtri  # slow to import

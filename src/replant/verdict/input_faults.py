@@ -113,6 +113,8 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained) -> list[
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
     # in as many digits as tell it from the one given
     wanted = round(max(delay, 0.0), max(1 - math.floor(math.log10(abs(off))), 0))
+    if wanted == evidence.structure.delay:  # no dead time is shorter than none
+        return []
     reason = f"the input seems to act {abs(off):.2g} s {'later' if off > 0.0 else 'earlier'} than the model says"
     status = "inconsistent" if size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
     return [Finding(status, f"{reason}: with a dead time of {wanted:g} s a coefficient differs by {percent(size)}")]

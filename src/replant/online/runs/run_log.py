@@ -17,6 +17,7 @@ from replant.estimation.settings import AUTO, Request, filter_for
 from replant.estimation.simulation.left_out import flags_of
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
+from replant.fitting.input_glitches import with_input_glitches
 from replant.fitting.miso_fit import RowFit
 from replant.fitting.rows_of_outputs import are_rows, samples_of_outputs, solved_rows
 from replant.fitting.samples import RawRecord
@@ -146,8 +147,8 @@ def run(
 def judged_by_log(result: Result, log: Log) -> Result:
     """Return the result of a run over a whole log; its verdict names fewer poles, and columns that explain the rest."""
     settings = result.settings
-    smaller = is_asked_for(result.verdict, result.structure)
-    if not (log.others or smaller) or settings is None or not result.parameters.any() or log.earlier:
+    smaller, distrusted = is_asked_for(result.verdict, result.structure), result.verdict.status != "trusted"
+    if not (log.others or smaller or distrusted) or settings is None or not result.parameters.any() or log.earlier:
         return result
     y = np.where(flags_of(result.left_out, 0, log.output.size), np.nan, log.output)
     raw = RawRecord(result.structure, log.dt, settings.preprocess, log.input, y, log.stamps, settings.filter.input_hold)
@@ -156,6 +157,9 @@ def judged_by_log(result: Result, log: Log) -> Result:
     record, verdict = raw.made_ready(y, None), result.verdict
     if smaller and settings.instruments:
         verdict = with_fewer_poles(verdict, result.structure, result.parameters, raw.made_ready(y, log.reference))
+    if settings.instruments:
+        zero = float(raw.mapped[raw.made_use_of][0] - record.u[0])  # the record has a level of its own
+        verdict = with_input_glitches(verdict, result.structure, result.parameters, record, zero)
     others = {name: signal[raw.made_use_of] for name, signal in log.others.items()}
     found = other_columns(result.structure, result.parameters, record, log.dt, others)
     verdict = with_other_columns(verdict, found)

@@ -1,0 +1,56 @@
+"""Values of the input that its recording has and the plant has not seen are named, and nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import replant as rp
+from replant.numerics.robust import far_out
+from replant.online.runs.result import Result
+from replant.online.runs.run_log import judged_by_log
+from support.builders import DT, binary, record
+from support.cases import every
+
+PLANT = rp.TransferFunction([2.0], [1.0, 0.5])
+
+
+def run(log: rp.Log, poles: int) -> Result:
+    return judged_by_log(rp.run(log, poles=poles), log)
+
+
+@every("identified", [rp.fit, run])
+@every("glitches", [1, 20])
+@every("level", [0.0, 300.0])
+def test_values_that_the_plant_has_not_seen_are_named(identified, glitches: int, level: float) -> None:
+    u, y = record(PLANT, 3, 2000, DT, noise=0.05)
+    rows = np.random.default_rng(3).choice(u.size, glitches, replace=False)
+    seen = u + level
+    seen[rows] = level + 60.0
+    log = rp.Log(seen, y, DT)
+    verdict = identified(log, poles=1).verdict
+    values = "a value of the input lies" if glitches == 1 else "20 values of the input lie"
+    assert verdict.status == "inconsistent"
+    assert verdict.reasons[0].startswith(f"{values} far from its others, {level - 1.0:.3g} to {level + 1.0:.3g}, and")
+    assert len(verdict.reasons) == 1
+    seen[rows] = np.nan
+    assert identified(rp.Log(seen, y, DT), poles=1).verdict.status == "trusted"
+
+
+@every("poles", [1, 2])
+def test_pulses_that_the_plant_answers_are_none(poles: int) -> None:
+    u = binary(3, 2000, 8)
+    u[np.random.default_rng(3).choice(u.size, 8, replace=False)] = 60.0
+    plant = rp.TransferFunction([4.0], [1.0, 1.0, 4.0])
+    y = plant.simulate(u, DT) + 0.05 * np.random.default_rng(4).standard_normal(u.size)
+    verdict = rp.fit(u, y, DT, poles=poles).verdict
+    assert (verdict.status == "trusted") is (poles == 2)
+    assert not any("far from" in reason for reason in verdict.reasons)
+
+
+def test_what_is_far_out_lies_beyond_the_range_by_its_width() -> None:
+    values = np.array([*np.linspace(-1.0, 1.0, 41), 2.7, 3.3, -5.0, np.nan])
+    found, low, high = far_out(values)
+    assert np.flatnonzero(found).tolist() == [42, 43]
+    assert (low, high) == pytest.approx((-1.0, 1.0), abs=0.2)
+    assert not far_out(np.where(np.arange(100) == 50, 1.0, 0.0))[0].any()  # a single pulse has no others
