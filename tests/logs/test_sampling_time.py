@@ -284,3 +284,17 @@ def test_resolution(values: list[float], step: float) -> None:
 @every(("name", "core"), [("ticks", "ticks"), ("head.rig time", "rig_time"), ("at[0]", "at")])
 def test_the_name_that_states_a_unit_is_made_of_the_column_s_own(name: str, core: str) -> None:
     assert f"name the column {core}_ms" in unit_of_stamps(name, 1000.0 * np.arange(5.0)).remedy
+
+
+def test_a_row_that_is_written_twice_counts_once(write: Write) -> None:
+    rows = [f"{0.5 * k},{k % 3},{k % 7}\n" for k in range(60) for _ in range(1 + (k % 20 == 7))]
+    with pytest.warns(UserWarning, match="3 rows repeat the one before, time stamp and all: each counts once"):
+        log = read_log(write("t,u,y\n" + "".join(rows)), input="u", output="y")
+    assert (log.dt, len(log)) == (0.5, 60)
+    assert log.output.tolist() == [k % 7 for k in range(60)]
+
+
+def test_stamps_too_coarse_for_their_rows_leave_rows_that_are_alike_in(write: Write) -> None:
+    rows = "".join(f"{k // 3},{k // 30},{k // 4}\n" for k in range(60))
+    with pytest.raises(LogError, match="line 3, column 't': the time stamp 0 repeats the one before"):
+        read_log(write("t,u,y\n" + rows), input="u", output="y")

@@ -11,13 +11,13 @@ import numpy as np
 
 from replant.errors import ReplantError
 from replant.logs.column_roles import INPUT, OUTPUT, Response, Roles, find_roles, prepared, response
-from replant.logs.columns import Clock, Column, Contents, find_clock, read_contents, seems_time
+from replant.logs.columns import Clock, Column, Contents, describe, find_clock, read_contents, seems_time
 from replant.logs.conditioning import from_rest
 from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
 from replant.logs.merged_channels import held_where_empty, side_by_side
 from replant.logs.recording import Recording
-from replant.logs.table import Table
+from replant.logs.table import Table, repeated_rows
 from replant.model.preprocess import Preprocess, screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
@@ -165,6 +165,7 @@ def inspect(
     contents = read_contents(table)
     contents = replace(contents, values={number: held_where_empty(each) for number, each in contents.values.items()})
     clock = find_clock(table, contents, own if time is None else table.find(time), set(given.values()))
+    contents, clock = _without_repeats(table, contents, clock)
     record = _record(contents, clock, given)
     signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
     signals = _without_clocks(signals, contents, set(given.values()))
@@ -178,6 +179,27 @@ def inspect(
         u, y = (contents.values[role.column.number] for role in (roles.input, roles.output))
         found = replace(found, first=first_model(u, y, _sampling_time(found)) if u.size == y.size else None)
     return replace(found, others=_others(found, signals))
+
+
+def _without_repeats(table: Table, contents: Contents, clock: Clock | None) -> tuple[Contents, Clock | None]:
+    """Return columns and clock without the rows that repeat the one before, time stamp and all."""
+    if clock is None or clock.column is None or not clock.problem:
+        return contents, clock
+    t = contents.values[clock.column.number]
+    beside = {number: each for number, each in contents.values.items() if each.size == t.size}
+    repeated = repeated_rows(t, list(beside.values()))
+    if not repeated.size:
+        return contents, clock
+    values = contents.values | {number: np.delete(each, repeated) for number, each in beside.items()}
+    columns = tuple(
+        describe(each.number, each.name, values[each.number])
+        if each.number in values
+        else replace(each, rows=each.rows - repeated.size, missing=each.missing - repeated.size)
+        for each in contents.columns
+    )
+    contents = Contents(columns, values, contents.whole)
+    found = find_clock(table, contents, clock.column.number)
+    return contents, None if found is None else replace(found, guess=clock.guess)
 
 
 def _without_clocks(signals: list[Column], contents: Contents, given: set[int]) -> list[Column]:

@@ -28,7 +28,7 @@ from replant.logs.sampling_time import (
     unit_in_seconds,
     unit_of_stamps,
 )
-from replant.logs.table import Table, in_parts, listed
+from replant.logs.table import Table, in_parts, listed, repeated_rows
 from replant.numerics.arguments import FloatArray, iterable
 from replant.numerics.limits import file_path
 
@@ -154,6 +154,12 @@ def open_recording(
         table = _part(table, roles.get("time"), step, check_range(begin, end))
     arrays = table.arrays(list(roles.values()), most_held, progress)
     rows = _rows_of(table, roles, arrays)
+    repeated = repeated_rows(arrays[-1], arrays[:-1]) if "time" in roles else np.zeros(0, np.int64)
+    if repeated.size:
+        what = "a row repeats" if repeated.size == 1 else f"{repeated.size:,} rows repeat"
+        note = f"{table.path}: {what} the one before, time stamp and all: each counts once"
+        table = replace(table, notes=(*table.notes, note))
+        arrays, rows = [np.delete(column, repeated) for column in arrays], rows - repeated.size
     for (role, number), column in zip(roles.items(), arrays, strict=True):
         if role != "time" and not any(np.isfinite(part).any() for (part,) in in_parts([column])):
             raise LogError(

@@ -21,7 +21,7 @@ import numpy as np
 
 from replant.errors import SHOWN, ArgumentTypeError, LogError, MissingDependencyError, ReplantError, shown
 from replant.model.interop import without_unit
-from replant.numerics.arguments import FloatArray
+from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.operating_system import reason_of
 
 T = TypeVar("T")
@@ -271,6 +271,24 @@ def spool_folder() -> str:
     """Return where columns of long logs are kept: TMPDIR, else /var/tmp, which unlike /tmp is on a disk everywhere."""
     given = os.environ.get("TMPDIR")
     return given or ("/var/tmp" if os.access("/var/tmp", os.W_OK) else tempfile.gettempdir())
+
+
+def repeated_rows(t: FloatArray, columns: Sequence[FloatArray]) -> IntArray:
+    """Return the rows that repeat the one before, time stamp and every column; none where a stamp alone repeats.
+
+    Of stamps too coarse for their rows some have other values: rows of equal ones are samples then, too.
+    """
+    found = [np.zeros(0, np.int64)]
+    for first in range(0, t.size - 1, PART_ROWS):
+        part = t[first : first + PART_ROWS + 1]
+        rows = first + 1 + np.flatnonzero(part[1:] == part[:-1])
+        for column in columns:
+            one, other = column[rows], column[rows - 1]
+            if not ((one == other) | (np.isnan(one) & np.isnan(other))).all():
+                return found[0]
+        found.append(rows)
+        forget(t)
+    return np.concatenate(found)
 
 
 def in_parts(arrays: Sequence[FloatArray]) -> Iterator[Arrays]:
