@@ -18,7 +18,7 @@ ROWS = [line.split("|")[1].strip() for line in (ROOT / "docs" / "verdict.md").re
 
 
 PACKAGE = ROOT / "src" / "replant"
-OTHERS = ("fitting/input_glitches", "fitting/structure_evidence", "fitting/miso_references", "fitting/miso_solve",
+OTHERS = ("fitting/other_causes", "fitting/structure_evidence", "fitting/miso_references", "fitting/miso_solve",
           "fitting/miso_verdict", "online/miso_newest_samples")  # fmt: skip
 SOURCES = [*sorted((PACKAGE / "verdict").glob("*.py")), *(PACKAGE / f"{name}.py" for name in OTHERS)]
 ADVICE = {"ADVICE", "REMEDY"}  # constants that stand within reasons

@@ -67,6 +67,14 @@ def test_the_input_of_a_missing_output_is_used() -> None:
     np.testing.assert_allclose(ident.parameters, TRUE, rtol=1e-3)
 
 
+def test_an_output_that_stands_still_is_said_where_no_first_model_comes() -> None:
+    ident = rp.Identifier(STRUCTURE, DT, startup=50)
+    ident.update_many(measured(2, 400)[0], np.full(400, 7.0))
+    verdict = ident.assess()
+    assert verdict.status == "inconsistent"
+    assert verdict.reasons[0].startswith("the output is constant over the last ")
+
+
 def test_a_start_up_counts_outputs_not_samples() -> None:
     u, y = measured(2, 400)
     y, lost = some_missing(y, 0.5, 2)

@@ -214,6 +214,10 @@ PAIRS: dict[str, Pair] = {
         lambda: fit(np.where(GLITCHES, 80.0, U), out(U)),
         lambda: fit(np.where(GLITCHES, 80.0, U), out(np.where(GLITCHES, 80.0, U), SLOW)),
     ),
+    "the output drifts along a straight line,": (
+        lambda: fit(U, out(U) + np.linspace(0.0, 30.0, SAMPLES)),
+        lambda: fit(U + np.linspace(0.0, 3.0, SAMPLES), out(U + np.linspace(0.0, 3.0, SAMPLES), SLOW)),
+    ),
     "the input has rested for the last": (
         rested,
         constant,

@@ -198,6 +198,10 @@ def _repeat(words: str, *without: str, **options: object) -> Callable[[Situation
     return lambda situation: NextStep(words, again(*without, **options))
 
 
+def _detrended(_: Situation) -> NextStep:
+    return NextStep("take the straight line off", f"{again()} --detrend")
+
+
 _move = partial(_look, words="move the input and record again; what it did in this record")
 _sensor = partial(_look, words="look at the output: check the sensor, its range and its cable")
 _clock = _repeat("let the time stamps count", "dt")
@@ -209,6 +213,7 @@ _default = _repeat("use the method by default", "optimizer", "method", "startup"
 #: What reasons say, and what to do; the first that fits counts.
 STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"far from its others", _repeat("make these cells of the input empty, and repeat")),
+    (r"drifts along a straight line", _detrended),
     (COLUMN, _column),
     (FEWER, _fewer),
     (r"the input is constant|has rested|hardly moves|came to rest", _move),

@@ -18,9 +18,9 @@ from replant.estimation.solver.record_changes import find_plant_change
 from replant.estimation.solver.refined_estimate import Refined
 from replant.fitting import model_notation
 from replant.fitting.initial_state import gain_from_rest
-from replant.fitting.input_glitches import with_input_glitches
 from replant.fitting.model import Model
 from replant.fitting.model_fields import Identified, Provenance, has_rest
+from replant.fitting.other_causes import with_other_cause
 from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
 from replant.kernels.schema import LAGUERRE
 from replant.model.noise import NoiseModel
@@ -157,7 +157,7 @@ class FitResult(Identified):
             verdict = with_fewer_poles(verdict, self.structure, self.parameters, self._kept)
         if self.method == "srivc":
             zero = float(self.preprocess.input_offset)
-            verdict = with_input_glitches(verdict, self.structure, self.parameters, self._kept, zero)
+            verdict = with_other_cause(verdict, self.structure, self.parameters, self._kept, zero)
         verdict = with_other_columns(verdict, self.other_columns)
         if self.loads.size:
             verdict = replace(verdict, reasons=(*verdict.reasons, loads_act(self._after)))

@@ -39,7 +39,7 @@ from replant.verdict.estimate_tests import (
     movement_findings,
     uncertainty_findings,
 )
-from replant.verdict.evidence import CONSTANT, FEWEST, LEAST_POWER, Evidence, is_constant, moving
+from replant.verdict.evidence import CONSTANT, FEWEST, LEAST_POWER, STANDS_STILL, Evidence, is_constant, moving
 from replant.verdict.reasons import POOREST_FIT, judge
 from replant.verdict.sensor_and_excitation import (
     REFUSED,
@@ -139,6 +139,8 @@ def assess_starting(
     excited = not is_constant(u)
     if not excited:
         findings.append(Finding("not excited", CONSTANT))
+    elif wanted > request.startup and is_constant(kept.output[there]):
+        findings.append(Finding("inconsistent", STANDS_STILL.format(f"the last {duration(kept.interval[1:].sum())}")))
     if u.size > 1:
         findings += clock_finding(float(np.median(kept.interval[1:])), request.dt)
     findings += level_finding(u[there], kept.output[there])

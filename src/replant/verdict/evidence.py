@@ -22,6 +22,7 @@ FEWEST = 100  # samples held out below which one column explains as much as MATT
 LEAST_POWER = 0.01 * MATTERS  # variance of the newest input below which it rests [part of the largest it has been]
 RESTED = 2500  # rest after which it is noted whether the model is trusted: half of the way between reviews [samples]
 CONSTANT = "the input is constant: move it"
+STANDS_STILL = "the output is constant over {} while the input moves"  # {}: for how long
 RESTING = 1e-12  # movement that is rounding of float64, some thousand times its precision [part of the largest value]
 ROUNDING = 1e-6  # what is rounding of a log: its numbers have six digits and more [part of a signal]
 UNSTABLE_SIGMAS = 3.0  # of a pole right of the axis, where an integrator's may be by chance [standard deviations]

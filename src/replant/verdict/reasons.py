@@ -34,7 +34,7 @@ from replant.numerics.linear_algebra import quiet, roots
 from replant.numerics.robust import robust_std
 from replant.verdict import sensor_and_excitation
 from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
-from replant.verdict.evidence import CONSTANT, LEAST_POWER, RESTING, Evidence, Runs, is_constant
+from replant.verdict.evidence import CONSTANT, LEAST_POWER, RESTING, STANDS_STILL, Evidence, Runs, is_constant
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
 from replant.verdict.loop_tests import COLOURED, Loop, Reference, unexplained_by_reference
 from replant.verdict.residual_dynamics import unexplained, unexplained_before
@@ -133,7 +133,7 @@ def _of_samples(evidence: Evidence) -> list[Finding]:
         return [*findings, Finding("not excited", reason)]
     known = evidence.raw[evidence.used]
     if known.size and known.min() == known.max():
-        return [*findings, Finding("inconsistent", _constant(evidence))]
+        return [*findings, Finding("inconsistent", STANDS_STILL.format(evidence.span))]
     if evidence.counted < evidence.enough:
         since = "" if evidence.in_sample else " (since the last interruption)"
         reason = f"{evidence.counted} samples{since} are too few for a verdict: it takes {evidence.enough}"
@@ -239,17 +239,13 @@ def _fit(evidence: Evidence, runs: Runs, loop: Loop, figures: Figures) -> list[F
             return [Finding("trusted", reason)]
         return []
     if math.isnan(fit):
-        return [Finding("inconsistent", _constant(evidence))]
+        return [Finding("inconsistent", STANDS_STILL.format(evidence.span))]
     run = f"{_how_run(evidence, loop)} over {evidence.span}{' (in sample)' if evidence.in_sample else ''}"
     figure = f"{fit:.0f} %" if fit > WORST_FIT else f"below {WORST_FIT:.0f} %"
     reason = f"{run}, the model explains almost nothing of the output (fit {figure})"
     if evidence.record.r is None:
         reason += f": {COLOURED}" if loop.feedback.found else ": if a controller moves the input, give its reference"
     return [Finding("inconsistent", reason)]
-
-
-def _constant(evidence: Evidence) -> str:
-    return f"the output is constant over {evidence.span} while the input moves"
 
 
 def _how_run(evidence: Evidence, loop: Loop) -> str:

@@ -17,8 +17,8 @@ from replant.estimation.settings import AUTO, Request, filter_for
 from replant.estimation.simulation.left_out import flags_of
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
-from replant.fitting.input_glitches import with_input_glitches
 from replant.fitting.miso_fit import RowFit
+from replant.fitting.other_causes import with_other_cause
 from replant.fitting.rows_of_outputs import are_rows, samples_of_outputs, solved_rows
 from replant.fitting.samples import RawRecord
 from replant.fitting.several_outputs import MatrixFit
@@ -159,7 +159,7 @@ def judged_by_log(result: Result, log: Log) -> Result:
         verdict = with_fewer_poles(verdict, result.structure, result.parameters, raw.made_ready(y, log.reference))
     if settings.instruments:
         zero = float(raw.mapped[raw.made_use_of][0] - record.u[0])  # the record has a level of its own
-        verdict = with_input_glitches(verdict, result.structure, result.parameters, record, zero)
+        verdict = with_other_cause(verdict, result.structure, result.parameters, record, zero)
     others = {name: signal[raw.made_use_of] for name, signal in log.others.items()}
     found = other_columns(result.structure, result.parameters, record, log.dt, others)
     verdict = with_other_columns(verdict, found)

@@ -1,4 +1,4 @@
-"""Values of the input that its recording has and the plant has not seen are named, and nothing else."""
+"""Values of the input that the plant has not seen, and a drift of the output, are named, and nothing else."""
 
 from __future__ import annotations
 
@@ -46,6 +46,29 @@ def test_pulses_that_the_plant_answers_are_none(poles: int) -> None:
     verdict = rp.fit(u, y, DT, poles=poles).verdict
     assert (verdict.status == "trusted") is (poles == 2)
     assert not any("far from" in reason for reason in verdict.reasons)
+
+
+@every("identified", [rp.fit, run])
+@every("poles", [1, 2])
+def test_a_straight_line_on_the_output_is_named(identified, poles: int) -> None:
+    u, y = record(PLANT, 3, 2000, DT, noise=0.05)
+    log = rp.Log(u, y + np.linspace(0.0, 20.0, u.size), DT)
+    verdict = identified(log, poles=poles).verdict
+    if poles == 1:
+        assert verdict.status == "inconsistent"
+    assert verdict.status == "trusted" or "the output drifts along a straight line, " in verdict.reasons[0]
+    assert identified(rp.detrend(log), poles=1).verdict.status == "trusted"
+
+
+@every("seed", range(3))
+def test_what_a_slow_plant_does_is_no_drift(seed: int) -> None:
+    """It rises all along, but the model of too few poles is wrong beside a line, too."""
+    u = np.abs(binary(seed, 2000, 40))
+    u[:100] = 0.0
+    y = rp.TransferFunction([0.05], [1.0, 1.0, 0.02]).simulate(u, DT)
+    y = y + 0.002 * np.random.default_rng(seed).standard_normal(u.size)
+    verdict = rp.fit(u, y, DT, poles=1).verdict
+    assert not any("drifts along" in reason for reason in verdict.reasons), verdict.reasons
 
 
 def test_what_is_far_out_lies_beyond_the_range_by_its_width() -> None:

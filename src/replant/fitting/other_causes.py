@@ -1,0 +1,111 @@
+"""Other causes of a model that is not trusted: what the recording has, and the plant has not.
+
+    glitches  a few values of the input far from all others, which the plant has not seen: a bad cable, an error code
+    drift     a straight line on the output: a sensor that warms up, a load that grows
+
+Each leaves a model that explains little, and tests that name causes which are not there.  Whether it is the cause is
+asked of the record: without it another model has more evidence, and is trusted.  What was taken off is paid for as
+numbers that were fitted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from replant.estimation.engine.record import Record
+from replant.estimation.solver.refined_estimate import without_nuisances
+from replant.fitting.structure_evidence import Evidence
+from replant.model.structure import Structure
+from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.levels import ALPHA, MATTERS
+from replant.numerics.linear_algebra import inner, sum_of_squares
+from replant.numerics.robust import far_out
+from replant.verdict.assess import MOST_SAMPLES, assess_record
+from replant.verdict.verdict import Assessment, percent
+
+
+class Supposed(NamedTuple):
+    """A record without what may be the cause, beside the same outputs of the record as it came."""
+
+    given: Record
+    without: Record
+    numbers: int  # that were taken off
+    reason: str  # with a place for the fit of the model without
+    advice: str
+
+
+def with_other_cause(
+    verdict: Assessment, structure: Structure, parameters: FloatArray, record: Record, zero: float
+) -> Assessment:
+    """Return the verdict on a model (P,), and where another cause is found, that alone; its record has u - ``zero``."""
+    record = record.last(MOST_SAMPLES)
+    if verdict.status == "trusted" or len(record.parts) > 1 or record.r is not None:
+        return verdict
+    causes: tuple[Callable[[], Supposed | None], ...] = (lambda: _glitches(record, zero), lambda: _drift(record))
+    for cause in causes:
+        supposed = cause()
+        fit = None if supposed is None else _fit_without(supposed, structure, parameters)
+        if supposed is not None and fit is not None:
+            reason = f"{supposed.reason} a model explains {fit:.1f} %: {supposed.advice}"
+            return replace(verdict, status="inconsistent", reasons=(reason,))  # others are of a model that it has made
+    return verdict
+
+
+def _fit_without(supposed: Supposed, structure: Structure, parameters: FloatArray) -> float | None:
+    """Return the fit in percent of a trusted model without a cause that has more evidence; None without one."""
+    at_rest, other = not structure.delay, supposed.without
+    given = Evidence(supposed.given, at_rest=at_rest).of(structure, [without_nuisances(structure, parameters)])
+    found = Evidence(other, at_rest=at_rest).of(structure, (), afresh=True)
+    price = 0.5 * supposed.numbers * math.log(other.u.size) - math.log(ALPHA)
+    if found is None or (given is not None and not found.evidence > given.evidence + price):
+        return None
+    theta, covariance = found.found.theta[: structure.size], found.found.covariance[: structure.size, : structure.size]
+    dt = other.usual if math.isfinite(other.usual) else other.dt
+    # of a wrong structure none tells what the plant has seen
+    return found.fit if assess_record(structure, theta, other, dt, covariance).status == "trusted" else None
+
+
+def _glitches(record: Record, zero: float) -> Supposed | None:
+    """Return the record without the rows of few values of the input far from all others; None if there are none."""
+    glitches, low, high = far_out(record.u)
+    count, kept = int(glitches.sum()), ~glitches
+    if not count:
+        return None
+    t = np.cumsum(np.broadcast_to(record.intervals, kept.shape))[kept]
+    usual = float(np.median(record.intervals))
+    without = replace(
+        record, u=record.u[kept], y=record.y[kept], intervals=np.diff(t, prepend=t[:1] - usual), usual=usual,
+        measured=None if record.measured is None else record.measured[kept],
+    )  # fmt: skip
+    values = "a value of the input lies" if count == 1 else f"{count:,} values of the input lie"
+    reason = (
+        f"{values} far from its others, {low + zero:.3g} to {high + zero:.3g}, and the output does not answer: without "
+        f"{'it' if count == 1 else 'them'}"
+    )
+    given = replace(record, measured=record.is_measured & kept)
+    return Supposed(given, without, count, reason, "make the cells empty")
+
+
+def _drift(record: Record) -> Supposed | None:
+    """Return the record without straight lines; None where the output's explains little."""
+    t = np.cumsum(np.broadcast_to(record.intervals, record.u.shape))
+    known = record.is_measured
+    of_input, of_output = _line(t, record.u, np.ones_like(known)), _line(t, record.y, known)
+    part = float(np.var(of_output) / max(np.var(record.y[known]), np.finfo(float).tiny))
+    if not MATTERS < part < math.inf:
+        return None
+    without = replace(record, u=record.u - of_input, y=np.where(known, record.y - of_output, record.y))
+    reason = f"the output drifts along a straight line, {percent(min(part, 1.0))} of its power: beside it"
+    return Supposed(record, without, 2, reason, "use --detrend, or rp.detrend(log)")
+
+
+def _line(t: FloatArray, signal: FloatArray, known: BoolArray) -> FloatArray:
+    """Return the straight line (K,), of mean zero, that explains most of the samples known of a signal (K,)."""
+    since = t - t[known].mean()
+    slope = inner(since[known], signal[known]) / max(sum_of_squares(since[known]), np.finfo(float).tiny)
+    return np.asarray(slope * since)
