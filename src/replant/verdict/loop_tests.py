@@ -45,14 +45,15 @@ STILL = "the reference stands still"
 COPIED = "the reference is a copy of the input"
 IDLE = "the reference explains nothing of the input"
 REMEDY = "give what is applied from outside, as a set-point or a dither, as the reference"
-CLOSED = "the loop is closed: the input answers the residual, which the noise model whitens"
+ALIKE = "noise of an input that is measured looks alike"
+CLOSED = f"the loop is closed: the input answers the residual, which the noise model whitens ({ALIKE})"
 AT_ONCE = (
     "the input answers the residual of the same sample: the loop is closed, or the plant has a direct path (then ask "
     "for as many zeros as poles)"
 )
 COLOURED = (
     "the loop is closed, and either its disturbances have more colour than the noise model, or the model is wrong; to "
-    f"learn which, {REMEDY}"
+    f"learn which, {REMEDY} ({ALIKE}: record what was commanded)"
 )
 
 
