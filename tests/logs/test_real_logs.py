@@ -42,10 +42,11 @@ def test_two_levels(datasets: Path) -> None:
     assert np.unique(log.input).tolist() == [0.35084835, 0.43567032]
 
 
-def test_stamps_of_a_restart_are_refused(datasets: Path) -> None:
+def test_a_first_row_that_is_written_twice_counts_once(datasets: Path) -> None:
     path = datasets / "un_thermal/Thermal_profile_closed_exp.csv"
-    with pytest.raises(LogError, match="line 3, column 't': the time stamp 0 repeats the one before"):
-        read_log(path, input="u", output="y")
+    with pytest.warns(UserWarning, match="a row repeats the one before, time stamp and all: each counts once"):
+        log = read_log(path, input="u", output="y")
+    assert (log.dt, len(log)) == (0.8, 251)
     assert len(read_log(path, input="u", output="y", dt=0.8)) == 252
 
 

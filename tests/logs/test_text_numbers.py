@@ -41,6 +41,16 @@ def test_quoted_thousands_between_commas(write: Write) -> None:
     assert read_columns(write('t,u\n0,"1,234.5"\n1,0.5\n')).column("u").tolist() == [1234.5, 0.5]
 
 
+def test_decimal_commas_in_quotes_between_commas(write: Write) -> None:
+    assert read_columns(write('"t","u"\n"0,0","1,5"\n"0,5","2,25"\n')).column("u").tolist() == [1.5, 2.25]
+
+
+def test_a_number_with_its_unit_is_named(write: Write) -> None:
+    rows = "".join(f"{k} s,{k}.5 %,7\n" for k in range(9))
+    with pytest.raises(LogError, match="line 2, column 't': '0 s' is not a number"):
+        read_columns(write("t,u,y\n" + rows)).column("t")
+
+
 def test_thousands_beside_a_clock(write: Write) -> None:
     """Two thirds of the cells are then numbers at a semicolon alone."""
     rows = "".join(f"10:00:{k:02};{k % 2};1.2{k:02},50\n" for k in range(60))

@@ -30,7 +30,7 @@ def with_content(layout: Layout, rows: Sequence[tuple[int, Sequence[str]]]) -> L
     """Return a layout with what rows of cells hold, each with the number of its line."""
     whole = [(line, cells) for line, cells in rows if len(cells) >= len(layout.names)]
     stamps = _stamps(layout.names, [cells for _, cells in whole])
-    if layout.delimiter == ",":
+    if layout.delimiter == "," and not any("," in cell for _, cells in whole for cell in cells):  # within quotes alone
         return replace(layout, stamps=stamps)
     own = {
         column: mark
@@ -229,7 +229,7 @@ def _score(lines: Sequence[str], delimiter: str | None) -> float:
     if width < 2:
         return 0.0
     cells = [cell for row in rows[1:] or rows for cell in row]
-    numbers = sum(is_number(cell, delimiter) for cell in cells)
+    numbers = sum(is_number(cell.partition(" ")[0], delimiter) for cell in cells)  # a unit may stand behind it
     return count / len(lines) * (numbers + 1e-3) / (len(cells) + 1e-3)  # equal widths alone give a small score
 
 
