@@ -201,6 +201,7 @@ def two_poles() -> Verdict:
     return run(U, out(U, SLOW))
 
 
+HELD = np.repeat(np.random.default_rng(5).uniform(-1.0, 1.0, SAMPLES // 40), 40)
 GLITCHES = np.arange(SAMPLES) % 700 == 350
 KEPT = np.arange(SAMPLES) % 60 < 54  # six rows in a row are lost, again and again
 Pair = tuple[Callable[[], Verdict], Callable[[], Verdict]]
@@ -261,6 +262,10 @@ PAIRS: dict[str, Pair] = {
     "the input seems to run straight between its samples": (
         lambda: run(smooth(), out(smooth(), ZERO, input_hold="foh"), rp.Structure(2, 1)),
         lambda: run(smooth(), out(smooth(), ZERO), rp.Structure(2, 1)),
+    ),
+    "before its row: a coefficient differs by": (
+        lambda: fit(HELD, np.append(out(HELD, part=0.2)[1:], 0.0)),
+        lambda: fit(HELD, out(HELD, part=0.2)),
     ),
     "than the model says": (
         lambda: run(U, out(np.append(0.0, U)[:SAMPLES])),

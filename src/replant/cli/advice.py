@@ -139,6 +139,10 @@ def _dead_time(situation: Situation) -> NextStep:
     return _search(situation) if found is None else NextStep("set the dead time", again(delay=found[1]))
 
 
+def _look_at_rows(situation: Situation) -> NextStep:
+    return _look(situation, "look which of input and output a row records first; move the output down")
+
+
 def _without_stamps(situation: Situation) -> NextStep:
     found = re.search(r"in their place, dt = ([\d.e+-]+) s", situation.reason)
     given = {} if found is None else {"dt": found[1]}
@@ -224,6 +228,7 @@ STEPS: tuple[tuple[str, Callable[[Situation], NextStep]], ...] = (
     (r"have a gap every", _without_stamps),
     (r"the actuator seems", _look),
     (r"run straight between|runs straight between", _straight),
+    (r"before its row", _look_at_rows),
     (r"than the model says", _dead_time),
     (r"the initial state takes a part", _at_rest),
     (

@@ -41,6 +41,9 @@ from replant.verdict.verdict import Finding, percent
 WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]
 SMOOTH = 1.5  # of second over first differences: 2 of single steps, 3 of noise, w^2 of a sine of w [ratio of powers]
 
+# midway between half a sample, which an input that runs straight seems to act early, and a whole one
+EARLY = 0.75  # time before its row from which on an input acts too early for any model [sampling times]
+TOO_EARLY = "move the output's column down by as much, or ask for as many zeros as poles and a direct path"
 ADVICE = "stay where it is straight, or map the input by its curve"
 SATURATES, DEAD = f"the actuator seems to saturate ({ADVICE})", f"the actuator seems to have a dead zone ({ADVICE})"
 LOPSIDED = f"the actuator seems to have another gain in the other direction ({ADVICE})"
@@ -103,7 +106,7 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained) -> list[
     found = residual.explained(later)
     off = float(found.weights[0]) * evidence.dt
     delay = evidence.structure.delay + off
-    if not (found.is_sure and found.power > NEGLIGIBLE * power and delay > -0.5 * evidence.dt):
+    if not (found.is_sure and found.power > NEGLIGIBLE * power):
         return []
     # a pole too few looks like a dead time, too, but leaves more for other dynamics to explain
     left = unexplained(evidence, runs, known=later)
@@ -111,12 +114,15 @@ def dead_time_findings(evidence: Evidence, runs: Runs, part: Explained) -> list[
         return []
     step = -residual.weights_of(later)[: evidence.coefficients, 0] * found.weights[0]
     size = runs.size(step, Speeds.of(evidence, closed=False).poles)
+    status = "inconsistent" if size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
+    if delay <= -EARLY * evidence.dt:
+        reason = f"the input seems to act {-delay:.2g} s before its row: a coefficient differs by {percent(size)}"
+        return [Finding(status, f"{reason}: {TOO_EARLY}")]
     # in as many digits as tell it from the one given
     wanted = round(max(delay, 0.0), max(1 - math.floor(math.log10(abs(off))), 0))
     if wanted == evidence.structure.delay:  # no dead time is shorter than none
         return []
     reason = f"the input seems to act {abs(off):.2g} s {'later' if off > 0.0 else 'earlier'} than the model says"
-    status = "inconsistent" if size > FARTHEST or (part.is_sure and part.is_large) else "trusted"
     return [Finding(status, f"{reason}: with a dead time of {wanted:g} s a coefficient differs by {percent(size)}")]
 
 

@@ -48,8 +48,8 @@ REMEDY = "give what is applied from outside, as a set-point or a dither, as the 
 ALIKE = "noise of an input that is measured looks alike"
 CLOSED = f"the loop is closed: the input answers the residual, which the noise model whitens ({ALIKE})"
 AT_ONCE = (
-    "the input answers the residual of the same sample: the loop is closed, or the plant has a direct path (then ask "
-    "for as many zeros as poles)"
+    "the input answers the residual of the same sample: the loop is closed, the plant has a direct path (then ask for "
+    "as many zeros as poles), or the output of a row is recorded after its input has acted"
 )
 COLOURED = (
     "the loop is closed, and either its disturbances have more colour than the noise model, or the model is wrong; to "
@@ -189,7 +189,7 @@ class Loop:
             reason = f"{run}, and only a reference can show that an unstable model is right: {REMEDY}"
             findings.append(Finding("inconsistent", reason))
         elif feedback.found and reference is None and colour_left(left, evidence.past) > 1.0:
-            findings.append(Finding("inconsistent", COLOURED))
+            findings.append(Finding("inconsistent", AT_ONCE if feedback.is_at_once else COLOURED))
         elif feedback.found:
             findings.append(Finding("trusted", AT_ONCE if feedback.is_at_once else CLOSED))
         return cls(feedback, reference, findings)
