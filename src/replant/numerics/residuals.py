@@ -35,7 +35,7 @@ class Correlations:
 
     @property
     def outside(self) -> tuple[float, float]:
-        """Part of the lags beyond 95 % limits, of ``auto`` without lag 0 and of ``cross``: of a right model 0.05 on average."""
+        """Part of the lags beyond 95 % limits, of ``auto`` without lag 0 and of ``cross``: 0.05 of a right model."""
         lags = self.auto.size - 1
         auto = np.abs(self.auto[1:]) > BAND_95 * self.auto_std
         cross = np.abs(self.cross[lags:]) > BAND_95 * self.cross_std

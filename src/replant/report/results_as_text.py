@@ -413,7 +413,8 @@ def print_validation(console: Any, validation: Validation, source: str) -> None:
     auto, cross = validation.outside
     if math.isfinite(auto):
         outside = f"{100 * auto:.0f} % with itself, {100 * cross:.0f} % with the input"
-        console.print(f"Residual correlated beyond the 95 % limit: {outside} (of a right model 5 % on average)", highlight=False)
+        usual = "of a right model 5 % on average"
+        console.print(f"Residual correlated beyond the 95 % limit: {outside} ({usual})", highlight=False)
     if validation.by_frequency is not None:
         worst = validation.by_frequency.worst
         error = f"up to {share(worst)} of |G|" if worst else "none beyond chance"
