@@ -71,6 +71,15 @@ def test_what_a_slow_plant_does_is_no_drift(seed: int) -> None:
     assert not any("drifts along" in reason for reason in verdict.reasons), verdict.reasons
 
 
+def test_a_line_that_the_input_makes_is_no_drift() -> None:
+    """The plant is not linear, and beside a line its part of it matters less."""
+    u = binary(3, 2000, 40) * 0.5 + np.linspace(-1.0, 1.0, 2000)
+    y = PLANT.simulate(np.tanh(1.5 * u), DT) + 0.05 * np.random.default_rng(3).standard_normal(u.size)
+    verdict = rp.fit(u, y, DT, poles=1).verdict
+    assert verdict.status == "inconsistent"
+    assert not any("drifts along" in reason for reason in verdict.reasons), verdict.reasons
+
+
 def test_what_is_far_out_lies_beyond_the_range_by_its_width() -> None:
     values = np.array([*np.linspace(-1.0, 1.0, 41), 2.7, 3.3, -5.0, np.nan])
     found, low, high = far_out(values)

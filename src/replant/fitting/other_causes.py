@@ -35,7 +35,7 @@ class Supposed(NamedTuple):
     given: Record
     without: Record
     numbers: int  # that were taken off
-    reason: str  # with a place for the fit of the model without
+    said: Callable[[FloatArray], str]  # of the model without (P,): that it is the cause; empty where it is not
     advice: str
 
 
@@ -46,28 +46,32 @@ def with_other_cause(
     record = record.last(MOST_SAMPLES)
     if verdict.status == "trusted" or len(record.parts) > 1 or record.r is not None:
         return verdict
-    causes: tuple[Callable[[], Supposed | None], ...] = (lambda: _glitches(record, zero), lambda: _drift(record))
+    causes: tuple[Callable[[], Supposed | None], ...] = (
+        lambda: _glitches(record, zero), lambda: _drift(structure, record),
+    )  # fmt: skip
     for cause in causes:
         supposed = cause()
-        fit = None if supposed is None else _fit_without(supposed, structure, parameters)
-        if supposed is not None and fit is not None:
-            reason = f"{supposed.reason} a model explains {fit:.1f} %: {supposed.advice}"
+        reason = "" if supposed is None else _reason(supposed, structure, parameters)
+        if reason:
             return replace(verdict, status="inconsistent", reasons=(reason,))  # others are of a model that it has made
     return verdict
 
 
-def _fit_without(supposed: Supposed, structure: Structure, parameters: FloatArray) -> float | None:
-    """Return the fit in percent of a trusted model without a cause that has more evidence; None without one."""
+def _reason(supposed: Supposed, structure: Structure, parameters: FloatArray) -> str:
+    """Return that a cause is one, as a model without it has more evidence and is trusted; empty where none is."""
     at_rest, other = not structure.delay, supposed.without
     given = Evidence(supposed.given, at_rest=at_rest).of(structure, [without_nuisances(structure, parameters)])
     found = Evidence(other, at_rest=at_rest).of(structure, (), afresh=True)
     price = 0.5 * supposed.numbers * math.log(other.u.size) - math.log(ALPHA)
     if found is None or (given is not None and not found.evidence > given.evidence + price):
-        return None
+        return ""
     theta, covariance = found.found.theta[: structure.size], found.found.covariance[: structure.size, : structure.size]
     dt = other.usual if math.isfinite(other.usual) else other.dt
+    said = supposed.said(theta)
     # of a wrong structure none tells what the plant has seen
-    return found.fit if assess_record(structure, theta, other, dt, covariance).status == "trusted" else None
+    if not said or assess_record(structure, theta, other, dt, covariance).status != "trusted":
+        return ""
+    return f"{said} a model explains {found.fit:.1f} %: {supposed.advice}"
 
 
 def _glitches(record: Record, zero: float) -> Supposed | None:
@@ -88,20 +92,26 @@ def _glitches(record: Record, zero: float) -> Supposed | None:
         f"{'it' if count == 1 else 'them'}"
     )
     given = replace(record, measured=record.is_measured & kept)
-    return Supposed(given, without, count, reason, "make the cells empty")
+    return Supposed(given, without, count, lambda theta: reason, "make the cells empty")
 
 
-def _drift(record: Record) -> Supposed | None:
+def _drift(structure: Structure, record: Record) -> Supposed | None:
     """Return the record without straight lines; None where the output's explains little."""
     t = np.cumsum(np.broadcast_to(record.intervals, record.u.shape))
     known = record.is_measured
     of_input, of_output = _line(t, record.u, np.ones_like(known)), _line(t, record.y, known)
-    part = float(np.var(of_output) / max(np.var(record.y[known]), np.finfo(float).tiny))
-    if not MATTERS < part < math.inf:
+    power = max(float(np.var(record.y[known])), np.finfo(float).tiny)
+    if not MATTERS * power < float(np.var(of_output)) < math.inf:
         return None
+
+    def said(theta: FloatArray) -> str:
+        gain = float(theta[structure.size - 1] / theta[structure.poles - 1]) if theta[structure.poles - 1] else math.inf
+        part = float(np.var(of_output - gain * of_input)) / power  # the rest of the line is the plant's answer
+        drifts = f"the output drifts along a straight line, {percent(min(part, 1.0))} of its power: beside it"
+        return drifts if MATTERS < part < math.inf else ""
+
     without = replace(record, u=record.u - of_input, y=np.where(known, record.y - of_output, record.y))
-    reason = f"the output drifts along a straight line, {percent(min(part, 1.0))} of its power: beside it"
-    return Supposed(record, without, 2, reason, "use --detrend, or rp.detrend(log)")
+    return Supposed(record, without, 2, said, "use --detrend, or rp.detrend(log)")
 
 
 def _line(t: FloatArray, signal: FloatArray, known: BoolArray) -> FloatArray:

@@ -55,7 +55,7 @@ class ModelRun:
         longest = LONGEST / max(slowest, 1.0 / span) / dt
         columns, delay = [late(self.states, 0), late(self.zeta[:, :poles], 0)], 1
         if not (feedback or self.is_direct):  # a direct path, or an output that is recorded after its input has acted
-            columns.append(late(self.u, 0)[:, None])
+            columns.append(late(self.u - self.u.mean(), 0)[:, None])
         room = index.size // PER_COEFFICIENT - 2 * poles - 4
         # input, simulated output and their states, delayed by powers of two samples
         while delay == 1 or (delay <= min(longest, index.size / PER_COEFFICIENT) and room > 1):
