@@ -251,6 +251,13 @@ def test_an_input_that_is_written_apart_is_held(which: str, unit: float) -> None
     assert log.dt == 0.5
 
 
+def test_an_input_that_is_written_in_every_second_row_is_held() -> None:
+    t, u = np.arange(400.0), np.repeat(np.arange(200.0) % 9.0, 2)
+    log = open_recording(of_rows(t=t, u=np.where(t % 2 == 0, u, np.nan), y=t % 7.0), input="u", output="y").held
+    assert log is not None
+    np.testing.assert_array_equal(log.input, u)
+
+
 @every("lost", [0.3, 0.7])
 def test_an_input_that_was_lost_for_a_while_is_not_held(lost: float) -> None:
     t, u = np.arange(400.0), np.arange(400.0) % 9.0

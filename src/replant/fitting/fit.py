@@ -241,7 +241,11 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Reco
     used = raw.usable
     means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
     others = {name: signal[raw.made_use_of] for name, signal in given.others.items()}
-    return given.named(dataclasses.replace(result, record=record, means=means, usual_interval=usual, others=others))
+    rows = raw.made_use_of
+    level = float(raw.mapped[rows][0] - record.u[0]) if rows.any() and record.u.size else 0.0
+    return given.named(
+        dataclasses.replace(result, record=record, means=means, input_level=level, usual_interval=usual, others=others)
+    )
 
 
 def check_length(structure: Structure, usable: BoolArray, rejected: Mapping[str, int]) -> None:

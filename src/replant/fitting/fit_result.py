@@ -123,6 +123,7 @@ class FitResult(Identified):
     rival: FitResult | None = None
     record: Record | None = None
     means: tuple[float, float] = (0.0, 0.0)
+    input_level: float = 0.0
     filtered: bool = False
     disagreement: float = 0.0
     usual_interval: float | None = None
@@ -156,8 +157,7 @@ class FitResult(Identified):
         if self.method == "srivc" and is_asked_for(verdict, self.structure):
             verdict = with_fewer_poles(verdict, self.structure, self.parameters, self._kept)
         if self.method == "srivc":
-            zero = float(self.preprocess.input_offset)
-            verdict = with_other_cause(verdict, self.structure, self.parameters, self._kept, zero)
+            verdict = with_other_cause(verdict, self.structure, self.parameters, self._kept, self.input_level)
         verdict = with_other_columns(verdict, self.other_columns)
         if self.loads.size:
             verdict = replace(verdict, reasons=(*verdict.reasons, loads_act(self._after)))

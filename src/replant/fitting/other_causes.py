@@ -4,8 +4,8 @@
     drift     a straight line on the output: a sensor that warms up, a load that grows
 
 Each leaves a model that explains little, and tests that name causes which are not there.  Whether it is the cause is
-asked of the record: without it another model has more evidence, and is trusted.  What was taken off is paid for as
-numbers that were fitted.
+asked of the record: without it another model has more evidence, also than one with one more mode, and is trusted.  What
+was taken off is paid for as numbers that were fitted.
 """
 
 from __future__ import annotations
@@ -18,7 +18,9 @@ from typing import NamedTuple
 import numpy as np
 
 from replant.estimation.engine.record import Record
+from replant.estimation.simulation.model_run import run_model
 from replant.estimation.solver.refined_estimate import without_nuisances
+from replant.estimation.solver.srivc import refine
 from replant.fitting.structure_evidence import Evidence
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -26,6 +28,7 @@ from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import inner, sum_of_squares
 from replant.numerics.robust import far_out
 from replant.verdict.assess import MOST_SAMPLES, assess_record
+from replant.verdict.reasons import POOREST_FIT
 from replant.verdict.verdict import Assessment, percent
 
 
@@ -35,7 +38,7 @@ class Supposed(NamedTuple):
     given: Record
     without: Record
     numbers: int  # that were taken off
-    said: Callable[[FloatArray], str]  # of the model without (P,): that it is the cause; empty where it is not
+    reason: str  # before the fit of the model without
     advice: str
 
 
@@ -62,16 +65,19 @@ def _reason(supposed: Supposed, structure: Structure, parameters: FloatArray) ->
     at_rest, other = not structure.delay, supposed.without
     given = Evidence(supposed.given, at_rest=at_rest).of(structure, [without_nuisances(structure, parameters)])
     found = Evidence(other, at_rest=at_rest).of(structure, (), afresh=True)
-    price = 0.5 * supposed.numbers * math.log(other.u.size) - math.log(ALPHA)
-    if found is None or (given is not None and not found.evidence > given.evidence + price):
+    # nor does one more mode explain the record as well, whose slow pole may do what a line does
+    more = replace(structure, poles=structure.poles + 1, zeros=structure.zeros + 1)
+    richer = Evidence(supposed.given, at_rest=at_rest).of(more, (), afresh=True)
+    price = 0.5 * supposed.numbers * math.log(other.u.size)
+    others = [each.evidence + sure for each, sure in ((given, -math.log(ALPHA)), (richer, 0.0)) if each is not None]
+    if found is None or found.fit < POOREST_FIT or not found.evidence - price > max(others, default=-math.inf):
         return ""
     theta, covariance = found.found.theta[: structure.size], found.found.covariance[: structure.size, : structure.size]
     dt = other.usual if math.isfinite(other.usual) else other.dt
-    said = supposed.said(theta)
     # of a wrong structure none tells what the plant has seen
-    if not said or assess_record(structure, theta, other, dt, covariance).status != "trusted":
+    if assess_record(structure, theta, other, dt, covariance).status != "trusted":
         return ""
-    return f"{said} a model explains {found.fit:.1f} %: {supposed.advice}"
+    return f"{supposed.reason} a model explains {found.fit:.1f} %: {supposed.advice}"
 
 
 def _glitches(record: Record, zero: float) -> Supposed | None:
@@ -92,26 +98,37 @@ def _glitches(record: Record, zero: float) -> Supposed | None:
         f"{'it' if count == 1 else 'them'}"
     )
     given = replace(record, measured=record.is_measured & kept)
-    return Supposed(given, without, count, lambda theta: reason, "make the cells empty")
+    return Supposed(given, without, count, reason, "make the cells empty")
 
 
 def _drift(structure: Structure, record: Record) -> Supposed | None:
-    """Return the record without straight lines; None where the output's explains little."""
+    """Return the record without a straight line on its output; None where that explains little."""
     t = np.cumsum(np.broadcast_to(record.intervals, record.u.shape))
     known = record.is_measured
     of_input, of_output = _line(t, record.u, np.ones_like(known)), _line(t, record.y, known)
     power = max(float(np.var(record.y[known])), np.finfo(float).tiny)
     if not MATTERS * power < float(np.var(of_output)) < math.inf:
         return None
+    # the plant answers to the line of its input: what its gain leaves of the output's is a drift
+    found = refine(structure, replace(_less(record, of_output), u=record.u - of_input), (), afresh=True)
+    slow = 0.0 if found is None else float(found.theta[structure.poles - 1])
+    if found is None or slow == 0.0:
+        return None
+    drift = of_output - float(found.theta[structure.size - 1]) / slow * of_input
+    found = refine(structure, _less(record, drift), [found.theta], afresh=True)
+    if found is not None:  # and once more, of what is left
+        run = run_model(structure, found.theta[: structure.size], _less(record, drift), record.dt)
+        drift = drift if run is None else drift + _line(t, run.error, known)
+    part = float(np.var(drift)) / power
+    if not MATTERS < part < math.inf:
+        return None
+    reason = f"the output drifts along a straight line, {percent(min(part, 1.0))} of its power: beside it"
+    return Supposed(record, _less(record, drift), 1, reason, "use --detrend, or rp.detrend(log)")
 
-    def said(theta: FloatArray) -> str:
-        gain = float(theta[structure.size - 1] / theta[structure.poles - 1]) if theta[structure.poles - 1] else math.inf
-        part = float(np.var(of_output - gain * of_input)) / power  # the rest of the line is the plant's answer
-        drifts = f"the output drifts along a straight line, {percent(min(part, 1.0))} of its power: beside it"
-        return drifts if MATTERS < part < math.inf else ""
 
-    without = replace(record, u=record.u - of_input, y=np.where(known, record.y - of_output, record.y))
-    return Supposed(record, without, 2, said, "use --detrend, or rp.detrend(log)")
+def _less(record: Record, drift: FloatArray) -> Record:
+    """Return a record less a drift (K,) of its output."""
+    return replace(record, y=np.where(record.is_measured, record.y - drift, record.y))
 
 
 def _line(t: FloatArray, signal: FloatArray, known: BoolArray) -> FloatArray:

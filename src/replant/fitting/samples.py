@@ -281,9 +281,12 @@ def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | Non
 
 def _of_index(frame: Any) -> FloatArray | None:
     index = getattr(frame, "index", None)
-    if index is None or not (np.asarray(index).dtype.kind in "mM" or getattr(index, "name", None)):
+    if index is None:
         return None
-    return _seconds(np.asarray(index))
+    values, name = np.asarray(index), str(getattr(index, "name", None) or "")
+    # whole numbers may count the rows, whatever they are called but a clock
+    is_clock = values.dtype.kind in "mM" or name.lower() in CLOCKS or (name and values.dtype.kind == "f")
+    return _seconds(values) if is_clock else None
 
 
 def _numbers(frame: Any, name: str) -> FloatArray:

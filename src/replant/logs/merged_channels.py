@@ -178,7 +178,7 @@ def _some_apart(roles: Mapping[str, int], columns: Sequence[FloatArray]) -> dict
         known = np.isfinite(column)
         if role in ("time", "output") or known.size != y.size:
             continue
-        if _stand_alone(known) and 2 * np.count_nonzero(y & ~known) > y.sum():
+        if _stand_alone(known) and 2 * np.count_nonzero(y & ~known) >= max(y.sum(), 1):
             found[roles[role]] = int(np.count_nonzero(~known))
     return found
 
