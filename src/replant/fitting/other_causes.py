@@ -26,6 +26,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.levels import ALPHA, MATTERS
 from replant.numerics.linear_algebra import inner, sum_of_squares
+from replant.numerics.projections import amounts_of
 from replant.numerics.robust import far_out
 from replant.verdict.assess import MOST_SAMPLES, assess_record
 from replant.verdict.reasons import POOREST_FIT
@@ -115,10 +116,12 @@ def _drift(structure: Structure, record: Record) -> Supposed | None:
     if found is None or slow == 0.0:
         return None
     drift = of_output - float(found.theta[structure.size - 1]) / slow * of_input
-    found = refine(structure, _less(record, drift), [found.theta], afresh=True)
-    if found is not None:  # and once more, of what is left
-        run = run_model(structure, found.theta[: structure.size], _less(record, drift), record.dt)
-        drift = drift if run is None else drift + _line(t, run.error, known)
+    nearly = _less(record, drift)
+    found = refine(structure, nearly, [found.theta], afresh=True)
+    run = None if found is None else run_model(structure, found.theta[: structure.size], nearly, record.dt)
+    if run is not None:  # and of what is left what no other coefficients explain
+        columns = np.column_stack([t - t.mean(), run.zeta, run.nuisances])[known]
+        drift = drift + amounts_of(columns, run.error[known])[0] * (t - t.mean())
     part = float(np.var(drift)) / power
     if not MATTERS < part < math.inf:
         return None
