@@ -163,9 +163,11 @@ def inspect(
     for number in given.values():
         table.column(number)  # raises, with the place of the cell that is no number
     contents = read_contents(table)
-    contents = replace(contents, values={number: held_where_empty(each) for number, each in contents.values.items()})
+    raw = contents.values
+    contents = replace(contents, values={number: held_where_empty(each) for number, each in raw.items()})
+    is_held = any(each is not raw[number] for number, each in contents.values.items())
     clock = find_clock(table, contents, own if time is None else table.find(time), set(given.values()))
-    contents, clock = _without_repeats(table, contents, clock)
+    contents, clock = _without_repeats(table, contents, clock, is_held=is_held)
     record = _record(contents, clock, given)
     signals = [column for column in record if column.is_signal and (clock is None or column != clock.column)]
     signals = _without_clocks(signals, contents, set(given.values()))
@@ -181,13 +183,16 @@ def inspect(
     return replace(found, others=_others(found, signals))
 
 
-def _without_repeats(table: Table, contents: Contents, clock: Clock | None) -> tuple[Contents, Clock | None]:
-    """Return columns and clock without the rows that repeat the one before, time stamp and all."""
+def _without_repeats(
+    table: Table, contents: Contents, clock: Clock | None, *, is_held: bool
+) -> tuple[Contents, Clock | None]:
+    """Return columns and clock with one row for each that repeats the one before, or the stamp of a row before it."""
+    # where columns have rows of their own, the last of those with the same stamp has all that is known then
     if clock is None or clock.column is None or not clock.problem:
         return contents, clock
     t = contents.values[clock.column.number]
     beside = {number: each for number, each in contents.values.items() if each.size == t.size}
-    repeated = repeated_rows(t, list(beside.values()))
+    repeated = np.flatnonzero(t[1:] == t[:-1]) if is_held else repeated_rows(t, list(beside.values()))
     if not repeated.size:
         return contents, clock
     values = contents.values | {number: np.delete(each, repeated) for number, each in beside.items()}

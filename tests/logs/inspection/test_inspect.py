@@ -321,6 +321,18 @@ def test_cells_that_are_written_at_changes_are_held(tmp_path: Path, sparse: str)
     assert not found.roles.answers
 
 
+def test_rows_of_their_own_with_one_stamp_are_one_row(tmp_path: Path) -> None:
+    """Each second row of a stamp would be dropped, and with it every output."""
+    signals = open_loop(noise=0.05)
+    path = tmp_path / "log.csv"
+    rows = zip(*(each.tolist() for each in signals.values()), strict=True)
+    path.write_text("t,u,y\n" + "".join(f"{t},{u},\n{t},,{y}\n" for t, u, y in rows))
+    found = inspect(path)
+    assert found.clock is not None
+    assert (found.clock.dt, found.clock.problem, found.rows) == (DT, "", 3000)
+    assert options_of(found) == ("-i", "u", "-o", "y", "-p", "2")
+
+
 def test_a_number_called_ts_is_the_clock(tmp_path: Path) -> None:
     signals, path = open_loop(), tmp_path / "log.npz"
     np.savez(path, u=signals["u"], y=signals["y"], Ts=DT)
