@@ -61,6 +61,12 @@ def test_the_model_is_validated_on_a_stretch_that_it_has_not_seen(capsys, log: P
     assert found["samples"] == 1200 - 200 - 400
 
 
+@pytest.mark.parametrize("more", [("--validate-on", "200:"), ("--leave-out", "200s:"), ("--use", "0:200")])
+def test_an_end_that_is_left_out_is_no_sensor_that_has_failed(capsys, log: Path, more: tuple[str, ...]) -> None:
+    verdict = model_of(capsys, "run", log, *more)["verdict"]
+    assert (verdict["status"], [each for each in verdict["reasons"] if "arrived" in each]) == ("trusted", [])
+
+
 def test_several_logs_are_cut_alike(capsys, log: Path) -> None:
     code, out, _ = call(capsys, "fit", log, log, *COLUMNS, "--leave-out", "200s:300s", "--json")
     assert (code, json.loads(out)["samples"]) == (0, 2000)

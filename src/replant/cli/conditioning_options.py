@@ -90,7 +90,7 @@ def has_stretches(options: dict[str, Any]) -> bool:
 
 
 def stretched(log: Log, options: dict[str, Any]) -> Log:
-    """Return a log without the outputs that the options leave out; the input goes on to act."""
+    """Return a log up to the last output that the options leave in, and without those that they leave out."""
     from dataclasses import replace
 
     clock = log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0]
@@ -100,7 +100,13 @@ def stretched(log: Log, options: dict[str, Any]) -> Log:
     if not (left & np.isfinite(log.output)).any():
         raise InvalidArgumentError("--use, --leave-out, --validate-on: no output is left to make a model of")
     note(f"{int((~left).sum()):,} of {clock.size:,} outputs are left out, as --use, --leave-out or --validate-on say")
-    return replace(log, output=np.where(left, log.output, np.nan))
+    end = int(np.flatnonzero(left)[-1]) + 1  # an output that is missing from there on would be a sensor that has failed
+    return replace(
+        log, input=log.input[:end], output=np.where(left, log.output, np.nan)[:end],
+        time=None if log.time is None else log.time[:end],
+        reference=None if log.reference is None else log.reference[:end],
+        others={name: signal[:end] for name, signal in log.others.items()},
+    )  # fmt: skip
 
 
 def _within(clock: Any, name: str, options: dict[str, Any]) -> BoolArray:
