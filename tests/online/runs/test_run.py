@@ -202,3 +202,14 @@ def test_the_output_of_a_model_that_would_run_away_is_predicted_as_by_a_fit(monk
     pieces = run_online(Request(rp.Structure(1), 0.1), u, y)
     assert pieces.simulation.is_prediction
     assert pieces.simulation.fit == pytest.approx(fitted.simulation.fit, abs=0.2)
+
+
+@pytest.mark.parametrize("at", [[100, 700], [1400]])
+def test_inputs_that_were_misread_do_not_drive_the_second_pass(at: list[int]) -> None:
+    u, y = record(1500)
+    seen = u.copy()
+    seen[at] = 9999.0
+    found, right = (rp.run(each, y, DT, poles=PLANT.den.size - 1) for each in (seen, u))
+    assert found.rejected["input leap"] == len(at)
+    assert found.simulation.fit == pytest.approx(right.simulation.fit, abs=0.2)
+    assert found.model.output_level == pytest.approx(right.model.output_level, abs=0.2)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 
@@ -17,6 +18,7 @@ from replant.estimation.simulation.left_out import (
     stretches_of,
 )
 from replant.estimation.simulation.model_run import PredictedRun, runs_away
+from replant.kernels.monitoring.interruptions import INPUT_LEAP
 from replant.model.preprocess import screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
@@ -240,12 +242,20 @@ class _Tested:
         self.record, self.left_out = Recorder(samples, newest), [NONE]
         self.clock = ClockRecorder(identifier.dt, samples, samples if newest is None else KNOTS)
         self._preprocess, self._chosen = request.preprocess, settings.preprocess if settings else None
+        state = identifier._state
+        # distance from which on the identifier took an input that stood alone for misread, and from where
+        self._misread, self._usual = math.inf, 0.0
+        if settings is not None and identifier.rejected["input leap"]:
+            self._misread, self._usual = INPUT_LEAP * math.sqrt(state.largest_power), state.input_mean
 
     def take(self, u: FloatArray, y: FloatArray, t: FloatArray | None, bridged: IntArray) -> None:
         """Take the next samples (K,)."""
         if self._chosen is None:  # every sample was rejected
             self._chosen = self._preprocess.resolve(u, y)
         mapped = self._chosen.map_input(u)
+        if math.isfinite(self._misread):
+            far = np.abs(mapped - float(self._chosen.input_offset) - self._usual) > self._misread
+            mapped = np.where(far, np.nan, mapped)
         accepted, _ = screen(mapped, y)
         used = accepted & ~flags_of(bridged, self.record.samples, u.size)
         self.left_out.append(stretches_of(~used, self.record.samples))
