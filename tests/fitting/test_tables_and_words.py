@@ -26,12 +26,25 @@ WANTED = rp.fit(rp.Log(U, Y, DT), poles=1).parameters
         (TABLE.set_index("t"), {}),
         (TABLE.drop(columns="t").set_index(pd.date_range("2026-01-01", periods=600, freq="100ms")), {}),
         (TABLE.assign(t=pd.date_range("2026-01-01", periods=600, freq="100ms")), {}),
+        (TABLE.drop(columns="t").set_index(pd.date_range("2026-01-01", periods=600, freq="100ms", tz="UTC")), {}),
+        (TABLE.assign(t=pd.date_range("2026-03-29 00:59:30", periods=600, freq="100ms", tz="Europe/Berlin")), {}),
     ],
 )
 def test_a_table_is_fitted_by_the_names_of_its_columns(table: pd.DataFrame, more: dict[str, Any]) -> None:
     fitted = rp.fit(table, input="u", output="y", poles=1, **more)
     np.testing.assert_allclose(fitted.parameters, WANTED, rtol=1e-9)
     assert (fitted.model.input_name, fitted.model.output_name, list(fitted.others)) == ("u", "y", ["pump"])
+
+
+def test_an_index_that_counts_the_rows_is_no_clock() -> None:
+    table = TABLE.drop(columns="t").set_index(pd.RangeIndex(600, name="row"))
+    with pytest.raises(rp.InvalidArgumentError, match="the table has no column t, time or timestamp: give dt"):
+        rp.fit(table, input="u", output="y", poles=1)
+
+
+def test_a_column_that_is_no_number_is_named() -> None:
+    with pytest.raises(rp.ArgumentTypeError, match="column 'note' of the table holds no numbers or times"):
+        rp.fit(TABLE, input="note", output="y", poles=1)
 
 
 def test_polars_too() -> None:

@@ -283,14 +283,26 @@ def _of_index(frame: Any) -> FloatArray | None:
     index = getattr(frame, "index", None)
     if index is None:
         return None
-    values, name = np.asarray(index), str(getattr(index, "name", None) or "")
+    values, name = _without_zone(np.asarray(index)), str(getattr(index, "name", None) or "")
     # whole numbers may count the rows, whatever they are called but a clock
     is_clock = values.dtype.kind in "mM" or name.lower() in CLOCKS or (name and values.dtype.kind == "f")
     return _seconds(values) if is_clock else None
 
 
 def _numbers(frame: Any, name: str) -> FloatArray:
-    return _seconds(np.asarray(frame[name]))
+    try:
+        return _seconds(_without_zone(np.asarray(frame[name])))
+    except (TypeError, ValueError):
+        raise ArgumentTypeError(f"column {shown(name)} of the table holds no numbers or times; convert it") from None
+
+
+def _without_zone(values: Any) -> Any:
+    """Return times with a zone, which NumPy has as objects, as its own; all others as they are."""
+    if values.dtype.kind != "O" or not len(values) or not hasattr(values[0], "timestamp"):
+        return values
+    # pandas has them exactly
+    since = [each.value if hasattr(each, "value") else round(1e9 * each.timestamp()) for each in values]
+    return np.array(since, "datetime64[ns]")
 
 
 def _seconds(values: Any) -> FloatArray:
