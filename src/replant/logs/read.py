@@ -146,7 +146,7 @@ def open_recording(
             step = table.dt
         else:
             roles["time"] = _find_time(table, roles)
-    apart = None if table.stamps else written_apart(table, roles, partial(_stamps_of, table, roles.get("time"), step))
+    apart = None if table.stamps else written_apart(table, roles, partial(stamps_of, table, roles.get("time"), step))
     if apart is not None:
         signals = {role: number for role, number in roles.items() if role != "time"}
         (table, roles), step = on_one_clock(apart, signals, is_timed=False), None
@@ -202,7 +202,7 @@ def _signals(inputs: list[Any], output: str | int, references: list[Any]) -> dic
     return keys
 
 
-def _stamps_of(table: Table, time: int | None, step: float | None, column: FloatArray) -> FloatArray:
+def stamps_of(table: Table, time: int | None, step: float | None, column: FloatArray) -> FloatArray:
     """Return the stamps in s of a column of times, or where there is none of one with a sampling time."""
     if time is None:
         assert step is not None

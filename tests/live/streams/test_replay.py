@@ -135,3 +135,16 @@ def test_signals_with_stamps_of_their_own_are_merged(
     assert np.array_equal(reading.column("y"), 2.0 * t)
     with pytest.raises(LogError, match="columns 'u', 'y' have different time stamps; leave the time"):
         open_source("log.csv?dt=0.01")
+
+
+@pytest.mark.parametrize("clock", ["", "&dt=0.01"])
+def test_an_input_that_is_written_where_it_changes_is_held(
+    read: Callable[..., Reading], tmp_path: Path, clock: str
+) -> None:
+    u = np.repeat(np.arange(8.0), 5)
+    cells = ["" if k % 5 else f"{value:g}" for k, value in enumerate(u)]
+    (tmp_path / "log.csv").write_text("t,u,y\n" + "".join(f"{0.01 * k:g},{cell},{k}\n" for k, cell in enumerate(cells)))
+    reading = read(open_source(f"{tmp_path / 'log.csv'}?input=u{clock}"))
+    reading.join()
+    assert np.array_equal(reading.column("u"), u)
+    assert np.array_equal(reading.column("y"), np.arange(40.0))

@@ -7,6 +7,7 @@ import time
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,8 @@ from replant.live.streams.addresses import Address
 from replant.live.streams.reader_thread import Source, StopRequest
 from replant.live.streams.source import UY, Batch, Columns, Signals, together
 from replant.logs import read_columns
-from replant.logs.merged_channels import on_one_clock
+from replant.logs.merged_channels import on_one_clock, written_apart
+from replant.logs.read import stamps_of
 from replant.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.model import state_space
 from replant.model.state_space import Response
@@ -87,10 +89,14 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> ReplayS
     inputs, referenced = len(keys) - 1, "reference" in options
     if referenced:
         keys.append(options["reference"])
+    names = ["input", *(f"input {number}" for number in range(2, inputs + 1)), "output", "reference"]
+    roles, is_timed = dict(zip(names, map(table.find, keys), strict=False)), dt is not None or "time" in options
+    if table.stamps is None and (stamps is not None or dt is not None):
+        timed = roles if stamps is None else roles | {"time": stamps}
+        apart = written_apart(table, timed, partial(stamps_of, table, stamps, dt))
+        table, is_timed = (table, is_timed) if apart is None else (apart, False)
     if table.stamps is not None:
-        names = ["input", *(f"input {number}" for number in range(2, inputs + 1)), "output", "reference"]
-        roles = dict(zip(names, map(table.find, keys), strict=False))
-        table, roles = on_one_clock(table, roles, is_timed=dt is not None or "time" in options)
+        table, roles = on_one_clock(table, roles, is_timed=is_timed)
         stamps = roles.pop("time", stamps)
         keys = list(roles.values())
     if stamps is not None:
