@@ -28,7 +28,7 @@ from replant.logs.sampling_time import (
     unit_in_seconds,
     unit_of_stamps,
 )
-from replant.logs.table import Table, in_parts, listed, repeated_rows
+from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
 from replant.numerics.arguments import FloatArray, iterable
 from replant.numerics.limits import file_path
 
@@ -153,13 +153,10 @@ def open_recording(
     if begin is not None or end is not None:
         table = _part(table, roles.get("time"), step, check_range(begin, end))
     arrays = table.arrays(list(roles.values()), most_held, progress)
-    rows = _rows_of(table, roles, arrays)
-    repeated = repeated_rows(arrays[-1], arrays[:-1]) if "time" in roles else np.zeros(0, np.int64)
-    if repeated.size:
-        what = "a row repeats" if repeated.size == 1 else f"{repeated.size:,} rows repeat"
-        note = f"{table.path}: {what} the one before, time stamp and all: each counts once"
-        table = replace(table, notes=(*table.notes, note))
-        arrays, rows = [np.delete(column, repeated) for column in arrays], rows - repeated.size
+    _check_rows(table, roles, arrays)
+    if "time" in roles:
+        table, arrays = _without_repeats(table, arrays)
+    rows = arrays[0].size
     for (role, number), column in zip(roles.items(), arrays, strict=True):
         if role != "time" and not any(np.isfinite(part).any() for (part,) in in_parts([column])):
             raise LogError(
@@ -200,6 +197,16 @@ def _signals(inputs: list[Any], output: str | int, references: list[Any]) -> dic
     for kind, several in (("input", inputs), ("reference", references)):
         keys |= {f"{kind} {place}": key for place, key in enumerate(several[1:], 2)}
     return keys
+
+
+def _without_repeats(table: Table, arrays: Arrays) -> tuple[Table, Arrays]:
+    """Return columns, the last of them the time, without rows that repeat the one before, and the note on these."""
+    repeated = repeated_rows(arrays[-1], arrays[:-1])
+    if not repeated.size:
+        return table, arrays
+    what = "a row repeats" if repeated.size == 1 else f"{repeated.size:,} rows repeat"
+    note = f"{table.path}: {what} the one before, time stamp and all: each counts once"
+    return replace(table, notes=(*table.notes, note)), [np.delete(column, repeated) for column in arrays]
 
 
 def stamps_of(table: Table, time: int | None, step: float | None, column: FloatArray) -> FloatArray:
@@ -252,8 +259,8 @@ def _first_stamps(table: Table, number: int) -> FloatArray | None:
         return None
 
 
-def _rows_of(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray]) -> int:
-    """Return how many rows columns have, which must be equal, and two at least."""
+def _check_rows(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray]) -> None:
+    """Raise `LogError` unless all columns have the same rows, two at least."""
     first, rows = table.names[next(iter(roles.values()))], arrays[0].size
     for number, column in zip(roles.values(), arrays, strict=True):
         if column.size != rows:
@@ -264,7 +271,6 @@ def _rows_of(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray]) 
     if rows < 2:
         counted = "1 row" if rows == 1 else f"{rows} rows"
         raise LogError(f"{table.path}: {counted} of data where at least 2 are needed; record more samples")
-    return rows
 
 
 def _check_distinct(table: Table, roles: dict[str, int]) -> None:
