@@ -102,6 +102,20 @@ def test_rows_without_an_input_are_as_rows_that_are_missing(identified) -> None:
     assert empty.simulation.fit == pytest.approx(100.0 * (1.0 - NOISE / np.std(y)), abs=1.5)
 
 
+@every("identified", [rp.fit, rp.run])
+@every("between", [1, 2, 3, 7])
+def test_a_few_samples_between_two_gaps_are_no_stretch_to_search(identified, between: int) -> None:
+    u, y = record(PLANT, 3, 2000, DT, noise=NOISE)
+    t = DT * np.arange(2000)
+    begins = np.arange(100, 1900, 120)
+    kept = ~np.isin(
+        np.arange(2000), np.concatenate([[*range(a, a + 5), *range(a + 5 + between, a + 12 + between)] for a in begins])
+    )
+    found = identified(u[kept], y[kept], DT, STRUCTURE, t=t[kept])
+    assert found.verdict.status == "trusted"
+    np.testing.assert_allclose(found.parameters, TRUE, rtol=0.05)
+
+
 def test_gaps_and_a_dead_time() -> None:
     plant = rp.TransferFunction(PLANT.num, PLANT.den, 7.5 * DT)
     u, y = record(plant, 3, 4000, DT)

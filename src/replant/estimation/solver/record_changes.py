@@ -119,7 +119,8 @@ def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change
     """Return what is surest to have changed within a stretch; None without, or with references; fills ``without``."""
     found = []
     for begin, end in ((each.rows.start, each.rows.stop) for each in row.stretches if row.outside is None):
-        change = None if (begin, end) in without else _within(cut(row, slice(begin, end)), begin, judge)
+        is_told = (begin, end) not in without and end - begin >= 2 * PARTS  # each part of it has an interval
+        change = _within(cut(row, slice(begin, end)), begin, judge) if is_told else None
         if change is None:
             without.add((begin, end))
         else:
