@@ -35,8 +35,12 @@ def gaps_of(intervals: FloatArray, usual: float) -> IntArray:
     """Return the samples (G,) that follow a gap: the input of the meantime is not known, and so is the state."""
     if intervals.size < 2:
         return np.zeros(0, np.int64)
-    steps = np.concatenate([[usual], intervals[1:], [usual]])
-    beside = np.maximum(np.maximum(steps[:-2], steps[2:]), usual)  # samples that come more slowly for a while: no gaps
+    steps = np.concatenate([[usual] * 2, intervals[1:], [usual] * 2])
+    # three samples that come more slowly have a rate of their own; two gaps may have one sample between them
+    pairs = np.minimum(steps[:-1], steps[1:])
+    beside = np.maximum.reduce(
+        [pairs[:-3], np.minimum(steps[1:-3], steps[3:-1]), pairs[3:], np.full(steps.size - 4, usual)]
+    )
     found = np.flatnonzero(intervals[1:] > GAP * beside) + 1
     if found.size > MOST_GAPS:
         found = np.sort(found[np.argsort(-intervals[found], kind="stable")[:MOST_GAPS]])
