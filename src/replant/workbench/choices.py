@@ -258,13 +258,19 @@ def _columns(setup: Setup) -> str:
 
 
 def _cut(setup: Setup) -> list[str]:
-    """Return the lines that leave outputs out; the input goes on to act."""
+    """Return the lines that end the log at the last output left in, and leave others out; the input goes on to act."""
     used = " | ".join(map(_within, setup.use))
     return [
         "t = log.dt * np.arange(len(log)) if log.time is None else log.time - log.time[0]",
         f"used = {used or 'np.ones(len(log), bool)'}",
         *(f"used &= ~{_within(stretch)}" for stretch in (*setup.leave_out, *setup.validate_on)),
-        "log = dataclasses.replace(log, output=np.where(used, log.output, np.nan))",
+        "end = int(np.flatnonzero(used)[-1]) + 1",
+        "log = dataclasses.replace(",
+        "    log, input=log.input[:end], output=np.where(used, log.output, np.nan)[:end],",
+        "    time=None if log.time is None else log.time[:end],",
+        "    reference=None if log.reference is None else log.reference[:end],",
+        "    others={name: each[:end] for name, each in log.others.items()},",
+        ")",
     ]
 
 
