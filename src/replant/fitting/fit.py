@@ -240,9 +240,7 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Reco
     usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
     used = raw.usable
     means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
-    others = {name: signal[raw.made_use_of] for name, signal in given.others.items()}
-    rows = raw.made_use_of
-    level = float(raw.mapped[rows][0] - record.u[0]) if rows.any() and record.u.size else 0.0
+    others, level = {name: signal[raw.made_use_of] for name, signal in given.others.items()}, raw.input_level(record)
     return given.named(
         dataclasses.replace(result, record=record, means=means, input_level=level, usual_interval=usual, others=others)
     )

@@ -88,6 +88,8 @@ class FitResult(Identified):
         The record made ready, with the model's outputs where they are missing or outliers: what the verdict looks at.
     means : tuple of two floats
         Of the mapped input and of the output, where both can be used.
+    input_level : float
+        The mapped input at which that of ``record`` is zero.
     filtered : bool
         Whether the model was found with the noise model as a filter.
     disagreement : float

@@ -11,7 +11,7 @@ was taken off is paid for as numbers that were fitted.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -25,7 +25,7 @@ from replant.fitting.structure_evidence import Evidence
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import inner, sum_of_squares
+from replant.numerics.linear_algebra import inner, quiet, sum_of_squares
 from replant.numerics.projections import amounts_of
 from replant.numerics.robust import far_out
 from replant.verdict.assess import MOST_SAMPLES, assess_record
@@ -43,6 +43,7 @@ class Supposed(NamedTuple):
     advice: str
 
 
+@quiet
 def with_other_cause(
     verdict: Assessment, structure: Structure, parameters: FloatArray, record: Record, zero: float
 ) -> Assessment:
@@ -50,15 +51,17 @@ def with_other_cause(
     record = record.last(MOST_SAMPLES)
     if verdict.status == "trusted" or len(record.parts) > 1 or record.r is not None:
         return verdict
-    causes: tuple[Callable[[], Supposed | None], ...] = (
-        lambda: _glitches(record, zero), lambda: _drift(structure, record),
-    )  # fmt: skip
-    for cause in causes:
-        supposed = cause()
+    for supposed in _causes(structure, record, zero):
         reason = "" if supposed is None else _reason(supposed, structure, parameters)
         if reason:
             return replace(verdict, status="inconsistent", reasons=(reason,))  # others are of a model that it has made
     return verdict
+
+
+def _causes(structure: Structure, record: Record, zero: float) -> Iterator[Supposed | None]:
+    """Yield what may be the cause, each where the ones before it are not; None for what is not there."""
+    yield _glitches(record, zero)
+    yield _drift(structure, record)
 
 
 def _reason(supposed: Supposed, structure: Structure, parameters: FloatArray) -> str:

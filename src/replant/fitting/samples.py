@@ -202,6 +202,10 @@ class RawRecord:
         begins = tuple(sorted({int(place) for place in places if 0 < place < ready.u.size}))
         return replace(ready, begins=begins).levelled
 
+    def input_level(self, record: Record) -> float:
+        """Return the mapped input at which that of a record made ready is zero: it has a level of its own."""
+        return float(self.mapped[self.made_use_of][0] - record.u[0]) if record.u.size else 0.0
+
     def levelled(self, y: FloatArray) -> FloatArray:
         """Return an output (K,) less the mean of each record: what the model is to explain of them."""
         records = [slice(*rows) for rows in pairwise([0, *self.begins, self.u.size])]
@@ -298,7 +302,7 @@ def _numbers(frame: Any, name: str) -> FloatArray:
 
 def _without_zone(values: Any) -> Any:
     """Return times with a zone, which NumPy has as objects, as its own; all others as they are."""
-    if values.dtype.kind != "O" or not len(values) or not hasattr(values[0], "timestamp"):
+    if values.dtype.kind != "O" or not len(values) or not all(hasattr(each, "timestamp") for each in values):
         return values
     # pandas has them exactly
     since = [each.value if hasattr(each, "value") else round(1e9 * each.timestamp()) for each in values]

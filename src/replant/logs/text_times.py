@@ -202,7 +202,7 @@ _TURNS = (
 
 
 class LocalClock:
-    """Follows time stamps of a place, block by block: over midnight without a date, to no other hour with one."""
+    """Follows clock times block by block: over midnight without a date; with one it refuses a turned clock."""
 
     def __init__(self, path: Path, name: str, describe_row: Callable[[int], str], *, has_date: bool) -> None:
         self._path, self._name, self._describe_row, self._has_date = path, name, describe_row, has_date

@@ -9,6 +9,8 @@ from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 MEDIAN_TO_STD = 1.4826  # standard deviation of a normal distribution over the median of its absolute values [ratio]
 GROSS = 2.0  # distance from the neighbours' median that no plant makes: a spike [ranges of the median over the record]
 SPIKE_NEIGHBOURS = 5  # whose median tells an output without spikes: two in a row are outvoted [samples]
+# more than a twentieth at one end is what a signal does now and then
+FAR_OUT = 0.05  # values at either end that may lie far from all others [part of them]
 SECTIONS = 8  # of a record, one of which at least tells how often neighbours are equal by chance [count]
 
 
@@ -33,9 +35,9 @@ def without_spikes(y: FloatArray) -> FloatArray:
 def far_out(values: FloatArray) -> tuple[BoolArray, float, float]:
     """Return which values (K,) lie farther outside the range of nine tenths than that is wide, and this range."""
     known = values[np.isfinite(values)]
-    low, high = np.quantile(known, [0.05, 0.95]) if known.size else (0.0, 0.0)
-    width = float(high - low)
     with np.errstate(invalid="ignore", over="ignore"):
+        low, high = np.quantile(known, [FAR_OUT, 1.0 - FAR_OUT]) if known.size else (0.0, 0.0)
+        width = float(high - low)
         outside = (values < low - width) | (values > high + width)
     return outside & (width > 0.0), float(low), float(high)
 

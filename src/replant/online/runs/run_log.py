@@ -158,8 +158,8 @@ def judged_by_log(result: Result, log: Log) -> Result:
     if smaller and settings.instruments:
         verdict = with_fewer_poles(verdict, result.structure, result.parameters, raw.made_ready(y, log.reference))
     if settings.instruments and log.reference is None:
-        zero = float(raw.mapped[raw.made_use_of][0] - record.u[0])  # the record has a level of its own
-        verdict = with_other_cause(verdict, result.structure, result.parameters, record, zero)
+        level = raw.input_level(record)
+        verdict = with_other_cause(verdict, result.structure, result.parameters, record, level)
     others = {name: signal[raw.made_use_of] for name, signal in log.others.items()}
     found = other_columns(result.structure, result.parameters, record, log.dt, others)
     verdict = with_other_columns(verdict, found)
