@@ -10,7 +10,7 @@ from typing import Any, Self
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.estimation.simulation.fitted_run import bridged, fit_percent
+from replant.estimation.simulation.fitted_run import fit_percent
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate, noise_of
 from replant.estimation.simulation.model_run import model_output, runs_away
 from replant.fitting import model_file, model_json
@@ -26,6 +26,7 @@ from replant.numerics.arguments import FloatArray, array_of_reals, vector, whole
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet, sum_of_squares
+from replant.numerics.robust import last_known
 from replant.plotting.diagrams import ABOVE_LEGEND
 from replant.plotting.style import axes_for, title
 from replant.verdict.miso_tests import lacking
@@ -147,7 +148,7 @@ class RowModel(model_file.Written, RowFields):
         parts = np.empty(columns.shape)
         for number, (g, level) in enumerate(zip(self.transfer_functions, self.input_levels.tolist(), strict=True)):
             column = columns[:, number]
-            v = bridged(np.where(np.isfinite(column), column - level, np.nan))[0]
+            v = last_known(np.where(np.isfinite(column), column - level, np.nan), 0.0)
             at_rest = float(v[0]) if v.size and rests else 0.0
             forced = Response(g, dt, self.input_hold).take(v - at_rest, intervals).output
             parts[:, number] = forced + (g.dc_gain * at_rest if at_rest else 0.0)

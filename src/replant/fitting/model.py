@@ -8,7 +8,6 @@ from typing import Any, Self
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.estimation.simulation.fitted_run import bridged
 from replant.estimation.simulation.model_run import model_output
 from replant.fitting import model_file, model_json, model_notation
 from replant.fitting.model_fields import ModelFields
@@ -21,6 +20,7 @@ from replant.numerics.arguments import FloatArray, record, vector, whole
 from replant.numerics.autoregression import ahead
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet
+from replant.numerics.robust import last_known
 from replant.plotting.style import axes_for
 
 SAME_CLOCK = 0.1  # difference of intervals up to which the noise model predicts [part of the interval]
@@ -105,7 +105,7 @@ class Model(model_file.Written, ModelFields):
         if y is not None:
             u, y = record(u, y)
             return model_output(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
-        v, g = bridged(v)[0], self.transfer_function
+        v, g = last_known(v, 0.0), self.transfer_function
         at_rest = float(v[0]) if v.size and self.rests else 0.0
         v = v - at_rest
         intervals = None if stamps is None else np.diff(stamps, prepend=stamps[:1] - self.dt)

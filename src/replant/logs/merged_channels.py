@@ -26,6 +26,7 @@ from replant.errors import LogError, shown
 from replant.logs.columns import LOST
 from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
+from replant.numerics.robust import last_known
 
 ROUNDING = 4.0  # difference of equal stamps, as 3 * 0.1 and 0.3 [spacings of float64 at the latest stamp]
 
@@ -161,7 +162,7 @@ def written_apart(
         "from each value to the next"
         for number, rows in empty.items()
     ]
-    columns |= {number: _newest(columns[number]) for number in empty}
+    columns |= {number: last_known(columns[number]) for number in empty}
     return replace(
         table,
         blocks=lambda keys: iter([[columns[key][np.isfinite(columns[key])] for key in keys]]),
@@ -191,13 +192,7 @@ def _stand_alone(known: NDArray[np.bool_]) -> bool:
 def held_where_empty(values: FloatArray) -> FloatArray:
     """Return a column to look at: where at most half of its rows hold a number, each is held until the next one."""
     known = np.isfinite(values)
-    return _newest(values) if 0 < 2 * np.count_nonzero(known) <= known.size and _stand_alone(known) else values
-
-
-def _newest(values: FloatArray) -> FloatArray:
-    """Return of each row of a column (K,) the newest number so far; NaN before the first one."""
-    newest = np.maximum.accumulate(np.where(np.isfinite(values), np.arange(values.size), -1))
-    return np.where(newest < 0, np.nan, values[newest])
+    return last_known(values) if 0 < 2 * np.count_nonzero(known) <= known.size and _stand_alone(known) else values
 
 
 def merged(table: Table, roles: Mapping[str, int]) -> Table:

@@ -1,4 +1,4 @@
-"""Statistics that outliers do not move, and outputs that stand still."""
+"""Statistics that outliers do not move, outputs that stand still, and values that are missing."""
 
 from __future__ import annotations
 
@@ -49,6 +49,15 @@ def normal_scores(values: FloatArray) -> FloatArray:
     _, of_each, counts = np.unique(values, return_inverse=True, return_counts=True)
     ranks = np.cumsum(counts) - 0.5 * (counts - 1.0)  # equal values share the mean of theirs
     return np.asarray(ndtri(ranks[of_each] / (values.size + 1.0)))
+
+
+def last_known(values: FloatArray, before: float = np.nan) -> FloatArray:
+    """Return values (K,), the last finite one in the place of each that is not, ``before`` that the first one."""
+    finite = np.isfinite(values)
+    if finite.all():
+        return values
+    last = np.maximum.accumulate(np.where(finite, np.arange(values.size), -1))
+    return np.where(last >= 0, values[np.maximum(last, 0)], before)
 
 
 def still_runs(y: FloatArray) -> IntArray:

@@ -26,6 +26,7 @@ from replant.numerics.arguments import BoolArray, FloatArray, vector
 from replant.numerics.autoregression import places_on_grid
 from replant.numerics.linear_algebra import combined, least_norm, quiet, sum_of_squares
 from replant.numerics.residuals import ErrorSums, OutputSums
+from replant.numerics.robust import last_known
 
 FEWEST = 4  # outputs for each unknown of its state that a part behind a gap needs, else the state takes it up [count]
 RANK_TOLERANCE = 1e-12  # singular value of scaled nuisances that counts as zero: rounding [part of the largest]
@@ -142,7 +143,8 @@ class FittedRun:
         first, told = self._response is None, np.isfinite(u)
         intervals = None if t is None else np.diff(t, prepend=t[0] - self._dt if first else self._last)
         gaps, is_blind = self._gaps(told, t)
-        u, self._input = bridged(u, self._input)
+        u = last_known(u, self._input)
+        self._input = float(u[-1])
         begins = sorted({0, *gaps})
         parts = [
             self._part(slice(*ends), u, np.where(is_blind, np.nan, y), intervals, behind_gap=ends[0] in gaps)
@@ -184,15 +186,6 @@ class FittedRun:
         if behind_gap and int(np.isfinite(known).sum()) < FEWEST * max(self._state.size, 1):
             known[:] = np.nan
         return Part(stretch, known, begins)
-
-
-def bridged(u: FloatArray, before: float = 0.0) -> tuple[FloatArray, float]:
-    """Return ``u`` (K,) with the last finite entry for each that is not, at first ``before``, and its last entry."""
-    finite = np.isfinite(u)
-    if not finite.all():
-        last = np.maximum.accumulate(np.where(finite, np.arange(u.size), -1))
-        u = np.where(last >= 0, u[np.maximum(last, 0)], before)
-    return u, float(u[-1]) if u.size else before
 
 
 @quiet
