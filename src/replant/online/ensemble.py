@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
+from replant.estimation.engine.state_lanes import aligned
 from replant.estimation.engine.vector_blocks import (
     Block,
     Room,
@@ -307,7 +308,8 @@ class Ensemble(Shared):
         """Take a chunk; return errors (K, M) and the first ``size`` parameters (M, K, size) after each sample."""
         if u.shape[0] != y.shape[0]:
             raise InvalidArgumentError(f"u and y must have the same length, got {u.shape[0]} and {y.shape[0]} samples")
-        results = np.empty((u.shape[0], len(self))), np.empty((len(self), u.shape[0], size))
+        new = aligned if len(rooms) > 1 else np.empty  # threads that write to one line of the cache wait for it
+        results = new((u.shape[0], len(self))), np.empty((len(self), u.shape[0], size))
         self._chunk = Chunk(u, y, min(len(rooms), len(self)) - 1)
         try:
             self._take(self._chunk, rooms, *results)
