@@ -31,7 +31,7 @@ def _library(module: str) -> Library:
 
     own = [kernel for kernel in KERNELS if kernel.python.__module__ == module]
     package = Path(inspect.getfile(Library)).parent
-    text = source_hash(package, TOOLS / "translator") + inspect.getsource(sys.modules[module])
+    text = source_hash(package, TOOLS / "translator") + module + inspect.getsource(sys.modules[module])
     digest = hashlib.sha256(text.encode()).hexdigest()[:16]
     path = Path(tempfile.gettempdir()) / f"replant-benchmark-{os.getuid()}-{digest}.so"
     if not path.exists():
