@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import replant as rp
+from replant.estimation.engine.dimensions import Dimensions
 from replant.estimation.engine.state import State
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.kernels import schema as at
@@ -21,11 +22,13 @@ DT, ROWS = 0.2, 60
 def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -> None:
     """Zeta is phi without its noise, as an auxiliary model makes it; without instruments it must not be looked at."""
     optimizer = OPTIMIZERS[name](**TWINS[name].settings)
-    state = State.build(
-        rp.Structure(2, 1), DT, state_filter=rp.StateVariableFilter(2.0), instruments=instruments,
-        memory=optimizer.memory(4), numbers=optimizer.settings(DT, np.ones(4)),
-    )  # fmt: skip
-    state.algorithm = optimizer.code
+    memory, numbers = optimizer.memory(4), optimizer.settings(DT, np.ones(4))
+    state = State.empty(Dimensions(2, 4, 8, memory.size, numbers.size, companions=instruments))
+    state.describe(
+        rp.Structure(2, 1), DT, state_filter=rp.StateVariableFilter(2.0), input_hold="zoh", instruments=instruments
+    )
+    state.rescale(np.ones(4), 1.0)
+    state.memory[:], state.settings[:], state.algorithm = memory, numbers, optimizer.code
     P = state.entries
     generator = np.random.default_rng(P)
     zeta = generator.standard_normal((ROWS, P))

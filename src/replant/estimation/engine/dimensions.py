@@ -11,7 +11,6 @@ from replant.estimation.settings import STORED, Request, Settings
 from replant.kernels.schema import ROOM, ROWS, SCALARS, StateSlots, dimensions
 from replant.kernels.slot_tables import Block, Numbers
 from replant.model.structure import Structure
-from replant.numerics.arguments import keep, truth, whole
 
 DENSEST = 4.0  # rate at which samples may come where there is a dead time: so many past inputs are kept [nominal rates]
 
@@ -33,15 +32,6 @@ class Dimensions:
     reference: bool = False  # whether there is a reference, which is kept beside the raw samples
     path: int = ROOM  # rows of the estimate's path
 
-    def __post_init__(self) -> None:
-        for name in ("order", "entries", "ring", "batch", "capacity"):
-            keep(self, name, whole, 1)
-        for name in ("memory", "settings", "recent", "path"):
-            keep(self, name, whole, 0)
-        keep(self, "companions", truth)
-        keep(self, "guarded", truth)
-        keep(self, "reference", truth)
-
     @classmethod
     def of_settings(cls, settings: Settings, recent: int, path: int | None = None) -> Dimensions:
         """Return those of an identifier with these settings that has room for so many raw samples, and a path."""
@@ -59,7 +49,7 @@ class Dimensions:
             batch=replay.batch_size if replay else 1,
             capacity=replay.capacity if replay else 1,  # without replay: the newest sample, which is always learned
             recent=recent,
-            companions=settings.instruments or refined,
+            companions=settings.instruments,
             guarded=optimizer.keeps_covariance,
             reference=settings.reference,
             path=path,

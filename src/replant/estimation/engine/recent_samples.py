@@ -68,12 +68,12 @@ class RecentSamples:
     @property
     def bridged(self) -> FloatArray:
         """View of the output as the filters saw it."""
-        return self.values[:, BRIDGED]
+        return self.values[:, BRIDGED if self.are_examined else OUTPUT]
 
     @property
     def doubt(self) -> FloatArray:
-        """View of the `Doubt`."""
-        return self.values[:, DOUBTED]
+        """View of the `Doubt`; none where outputs are not examined."""
+        return self.values[:, DOUBTED] if self.are_examined else np.full(len(self), float(Doubt.NONE))
 
     @property
     def reference(self) -> FloatArray:
@@ -93,17 +93,17 @@ class RecentSamples:
     @property
     def is_bridged(self) -> BoolArray:
         """Whether the output of each sample was bridged."""
-        return self.doubt > Doubt.NONE if self.are_examined else np.zeros(len(self), bool)
+        return np.asarray(self.doubt > Doubt.NONE)
 
     @property
     def is_measured(self) -> BoolArray:
         """Whether each sample came with an output."""
-        return self.doubt != Doubt.MISSING if self.are_examined else np.ones(len(self), bool)
+        return np.asarray(self.doubt != Doubt.MISSING)
 
     @property
     def is_stuck(self) -> BoolArray:
         """Whether the output of each sample is that of a stuck sensor, those before it was noticed too."""
-        stuck = self.doubt == Doubt.STUCK if self.are_examined else np.zeros(len(self), bool)
+        stuck = np.asarray(self.doubt == Doubt.STUCK)
         if not stuck.any():
             return stuck
         tied = np.append(False, self.output[1:] == self.output[:-1])
@@ -113,14 +113,12 @@ class RecentSamples:
     @property
     def is_replaced(self) -> BoolArray:
         """Whether the output of each sample says nothing of the plant: it is the model's, or that of a stuck sensor."""
-        return (
-            self.is_stuck | (self.is_bridged & (self.output == self.bridged)) if self.are_examined else self.is_bridged
-        )
+        return np.asarray(self.is_stuck | (self.is_bridged & (self.output == self.bridged)))
 
     @property
     def doubted(self) -> float:
         """Share of the samples whose output was bridged."""
-        return float((self.doubt > 0).mean())
+        return float(self.is_bridged.mean())
 
     @property
     def stuck(self) -> float:
@@ -130,8 +128,6 @@ class RecentSamples:
     def cleaned(self) -> RecentSamples:
         """Return a copy with lonely outliers bridged, as the filters saw them."""
         copy = RecentSamples(self.values.copy())
-        if not self.are_examined:
-            return copy
         rows = np.flatnonzero((self.doubt == Doubt.OUTLIER) & ~self.is_stuck)
         for run in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
             if run.size <= IN_A_ROW:
@@ -194,5 +190,5 @@ class RecentSamples:
         measured = self.is_measured & np.isfinite(y)
         if measured.all():
             return Record(u, y, intervals, input_hold, r, usual=usual)
-        seen = np.nan_to_num(self.bridged) if self.are_examined else 0.0  # by the filters
-        return Record(u, np.where(measured, y, seen), intervals, input_hold, r, usual=usual, measured=measured)
+        y = np.where(measured, y, np.nan_to_num(self.bridged))  # as the filters saw it
+        return Record(u, y, intervals, input_hold, r, usual=usual, measured=measured)

@@ -106,19 +106,14 @@ class State(StateArrays):
     @classmethod
     def build(
         cls, structure: Structure, dt: float, *, state_filter: StateVariableFilter | None, input_hold: str = "zoh",
-        instruments: bool = False, memory: FloatArray = NOTHING, numbers: FloatArray = NOTHING, reference: bool = False,
+        reference: bool = False,
     ) -> State:  # fmt: skip
-        """Return unscaled arrays without replay, and fill in what is known of a fixed filter."""
+        """Return unscaled arrays without an optimizer, and fill in what is known of a fixed filter."""
         refined = state_filter is None
         entries, ring = entries_of(structure, refined=refined), ring_of(structure, dt)
-        companions = instruments or refined
-        sizes = Dimensions(
-            structure.poles, entries, ring, memory.size, numbers.size, companions=companions, reference=reference
-        )
-        state = cls.empty(sizes)
-        state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=instruments)
+        state = cls.empty(Dimensions(structure.poles, entries, ring, 0, 0, companions=refined, reference=reference))
+        state.describe(structure, dt, state_filter=state_filter, input_hold=input_hold, instruments=refined)
         state.rescale(np.ones(entries), 1.0)
-        state.memory[:], state.settings[:] = memory, numbers
         if state_filter is not None:
             state.fix_filter(structure, dt, state_filter)
         return state
@@ -132,7 +127,7 @@ class State(StateArrays):
         self.parameter_count, self.input_entries = structure.size, structure.zeros + 1
         self.straight_input = input_hold == "foh"
         self.has_constant = refined or structure.bias
-        self.refined, self.instruments = refined, instruments or refined
+        self.refined, self.instruments = refined, instruments
         self.bilinear = state_filter is not None and state_filter.regular_only
         self.adapt, self.serving_bank = True, 1
         self.delay, self.interval = structure.delay, dt
