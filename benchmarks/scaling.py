@@ -17,7 +17,7 @@ import numpy as np
 import replant as rp
 from compiled import compiled
 from kernels import DT, ROUNDS
-from replant.estimation.engine.state_lanes import aligned
+from replant.estimation.engine.vector_blocks import aligned
 from replant.kernels.native import IntMatrix, Matrix, Reals, kernel
 from replant.kernels.optimizers import covariance, gradient
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.estimation.engine import state_lanes
+from replant.estimation.engine import vector_blocks
 from replant.kernels import schema as at
 from replant.kernels.lanes import LANES
 from replant.online import ensemble_members
@@ -163,7 +163,7 @@ def test_what_is_out_of_the_ordinary_is_each_member_s_own_in_chunks_of_any_size(
 @pytest.mark.parametrize("stretch", [1, 64])
 def test_how_many_samples_members_take_at_once_changes_nothing(stretch: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever is out of the ordinary in them, in chunks of one sample and of many."""
-    monkeypatch.setattr(state_lanes, "STRETCH", stretch)
+    monkeypatch.setattr(vector_blocks, "STRETCH", stretch)
     monkeypatch.setattr(ensemble_members, "PIECE", 100 * stretch)
     check_twins(defaults, *disturbed(*records(2, 120)), (1, 2, 50, 51, 97))
 

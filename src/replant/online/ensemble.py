@@ -10,11 +10,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
-from replant.estimation.engine.state_lanes import aligned
-from replant.estimation.engine.vector_blocks import (
-    Block,
-    Room,
-)
+from replant.estimation.engine.vector_blocks import Block, Room, aligned
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray, array_of_reals, iterable, whole
 from replant.numerics.limits import count

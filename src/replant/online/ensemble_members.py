@@ -13,9 +13,8 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from itertools import groupby
 
-from replant.estimation.engine.state_lanes import kind
-from replant.estimation.engine.vector_blocks import Block, Room, are_apart, is_under_way, order
-from replant.estimation.engine.vector_blocks import kind as kind_of_block
+from replant.estimation.engine.vector_blocks import Block, Room, are_apart, is_under_way, kind_of_block, order
+from replant.estimation.engine.vector_blocks import kind_of_lane as kind
 from replant.numerics.arguments import FloatArray
 from replant.online.identifier import Identifier
 

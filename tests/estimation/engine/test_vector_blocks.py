@@ -10,7 +10,7 @@ from replant.estimation.engine.vector_blocks import (
     Block,
     aligned,
     is_under_way,
-    kind,
+    kind_of_block,
     order,
 )
 from replant.kernels.lanes import LANES
@@ -54,7 +54,7 @@ def test_every_vector_begins_on_a_line_of_the_cache() -> None:
 
 def test_what_members_of_a_block_have_in_common() -> None:
     one, other_seed, *_ = states(2)
-    assert kind(one) == kind(other_seed)
+    assert kind_of_block(one) == kind_of_block(other_seed)
     assert order(one) != order(other_seed)
     different = [
         identifier(rp.Adam(0.01)),
@@ -64,10 +64,10 @@ def test_what_members_of_a_block_have_in_common() -> None:
         identifier(replay=rp.Replay(capacity=21, batch_size=3, warmup=2)),
         identifier(preprocess=rp.Preprocess("square")),
     ]
-    assert kind(one) not in {kind(member._state) for member in different}
+    assert kind_of_block(one) not in {kind_of_block(member._state) for member in different}
     frozen = identifier()
     frozen.freeze()
-    assert kind(frozen._state) != kind(identifier()._state)
+    assert kind_of_block(frozen._state) != kind_of_block(identifier()._state)
 
 
 def test_under_way_from_the_second_sample_on() -> None:

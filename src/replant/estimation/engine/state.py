@@ -49,7 +49,7 @@ class State(StateArrays):
     """The kernels' arrays, with a property for each of their slots: see `replant.kernels.schema`."""
 
     __slots__ = ("lane_kind",)
-    lane_kind: tuple[int, ...] | None  # see `state_lanes.kind`, which asks for it often
+    lane_kind: tuple[int, ...] | None  # see `vector_blocks.kind_of_lane`, which asks for it often
 
     @property
     def arrays(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray, FloatArray]:
