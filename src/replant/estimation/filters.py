@@ -1,4 +1,8 @@
-"""StateVariableFilter: a fixed 1/Lambda(s), which turns derivatives into filtered signals, and its discretisation."""
+"""The filters as a user chooses them; their loops lie in `kernels.filters`.
+
+To add one: its class, a `Filter`, and its name in `FILTERS` below.  Settings, checkpoints and the messages about a
+wrong argument go by that list; everything else asks the filter itself (see `Filter`).
+"""
 
 from __future__ import annotations
 
@@ -16,6 +20,9 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, between, keep, numbers, one_of, positive, whole
 from replant.numerics.limits import dead_time, duration
 from replant.numerics.linear_algebra import roots
+
+# its memory is then ten thousand samples
+NEAREST_AXIS = 1e-4  # least distance of a fixed filter's pole from the imaginary axis [1 / sampling time]
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,6 +203,45 @@ class StateVariableFilter(Filter):
                 f"the gbt filter rings at dt = {dt:g} s (cutoff * dt > 2): lower the cutoff or use method='exact'",
                 stacklevel=3,
             )
+
+
+@dataclass(frozen=True)
+class RefinedFilter(Filter):
+    r"""The filter 1/A(s) of the estimate itself, which follows it while the plant runs: nothing is to be chosen.
+
+    It is the filter with which the regression is optimal when the output noise is white, and with which it has no
+    error of discretisation.  It needs instruments, and a start-up from which the first A comes.
+
+    Parameters
+    ----------
+    input_hold : {"zoh", "foh"}
+        What u does between samples.
+
+    References
+    ----------
+    Young (2011), "Recursive Estimation and Time-Series Analysis", chapter 8; `rsrivc` of the CONTSID toolbox.
+
+    Examples
+    --------
+    >>> RefinedFilter()
+    RefinedFilter(input_hold='zoh')
+    """
+
+    input_hold: str = "zoh"
+    follows_estimate: ClassVar[bool] = True
+
+    def __post_init__(self) -> None:
+        keep(self, "input_hold", one_of, ("zoh", "foh"))
+
+    def fixed_at(self, denominator: FloatArray, dt: float) -> StateVariableFilter:
+        """Return the filter 1/A of a model as a fixed one; poles are mirrored or moved off the axis."""
+        poles = roots(denominator)
+        poles = np.minimum(-np.abs(poles.real), -NEAREST_AXIS / dt) + 1j * poles.imag
+        return StateVariableFilter(denominator=tuple(np.poly(poles).real.tolist()), input_hold=self.input_hold)
+
+
+#: Every filter.
+FILTERS: tuple[type[Filter], ...] = (StateVariableFilter, RefinedFilter)
 
 
 def _order(poles: int) -> int:
