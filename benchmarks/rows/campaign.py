@@ -11,8 +11,7 @@ import numpy as np
 import replant as rp
 from campaign.outcome import GOOD, WORST
 from replant.estimation.simulation.miso import Row, RowRecord, evaluate
-from replant.estimation.solver.miso_start import start
-from replant.estimation.solver.miso_steps import refine
+from replant.estimation.solver.miso_steps import refine, start
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from rows.known import steps

@@ -14,7 +14,7 @@ import pytest
 
 import replant as rp
 from replant.estimation.simulation.miso import evaluate
-from replant.estimation.solver.miso_start import start
+from replant.estimation.solver.miso_steps import start
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import chi2_quantile, compose
 from replant.online.checkpoint.encoding import ROW, encode_other

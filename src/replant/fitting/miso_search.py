@@ -21,7 +21,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Point, Row, evaluate
-from replant.estimation.solver.miso_start import start
+from replant.estimation.solver.miso_steps import start
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.estimation.solver.undetermined_poles import grown
 from replant.fitting.miso_fit import fit_row, ready_row

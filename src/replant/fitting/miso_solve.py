@@ -20,8 +20,16 @@ import numpy as np
 
 from replant.estimation.simulation.miso import Point, Row, RowRecord, colour_of, evaluate, noise_of
 from replant.estimation.solver import solve
-from replant.estimation.solver.miso_start import start
-from replant.estimation.solver.miso_steps import STEPS, ends_of, explained_by, instrumental, is_near, path, refine
+from replant.estimation.solver.miso_steps import (
+    STEPS,
+    ends_of,
+    explained_by,
+    instrumental,
+    is_near,
+    path,
+    refine,
+    start,
+)
 from replant.estimation.solver.srivc_steps import NEARLY_DONE
 from replant.fitting.miso_references import with_outside
 from replant.kernels.schema import Doubt

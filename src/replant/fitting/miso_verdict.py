@@ -11,8 +11,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Point, Row, evaluate
-from replant.estimation.solver.miso_start import start_without
-from replant.estimation.solver.miso_steps import refine
+from replant.estimation.solver.miso_steps import refine, start_without
 from replant.estimation.solver.refined_estimate import relative_uncertainty
 from replant.model.shared_root import cancelled_pole
 from replant.numerics.arguments import FloatArray

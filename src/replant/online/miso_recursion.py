@@ -13,8 +13,8 @@ import numpy as np
 
 from replant.estimation.engine.record import SAME, Record
 from replant.estimation.engine.state import GAP
+from replant.estimation.simulation.auxiliary_model import Branches
 from replant.estimation.simulation.miso import Point, Row, Stretch
-from replant.estimation.simulation.miso_branches import Branches
 from replant.estimation.simulation.miso_exogenous import Law, with_moved
 from replant.estimation.solver.change_contest import HARMLESS
 from replant.fitting.miso_solve import RowEstimate

@@ -8,7 +8,7 @@ import numpy as np
 
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.estimation.solver.miso_change import find_change, plant_change
-from replant.estimation.solver.miso_start import start
+from replant.estimation.solver.miso_steps import start
 from replant.kernels.schema import Supposition
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction

@@ -9,8 +9,7 @@ import pytest
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Row, RowRecord, evaluate
-from replant.estimation.solver.miso_start import start, truncated
-from replant.estimation.solver.miso_steps import is_near, refine
+from replant.estimation.solver.miso_steps import is_near, refine, start, truncated
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import Autoregression

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -19,6 +20,7 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.engine.state import State
+from replant.kernels.schema import STATE_ARRAYS
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.linear_algebra import combined, sum_of_squares
@@ -69,7 +71,7 @@ class Pass:
     def without(self, columns: FloatArray) -> Pass:
         """Return the pass less what columns (K, P) explain of its signals; all of it where these leave float64."""
         signals = np.column_stack([self.phi, self.zeta, self.target, self.error, self.ahead])
-        if not np.isfinite(signals).all():
+        if not (np.isfinite(signals).all() and np.isfinite(columns).all()):
             return self
         left, count = without(signals, columns), self.phi.shape[1]
         target, error, ahead = left[:, 2 * count :].T.copy()
@@ -204,6 +206,59 @@ class AuxiliaryModel:
         return rows, output
 
 
+class Branches:
+    """Runs B_i/A_i over the inputs of a record, from rest, and on from where that ended."""
+
+    def __init__(self, structures: tuple[Structure, ...], dt: float, input_hold: str = "zoh") -> None:
+        self.structures = structures
+        self.models = [AuxiliaryModel(each, dt, input_hold) for each in structures]
+
+    def copy(self) -> Branches:
+        """Return branches in the same state, which go on by themselves."""
+        twin = copy.copy(self)
+        twin.models = [each.copy() for each in self.models]
+        return twin
+
+    @property
+    def arrays(self) -> list[dict[str, np.ndarray[Any, Any]]]:
+        """The state of each, by name."""
+        return [dict(zip(STATE_ARRAYS, each.arrays, strict=True)) for each in self.models]
+
+    @property
+    def are_sound(self) -> bool:
+        """Whether what serves as an index is within the arrays of a state that was read."""
+        from replant.kernels.filters.bank import KEPT, NEXT
+
+        kept = np.concatenate([each["banks"][:, NEXT] for each in self.arrays])
+        return bool(((kept >= 0) & (kept < KEPT) & (kept == np.rint(kept))).all())
+
+    def run(
+        self, coefficients: Sequence[FloatArray], states: FloatArray, records: Sequence[Record], *, on: bool = False
+    ) -> tuple[list[FloatArray], list[FloatArray], list[FloatArray]]:
+        """Return of each branch the output (K,) with that of its initial state, the slopes and the responses."""
+        outputs, slopes, free = [], [], []
+        for model, structure, theta, record in self._each(coefficients, states, records):
+            rows, output = model.branch_on(record) if on else model.branch(theta, record)
+            outputs.append(output)
+            slopes.append(rows[:, : structure.coefficients])
+            free.append(rows[:, -structure.poles :])
+        return outputs, slopes, free
+
+    def begin(self, coefficients: Sequence[FloatArray], states: FloatArray) -> None:
+        """Come to rest, so that a run goes on as one from rest."""
+        for model, _, theta, _ in self._each(coefficients, states, self.structures):
+            model.begin(theta)
+
+    def _each(
+        self, coefficients: Sequence[FloatArray], states: FloatArray, given: Sequence[Any]
+    ) -> Iterator[tuple[Any, ...]]:
+        """Yield of each branch model, structure, entries of the model, and what is given for it."""
+        ends = np.cumsum([each.poles for each in self.structures])[:-1].tolist()
+        parts = zip(coefficients, np.split(states, ends), strict=True)
+        entries = [np.concatenate([theta, [0.0], state]) for theta, state in parts]
+        return zip(self.models, self.structures, entries, given, strict=True)
+
+
 def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:
     """Return the passes over the parts of a record as one.
 
@@ -221,9 +276,6 @@ def _of_parts(runs: list[Pass], nuisances: list[int], most: int) -> Pass:
 def _without_last(run: Pass, count: int) -> Pass:
     """Return a pass less what the last ``count`` columns of its regressors explain."""
     columns, states = run.phi.shape[1] - count, run.phi[:, -count:]
-    signals = np.column_stack([run.phi[:, :columns], run.zeta[:, :columns], run.target, run.error, run.ahead])
-    left = without(signals, states) if np.isfinite(signals).all() and np.isfinite(states).all() else signals
+    left = replace(run, phi=run.phi[:, :columns], zeta=run.zeta[:, :columns]).without(states)
     none = np.zeros_like(states)
-    phi, zeta = np.hstack([left[:, :columns], none]), np.hstack([left[:, columns : 2 * columns], none])
-    target, error, ahead = left[:, 2 * columns :].T
-    return Pass(phi, zeta, target.copy(), run.output + run.ahead - ahead, error.copy(), ahead.copy())
+    return replace(left, phi=np.hstack([left.phi, none]), zeta=np.hstack([left.zeta, none]))

@@ -17,8 +17,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
-from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.estimation.simulation.miso_branches import Branches
+from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, Branches
 from replant.estimation.simulation.miso_exogenous import Outside
 from replant.model.preprocess import accepted
 from replant.model.structure import Structure
@@ -88,6 +87,18 @@ class Row:
         outside = None if self.outside is None else self.outside.of_inputs(chosen)
         return Row(structures, self.record, self.inputs[:, chosen], names, outside)
 
+    def over(self, record: Record, inputs: FloatArray | None = None) -> Row:
+        """Return the row over another record, where all inputs come from outside; of the same inputs, or of others."""
+        return Row(self.structures, record, self.inputs if inputs is None else inputs, self.names)
+
+    def part(self, rows: slice) -> Row:
+        """Return the row of some of the samples."""
+        return self.over(self.record.part(rows), self.inputs[rows])
+
+    def parted(self, begin: int) -> tuple[Row, Row]:
+        """Return the row before and since a sample."""
+        return self.over(self.record.first(begin), self.inputs[:begin]), self.last(self.record.u.size - begin)
+
     def last(self, samples: int) -> Row:
         """Return the row over the newest samples."""
         outside = None if self.outside is None else self.outside.last(samples)
@@ -96,7 +107,7 @@ class Row:
     @property
     def from_outside(self) -> Row:
         """The row driven by what comes from outside of its inputs alone: this one where no reference moves one."""
-        return self if self.outside is None else Row(self.structures, self.record, self.outside.inputs, self.names)
+        return self if self.outside is None else self.over(self.record, self.outside.inputs)
 
     @property
     def count(self) -> int:
@@ -180,7 +191,7 @@ class Point:
     @property
     def information(self) -> FloatArray:
         """Sum of phi phi' (P, P)."""
-        return np.asarray(sum(products(phi, phi) for phi in self.phi))
+        return summed(self.phi, self.phi)
 
     @property
     def power(self) -> float:
@@ -217,6 +228,11 @@ def evaluate(
         nuisances.append(weights)
     cost = float(sum(sum_of_squares(each) for each in error))
     return Point(theta, error, phi, zeta, residual, nuisances, cost if math.isfinite(cost) else math.inf)
+
+
+def summed(columns: list[FloatArray], others: list[FloatArray]) -> FloatArray:
+    """Return the sum over all stretches of a' b of columns a (K, P) and columns b (K, Q), or a signal b (K,)."""
+    return np.asarray(sum(products(a, b) for a, b in zip(columns, others, strict=True)))
 
 
 def _records(part: Record, columns: FloatArray) -> tuple[Record, ...]:

@@ -26,12 +26,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from replant.estimation.simulation.miso import Point, Row, evaluate, noise_of
+from replant.estimation.simulation.miso import Point, Row, evaluate, noise_of, summed
 from replant.estimation.solver.change_contest import HARMLESS
 from replant.estimation.solver.change_prior import dispersion_of, weighed
 from replant.estimation.solver.change_search import surest_begin
-from replant.estimation.solver.miso_start import start
-from replant.estimation.solver.miso_steps import ends_of, path, refine
+from replant.estimation.solver.miso_steps import ends_of, path, refine, start
 from replant.estimation.solver.srivc_steps import SOONEST
 from replant.kernels.schema import Supposition
 from replant.numerics.arguments import BoolArray, FloatArray
@@ -88,7 +87,7 @@ def likeliest_change(
 ) -> Change | None:
     """Return what is surest to have changed in a row of one stretch; None where nothing is."""
     begins = set(_suspected(row, theta, judges))
-    first = _parts(row, min(begins))[0] if begins else row
+    first = row.parted(min(begins))[0] if begins else row
     if not begins or first.count <= row.nuisances + theta.size:
         return None
     before, noise = _model_before(first, theta, judges)
@@ -114,7 +113,7 @@ def _surest(
     )
     if load is None or plant is None:
         return None
-    base, part = max(load.evidence, 0.0), _parts(row, plant.begin)[0]
+    base, part = max(load.evidence, 0.0), row.parted(plant.begin)[0]
     more = weighed(plant.evidence - base, *dispersion_before(part, models, noise, row.record.u.size - plant.begin))
     odds = -math.log(ALPHA)
     # what a load explains nearly as well is one: it is asked again
@@ -149,7 +148,7 @@ def is_suspect(row: Row, theta: FloatArray, *, of_plant: bool = False) -> bool:
 
 def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge] = ()) -> Change | None:
     """Return that the plant has changed where a stretch begins; None where the samples on both sides do not tell it."""
-    before, since = _parts(row, begin)
+    before, since = row.parted(begin)
     if not (before.stretches and since.stretches):
         return None
     # to first order; what a model of both sides leaves would take the change for noise
@@ -167,7 +166,7 @@ def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge
         first = max(each.rows.start for each in row.stretches if each.rows.start < begin)
         end = min(each.rows.stop for each in row.stretches if each.rows.stop > begin)
         record = replace(row.record.part(slice(first, end)), begins=())
-        joined = Row(row.structures, record, row.inputs[first:end], row.names)
+        joined = row.over(record, row.inputs[first:end])
         # what was a load at first may have begun elsewhere
         begins = {begin - first, *_suspected(joined, theta, judges)}
         found = _surest(without_unknown(joined, begins), begins, [theta, known], noise)
@@ -179,7 +178,7 @@ def plant_change(row: Row, begin: int, theta: FloatArray, judges: Sequence[Judge
 def _explained_by_a_step(row: Row, theta: FloatArray, noise: Autoregression) -> float:
     """Return how much likelier one step from a model makes a row, to first order."""
     point = evaluate(row, theta, noise)
-    told = np.sum([products(phi, error) for phi, error in zip(point.phi, point.error, strict=True)], axis=0)
+    told = summed(point.phi, point.error)
     explained = float(told @ least_norm(point.information, told, WEAKEST)[0])
     return 0.5 * row.count * explained / point.cost if point.cost > 0.0 else 0.0
 
@@ -200,10 +199,10 @@ def _claims(
     row: Row, begin: int, models: list[FloatArray], noise: Autoregression, of_any_noise: bool
 ) -> Iterator[Change]:
     """Yield what a load and another plant since a sample explain, where the samples tell."""
-    parts, numbers = _parts(row, begin), row.nuisances + models[0].size
+    parts, numbers = row.parted(begin), row.nuisances + models[0].size
     if any(part.count <= numbers for part in parts):
         return
-    broken = Row(row.structures, replace(row.record, begins=(begin,)), row.inputs, row.names)
+    broken = row.over(replace(row.record, begins=(begin,)))
     before, since, load = (_best(each, models, noise) for each in (*parts, broken))
     nothing = _best(row, [*models, load.theta, since.theta], noise)
     fitted = [
@@ -278,16 +277,11 @@ def dispersion_before(
 
 def dispersion(row: Row, judge: Judge, length: int | None = None) -> tuple[float, float]:
     """Return by how much a model fits parts of so many samples differently, and by how many numbers that is known."""
-    parts = (cut(row, stretch.rows) for stretch in row.stretches)
+    parts = (row.part(stretch.rows) for stretch in row.stretches)
     found = [dispersion_before(part, [judge.theta], judge.noise, length or part.record.u.size) for part in parts]
     known = [(each, numbers) for each, numbers in found if math.isfinite(numbers)]
     numbers = sum(count for _, count in known)
     return (sum(each * count for each, count in known) / numbers, numbers) if numbers else (1.0, math.inf)
-
-
-def cut(row: Row, rows: slice) -> Row:
-    """Return the row of some of the samples."""
-    return Row(row.structures, row.record.part(rows), row.inputs[rows], row.names)
 
 
 def _best(row: Row, models: Sequence[FloatArray], noise: Autoregression) -> Point:
@@ -305,7 +299,7 @@ def _changes_on(row: Row, begin: int, theta: FloatArray) -> bool:
     """Return whether a plant changes before and since a sample, too: what changes on and on is not linear."""
     white = Autoregression.white(1.0, row.count)
     away = _fewest(row, theta.size)  # the change itself lies near the sample
-    parts = _parts(row, max(begin - away, 1))[0], _parts(row, min(begin + away, row.record.u.size - 1))[1]
+    parts = row.parted(max(begin - away, 1))[0], row.parted(min(begin + away, row.record.u.size - 1))[1]
     models = (_Fitted.of(part, refine(part, theta, white).theta) for part in parts if part.stretches)
     return any(model.worst(model.noise(), of_plant=True) for model in models)
 
@@ -365,16 +359,10 @@ class _Fitted:
         return surest_begin(np.column_stack([told, white]), size, fewest, self.row.count)
 
 
-def _parts(row: Row, begin: int) -> tuple[Row, Row]:
-    """Return the row before and since a sample."""
-    before = Row(row.structures, row.record.first(begin), row.inputs[:begin], row.names)
-    return before, row.last(row.record.u.size - begin)
-
-
 def without_unknown(row: Row, begins: set[int]) -> Row:
     """Return the row without outputs that answer to inputs before a begin: all suppositions are told by the same."""
     measured = row.record.is_measured.copy()
     for begin in begins:
         since = row.record.last(row.record.u.size - begin)
         measured[begin : begin + max(since.unknown(each.delay) for each in row.structures)] = False
-    return Row(row.structures, replace(row.record, measured=measured), row.inputs, row.names)
+    return row.over(replace(row.record, measured=measured))

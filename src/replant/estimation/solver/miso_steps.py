@@ -6,20 +6,31 @@ point is the maximum of likelihood.
 Where references move inputs, the instruments zeta of what comes from outside take the place of phi in front:
 theta <- theta + (sum zeta phi')^-1 sum zeta D e.  The fixed point, where they explain nothing of the error, is
 consistent whatever the noise and the controller.
+
+A row starts from one denominator with the poles of all branches, from which each branch gets its own.  A common
+denominator with many poles fits without having the poles of the branches.  Each branch is therefore reduced to its own
+number of poles and refined on what it alone does; and the poles are dealt to the branches in every way.  Of 200 random
+rows of three inputs, starts that lead to the minimum near the truth: reduced 192, dealt 192, both 196.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from replant.estimation.simulation.miso import Point, Row, evaluate, is_exact
+from replant.estimation.engine.record import Record
+from replant.estimation.simulation.miso import Point, Row, evaluate, is_exact, summed
+from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.linear_algebra import least_norm, products, quiet
-from replant.numerics.projections import orthogonal
+from replant.numerics.linear_algebra import combined, least_norm, quiet, roots, sum_of_squares
+from replant.numerics.projections import WEAKEST, orthogonal
 
 STEPS = 30  # at the most [count]
 
@@ -69,7 +80,7 @@ def path(
 def _improved(row: Row, noise: Autoregression, point: Point, damping: float) -> tuple[Point | None, float]:
     """Return the point after a step that does not raise the cost, and the next damping; None where there is none."""
     _, growth, tries = DAMPING
-    matrix, vector = point.information, _along(point.phi, point.error)
+    matrix, vector = point.information, summed(point.phi, point.error)
     if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
         return None, damping
     if vector @ solved(matrix, vector) <= STILL * point.cost / max(row.count, 1):
@@ -112,9 +123,9 @@ def instrumental(
     """Return the point that steps with instruments lead to, each halved until these explain less of the error."""
     point = evaluate(row, theta, noise, before)
     for _ in range(steps):
-        matrix = np.asarray(sum(products(zeta, phi) for zeta, phi in zip(point.zeta, point.phi, strict=True)))
-        turned = orthogonal(np.asarray(sum(products(zeta, zeta) for zeta in point.zeta)))
-        vector = _along(point.zeta, point.error)
+        matrix = summed(point.zeta, point.phi)
+        turned = orthogonal(summed(point.zeta, point.zeta))
+        vector = summed(point.zeta, point.error)
         if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
             break
         direction, explained = solved(matrix, vector), float(np.sum((turned.T @ vector) ** 2))
@@ -124,7 +135,7 @@ def instrumental(
             new = point.theta + direction * 0.5**halvings
             if row.is_stable(new):
                 tried = evaluate(row, new, noise, point)
-                if float(np.sum((turned.T @ _along(point.zeta, tried.error)) ** 2)) < explained:
+                if float(np.sum((turned.T @ summed(point.zeta, tried.error)) ** 2)) < explained:
                     break
         else:
             break
@@ -134,10 +145,213 @@ def instrumental(
 
 def explained_by(row: Row, point: Point) -> float:
     """Return what instruments explain of the error, in variances of it: how far a point is from the fixed point."""
-    turned = orthogonal(np.asarray(sum(products(zeta, zeta) for zeta in point.zeta)))
-    power = float(np.sum((turned.T @ _along(point.zeta, point.error)) ** 2))
+    turned = orthogonal(summed(point.zeta, point.zeta))
+    power = float(np.sum((turned.T @ summed(point.zeta, point.error)) ** 2))
     return power * max(row.count, 1) / max(point.cost, 1e-300)
 
 
-def _along(columns: list[FloatArray], signals: list[FloatArray]) -> FloatArray:
-    return np.asarray(sum(products(each, signal) for each, signal in zip(columns, signals, strict=True)))
+CUTOFFS = 6  # from 5 per record to one per sampling time [count]
+ROUNDS = 6  # of refined instruments from each cutoff [count]
+# of two inputs with one step each the fifth likeliest leads to the least cost, the first four to one beyond it
+TRIED = 16  # of the dealt models, the likeliest, that some steps are made from [count]
+# of 30 records with one step at each of two inputs `fit` then finds the minimum near the truth in all
+FIRST = 2  # steps of each of them [count]
+KEPT = 4  # models that they lead to, at the most [count]
+SHORT = 8  # steps of each [count]
+SPLIT = 4  # common denominators whose branches are reduced, at the most [count]
+ANOTHER = 1.02  # cost above which a common denominator is another one [ratio]
+
+
+@quiet
+def start(
+    structures: tuple[Structure, ...], record: Record, inputs: FloatArray, noise: Autoregression | None = None
+) -> list[Point]:
+    """Return the best models of a row that are found from the record and a noise model, the likeliest first."""
+    row = Row(structures, record, inputs)
+    noise = Autoregression.white(1.0, row.count) if noise is None else noise
+    poles = sum(each.poles for each in structures)
+    shared = Row(tuple(replace(each, poles=poles, zeros=poles - 1) for each in structures), record, inputs, common=True)
+    found = sorted(_common(shared, noise, record.span), key=lambda pair: pair[0])
+    if not found:
+        return []
+    apart = found[:1]
+    for pair in found:
+        if pair[0] > ANOTHER * apart[-1][0]:
+            apart.append(pair)
+    split = (_split(row, shared, denominator, noise) for _, denominator in apart[:SPLIT])
+    models = [theta for theta in split if theta is not None]
+    return _best_of(row, [*models, *_dealt(row, found[0][1])], noise)
+
+
+@quiet
+def start_without(row: Row, theta: FloatArray, left_out: Sequence[int], noise: Autoregression) -> list[Point]:
+    """Return the best models without some inputs of a model: branches keep their poles, or one takes of theirs."""
+    less = [i for i in range(len(row.structures)) if i not in left_out]
+    others, poles = row.of_inputs(less), _poles_of(row, theta)
+    lost = [pole for i in left_out for pole in poles[i]]
+
+    def models() -> Iterator[FloatArray]:
+        for i in less:
+            for chosen in itertools.combinations([*poles[i], *lost], len(poles[i])):
+                each = [np.poly(chosen if k == i else poles[k]) for k in less]
+                if _are_real(each):
+                    yield _without_numerators(others, each)
+
+    return _best_of(others, models(), noise)
+
+
+def _best_of(row: Row, models: Iterable[FloatArray], noise: Autoregression) -> list[Point]:
+    """Return the best of models without numerators, refined, the likeliest first."""
+    tried = set()
+    for theta in models:
+        cost, model = _with_numerators(row, theta, noise)
+        tried.add((cost, tuple(model)))
+    begins = (refine(row, np.array(begin), noise, steps=FIRST) for _, begin in sorted(tried)[:TRIED])
+    nearer = sorted(begins, key=lambda point: point.cost)
+    ends = ends_of(row, (path(row, point.theta, noise, point, SHORT) for point in nearer), KEPT)
+    return sorted(ends, key=lambda point: point.cost)
+
+
+def _poles_of(row: Row, theta: FloatArray) -> list[list[complex]]:
+    pairs = zip(row.structures, row.branches(theta), strict=True)
+    return [roots(np.concatenate([[1.0], branch[each.denominator]])).tolist() for each, branch in pairs]
+
+
+def _common(row: Row, noise: Autoregression, span: float) -> Iterator[tuple[float, FloatArray]]:
+    """Yield cost and denominator (n,) of the models that refined instruments pass through."""
+    poles = row.structures[0].poles
+    size = poles + sum(each.zeros + 1 for each in row.structures)
+    ends: list[Point] = []
+    for cutoff in np.geomspace(5.0 / span, 1.0 / row.dt, CUTOFFS):
+        theta, before = np.zeros(size), None
+        theta[:poles] = np.poly(np.full(poles, -cutoff))[1:]
+        for number in range(ROUNDS):
+            places = roots(np.concatenate([[1.0], theta[:poles]]))
+            if not np.isfinite(places).all():
+                break
+            inside = -np.clip(np.abs(places.real), 0.1 / span, 10.0 / row.dt) + 1j * places.imag
+            theta[:poles] = np.poly(inside).real[1:]
+            point = evaluate(row, theta, noise, before, pulled=True)
+            if np.isfinite(point.cost):
+                yield point.cost, theta[:poles].copy()
+            if any(is_near(row, point, end) for end in ends):
+                break
+            instruments = point.phi if number == 0 else point.zeta
+            matrix, vector = summed(instruments, point.phi), summed(instruments, point.error)
+            if not (np.isfinite(matrix).all() and np.isfinite(vector).all()):
+                break
+            theta, before = theta + solved(matrix, vector), point
+        else:
+            ends.append(point)
+
+
+def _split(row: Row, shared: Row, denominator: FloatArray, noise: Autoregression) -> FloatArray | None:
+    """Return the model without numerators whose branches follow those of a common denominator; None where none does."""
+    none = np.zeros(sum(each.zeros + 1 for each in shared.structures))
+    theta = np.concatenate([denominator, none])
+    point = evaluate(shared, theta, noise)
+    theta[denominator.size :] = least_norm(
+        np.concatenate([phi[:, denominator.size :] for phi in point.phi]), np.concatenate(point.error), WEAKEST
+    )[0]
+    outputs = np.zeros(row.inputs.shape)
+    for stretch in shared.stretches:
+        outputs[stretch.rows] = shared.signals(theta, stretch, np.zeros(shared.nuisances - 1))[0]
+    denominators = []
+    for i, (structure, branch) in enumerate(zip(row.structures, shared.branches(theta), strict=True)):
+        poles = truncated(branch[denominator.size :], denominator, structure.poles)
+        if poles is None:
+            return None
+        alone = Row((structure,), replace(row.record, y=outputs[:, i]), row.inputs[:, [i]])
+        white = Autoregression.white(1.0, alone.count)
+        _, begin = _with_numerators(alone, _without_numerators(alone, [np.poly(poles)]), white)
+        denominators.append(np.append(1.0, refine(alone, begin, white, steps=SHORT).theta[: structure.poles]))
+    return _without_numerators(row, denominators)
+
+
+@quiet
+def truncated(numerator: FloatArray, denominator: FloatArray, poles: int) -> npt.NDArray[np.complex128] | None:
+    """Return the poles of a transfer function that balanced truncation leaves; None where it leaves no stable ones.
+
+    Of s^n + a' (s^(n-1) .. 1) in modal form, sum r_k / (s - p_k), the Gramians are -1 / (p_k + conj p_l) and
+    -conj(r_k) r_l / (conj p_k + p_l).  Source: Moore (1981), "Principal component analysis in linear systems".
+    """
+    places = roots(np.concatenate([[1.0], denominator]))
+    residues = np.polyval(numerator, places) / (places[:, None] - places + np.eye(places.size)).prod(axis=1)
+    sums = -1.0 / (places[:, None] + places.conj())
+    seen_by = residues.conj()[:, None] * residues * sums.conj()
+    if not (np.isfinite(sums).all() and np.isfinite(seen_by).all()):
+        return None
+    try:
+        reached, seen = _root(sums), _root(seen_by)
+        left, sizes, right = np.linalg.svd(seen.conj().T @ reached)
+        weights = np.sqrt(sizes[:poles])
+        if not weights[-1] > 0.0:
+            return None
+        into, out_of = seen @ left[:, :poles] / weights, reached @ right[:poles].conj().T / weights
+        kept = np.linalg.eigvals(into.conj().T @ (places[:, None] * out_of))
+    except np.linalg.LinAlgError:
+        return None
+    return kept if _are_real([np.poly(kept)]) and kept.real.max() < 0.0 else None
+
+
+def _root(matrix: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
+    """Return L with L L* = M, Hermitian and not negative."""
+    values, vectors = np.linalg.eigh((matrix + matrix.conj().T) / 2.0)
+    return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+def _dealt(row: Row, denominator: FloatArray) -> Iterator[FloatArray]:
+    """Yield models without numerators: the poles dealt in every way, a complex pair also as two real ones."""
+    places = roots(np.concatenate([[1.0], denominator]))
+    real = np.where(places.imag == 0, places.real, -np.abs(places) * np.where(places.imag > 0, 2.0, 0.5))
+    sizes = [each.poles for each in row.structures]
+    for poles in (places, real.astype(np.complex128)) if places.imag.any() else (places,):
+        for deal in deals(range(poles.size), sizes):
+            parts = [np.poly(poles[list(part)]) for part in deal]
+            if _are_real(parts):
+                yield _without_numerators(row, parts)
+
+
+def _are_real(denominators: Sequence[npt.NDArray[Any]]) -> bool:
+    return all(np.abs(np.imag(each)).max() <= 1e-9 * np.abs(each).max() for each in denominators)
+
+
+def _without_numerators(row: Row, denominators: Sequence[npt.NDArray[Any]]) -> FloatArray:
+    """Return the model (P,) of a row with these denominators and no numerators."""
+    each = zip(denominators, row.structures, strict=True)
+    return np.concatenate([np.append(np.real(a)[1:], np.zeros(s.zeros + 1)) for a, s in each])
+
+
+def deals(items: Sequence[int], sizes: Sequence[int]) -> Iterator[tuple[tuple[int, ...], ...]]:
+    """Yield every way to deal items to hands of these sizes.
+
+    >>> list(deals([0, 1, 2], [2, 1]))
+    [((0, 1), (2,)), ((0, 2), (1,)), ((1, 2), (0,))]
+    """
+    if len(sizes) == 1:
+        yield (tuple(items),)
+        return
+    for hand in itertools.combinations(items, sizes[0]):
+        for rest in deals([each for each in items if each not in hand], sizes[1:]):
+            yield (hand, *rest)
+
+
+def _with_numerators(row: Row, theta: FloatArray, noise: Autoregression) -> tuple[float, FloatArray]:
+    """Return a model with the numerators of least squares, and its cost: the error is linear in these."""
+    places = numerators(row.structures)
+    point = evaluate(row, theta, noise)
+    model, error = theta.copy(), np.concatenate(point.error)
+    columns = np.concatenate([phi[:, places] for phi in point.phi])
+    model[places] = least_norm(columns, error, WEAKEST)[0]
+    left = error - combined(columns, model[places])
+    cost = sum_of_squares(left)
+    return cost if math.isfinite(cost) else math.inf, model
+
+
+def numerators(structures: Sequence[Structure]) -> npt.NDArray[np.bool_]:
+    """Return which parameters (P,) of a row are those of numerators.
+
+    >>> numerators([Structure(2), Structure(1)])
+    array([False, False,  True, False,  True])
+    """
+    return np.concatenate([np.arange(each.size) >= each.poles for each in structures])

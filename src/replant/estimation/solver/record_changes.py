@@ -18,7 +18,6 @@ from replant.estimation.solver.change_prior import weighed
 from replant.estimation.solver.miso_change import (
     Change,
     Judge,
-    cut,
     dispersion,
     is_suspect,
     likeliest_change,
@@ -58,7 +57,7 @@ class Parted(NamedTuple, Generic[Solved]):
 @quiet
 def may_have_loads(row: Row, theta: FloatArray, *, of_plant: bool = False) -> bool:
     """Return whether loads seem to act in a row, or ``of_plant`` another plant: a quick question before `parted`."""
-    windows = (part for stretch in row.stretches for _, part in _windows(cut(row, stretch.rows)))
+    windows = (part for stretch in row.stretches for _, part in _windows(row.part(stretch.rows)))
     return any(is_suspect(part, theta, of_plant=of_plant) for part in windows if part.stretches)
 
 
@@ -104,15 +103,21 @@ def parted(
 def _begun_at(model: Modelled, loads: tuple[int, ...]) -> Modelled:
     """Return the model that steps from another one lead to with loads, and the noise that it leaves."""
     row = _with_loads(model.row, loads)
-    point = refine(row, *model.judge)
-    point = refine(row, point.theta, noise_of(row, point))
-    return Modelled(row, Judge(point.theta, noise_of(row, point)))
+    return Modelled(row, _settled(row, *model.judge))
+
+
+def _settled(row: Row, theta: FloatArray, noise: Autoregression) -> Judge:
+    """Return the model that steps from another one lead to, with the noise that it leaves."""
+    for _ in range(2):
+        point = refine(row, theta, noise)
+        theta, noise = point.theta, noise_of(row, point)
+    return Judge(theta, noise)
 
 
 def _with_loads(row: Row, loads: tuple[int, ...]) -> Row:
     """Return a row with other offsets and initial states since some samples."""
     record = replace(row.record, begins=tuple(sorted({*row.record.begins, *loads})))
-    return Row(row.structures, record, row.inputs, row.names)
+    return row.over(record)
 
 
 def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change | None:
@@ -120,7 +125,7 @@ def _find_break(row: Row, judge: Judge, without: set[tuple[int, int]]) -> Change
     found = []
     for begin, end in ((each.rows.start, each.rows.stop) for each in row.stretches if row.outside is None):
         is_told = (begin, end) not in without and end - begin >= 2 * PARTS  # each part of it has an interval
-        change = _within(cut(row, slice(begin, end)), begin, judge) if is_told else None
+        change = _within(row.part(slice(begin, end)), begin, judge) if is_told else None
         if change is None:
             without.add((begin, end))
         else:
@@ -188,15 +193,13 @@ def _windows(stretch: Row) -> list[tuple[int, Row]]:
     """Return a stretch, and three halves of it, with the sample that each begins with."""
     samples = stretch.record.u.size
     halves = (slice(k * samples // 4, (k + 2) * samples // 4) for k in range(3))
-    return [(rows.start, cut(stretch, rows)) for rows in (slice(0, samples), *halves)]
+    return [(rows.start, stretch.part(rows)) for rows in (slice(0, samples), *halves)]
 
 
 def _judges(stretch: Row, theta: FloatArray, noise: Autoregression) -> Iterator[Judge]:
     """Yield the models of parts of a stretch that are long enough for one, from the model of all of it."""
     samples = stretch.record.u.size
     for number in range(PARTS):
-        part = cut(stretch, slice(number * samples // PARTS, (number + 1) * samples // PARTS))
+        part = stretch.part(slice(number * samples // PARTS, (number + 1) * samples // PARTS))
         if part.count > 4 * (part.nuisances + theta.size):
-            point = refine(part, theta, noise)
-            point = refine(part, point.theta, noise_of(part, point))
-            yield Judge(point.theta, noise_of(part, point))
+            yield _settled(part, theta, noise)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import DamagedCheckpointError
-from replant.estimation.simulation.miso_branches import Branches
+from replant.estimation.simulation.auxiliary_model import Branches
 from replant.estimation.simulation.miso_exogenous import Law
 from replant.estimation.solver.miso_change import Judge
 from replant.kernels.schema import LAGS, LAGUERRE
