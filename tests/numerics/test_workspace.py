@@ -7,7 +7,7 @@ import threading
 import numpy as np
 import pytest
 
-from replant.numerics.workspace import KEPT, borrowed
+from replant.numerics.linear_algebra import KEPT, borrowed
 
 
 def test_the_same_memory_is_lent_again_and_another_one_within() -> None:

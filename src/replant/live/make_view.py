@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from replant.estimation.simulation.left_out import joined, stretches_of
 from replant.fitting.model_json import as_object
 from replant.fitting.responses import SETTLED, Bode, StepResponse, frequencies, time_of
 from replant.live import view
@@ -19,6 +18,7 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray
+from replant.numerics.robust import joined, stretches_of
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
 from replant.online.running_model import NewestSamples, model_of, newest_of_row, newest_samples

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ReplantError
-from replant.estimation.simulation.left_out import stretches_of
 from replant.live.progress import Identification
 from replant.live.view import View
 from replant.logs import Log
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.autoregression import one_step, one_step_with_lost
+from replant.numerics.robust import stretches_of
 from replant.online.identifier import Identifier
 from replant.online.miso_identifier import RowIdentifier
 from replant.online.running_model import model_of, newest_of_row, newest_samples

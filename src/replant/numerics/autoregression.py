@@ -113,13 +113,8 @@ class Autoregression:
         return result
 
     def whiten(self, signals: FloatArray) -> FloatArray:
-        """Return the same from the first sample with p predecessors on, in the layout of ``signals``."""
-        model = self.coefficients
-        lags = model.size - 1
-        result = model[0] * signals[lags:]
-        for lag in range(1, lags + 1):
-            result = result + model[lag] * signals[lags - lag : signals.shape[0] - lag]
-        return np.asarray(result)
+        """Return the same from the first sample with p predecessors on."""
+        return self.ahead(signals)[self.order :]
 
     def whiten_known(self, signals: FloatArray, known: IntArray) -> FloatArray:
         """Return D(q) x of ``signals`` (K, ...) along the first axis, of as many predecessors as are known: (K, ...).

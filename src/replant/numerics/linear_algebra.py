@@ -11,6 +11,9 @@ Source: Bierman (1977), "Factorization Methods for Discrete Sequential Estimatio
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TypeVar
 
 import numpy as np
@@ -21,6 +24,11 @@ from replant.numerics.arguments import FloatArray
 SMALL = 1 << 17  # multiplications that stay in one thread [count]
 SMALL_VECTOR = 1 << 13  # the same of a matrix by a vector, and of two vectors [count]
 ROWS = 1 << 11  # samples that are factored at once: as many of a few columns stay in one thread [samples]
+
+# 4 MB: the signals of a search in 30,000 samples with models of four poles
+KEPT = 1 << 19  # numbers of an array up to which its memory is kept [count]
+
+_own = threading.local()
 
 Array = TypeVar("Array", FloatArray, npt.NDArray[np.complex128])
 
@@ -133,7 +141,7 @@ def _folded(columns: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatA
 
 @quiet
 def pseudo_inverse(symmetric: FloatArray, tolerance: float) -> FloatArray:
-    """Return the pseudo-inverse of a symmetric matrix; NaN where the matrix is not finite."""
+    """Return the pseudo-inverses of symmetric matrices (..., T, T); NaN where these are not finite."""
     if np.isfinite(symmetric).all():
         try:
             return np.asarray(np.linalg.pinv(symmetric, rcond=tolerance, hermitian=True))
@@ -235,3 +243,19 @@ def chi2_quantile(probability: float, degrees: int) -> float:
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(degrees / 2.0, probability))
+
+
+@contextmanager
+def borrowed(rows: int, columns: int) -> Iterator[FloatArray]:
+    """Lend an array (rows, columns) of any content; a call within, as of a signal handler, is lent another one."""
+    # the system gives new memory page by page, and clears each: for a search in 30,000 samples that takes as long as
+    # the search itself, so that each thread keeps its own
+    size = rows * columns
+    room = vars(_own).pop("room", None)
+    if room is None or room.size < size:
+        room = np.empty(size)
+    try:
+        yield room[:size].reshape(rows, columns)
+    finally:
+        if room.size <= KEPT:
+            _own.room = room

@@ -27,8 +27,7 @@ from replant.kernels.schema import Alarm, Doubt, Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import likelihood_ratio
 from replant.numerics.levels import ALPHA
-from replant.numerics.linear_algebra import quiet
-from replant.numerics.workspace import borrowed
+from replant.numerics.linear_algebra import borrowed, quiet
 from replant.online.begin_recursion import restart_at
 from replant.online.change_response import (
     AGAIN,

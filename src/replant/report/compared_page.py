@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.estimation.simulation.left_out import stretches_of
 from replant.fitting.model import Model
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model.preprocess import Preprocess
 from replant.numerics.arguments import instance
+from replant.numerics.robust import stretches_of
 from replant.online.runs.result import Clock, Result
 from replant.online.runs.run_log import Contender, best
 from replant.plotting import diagrams, style

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from replant.estimation.simulation.left_out import joined, stretches_of
 from replant.fitting.miso_fit import RowFit
 from replant.fitting.model import Model
 from replant.fitting.validation import Validation
@@ -19,6 +18,7 @@ from replant.logs.log import Log
 from replant.model.preprocess import rejected_in_words
 from replant.numerics.arguments import FloatArray
 from replant.numerics.residuals import Correlations, correlation_lags, correlations
+from replant.numerics.robust import joined, stretches_of
 from replant.online.runs.result import MOST_SHADES, Clock
 from replant.plotting import diagrams, style
 from replant.plotting.numbers import gain_unit, mathml, percent, symbols, uncertain, with_unit

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from replant.errors import LogError
-from replant.estimation.simulation.left_out import stretches_of
 from replant.estimation.solver.bad_samples import suspicious
 from replant.kernels.schema import Doubt as Suspect
 from replant.logs import read_columns
 from replant.logs.merged_channels import side_by_side
 from replant.numerics.arguments import FloatArray
+from replant.numerics.robust import stretches_of
 from replant.plotting.numbers import rounded
 
 SHOWN = 12  # stretches that are listed, the longest [count]

@@ -10,7 +10,7 @@ import pytest
 
 import replant as rp
 from replant.estimation.settings import Request
-from replant.estimation.simulation.left_out import flags_of
+from replant.numerics.robust import flags_of
 from replant.online.runs import run
 from replant.online.runs.result import Result
 from replant.online.runs.run import run_online, run_source

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.estimation.simulation.left_out import flags_of
+from replant.numerics.robust import flags_of
 
 PLANT, DT, SAMPLES = rp.TransferFunction([2.0], [1.0, 4.0, 3.0]), 0.05, 2000
 

@@ -33,9 +33,8 @@ from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, inverse_of, products, quiet
+from replant.numerics.linear_algebra import borrowed, chi2_quantile, inverse_of, products, pseudo_inverse, quiet
 from replant.numerics.projections import without
-from replant.numerics.workspace import borrowed
 
 # a change in between loses a thirty-second of the samples that tell it
 BEGINS = 32  # samples since which a change is looked for, evenly spread over the record [count]
@@ -178,17 +177,9 @@ def _statistics(whole: FloatArray, since: FloatArray, size: int) -> FloatArray:
         return np.zeros(len(since))
     # whole (T, T + 1), since (B, T, T + 1): sums of zeta zeta' and zeta w; at once, as a call takes longer than numbers
     square, told = since[..., :-1], since[..., -1:]
-    learned = _pseudo_inverse(whole[:, :-1])
+    learned = pseudo_inverse(whole[:, :-1], SAME)
     left = np.concatenate([square - square @ (learned @ square), told - square @ (learned @ whole[:, -1:])], axis=-1)
     scores, beside = left[:, :size], left[:, size:]
-    scores = scores - scores[..., size:-1] @ (_pseudo_inverse(beside[..., size:-1]) @ beside)
+    scores = scores - scores[..., size:-1] @ (pseudo_inverse(beside[..., size:-1], SAME) @ beside)
     covariance, rest = scores[..., :size], scores[..., -1:]
-    return np.asarray((rest.mT @ (_pseudo_inverse(covariance) @ rest))[:, 0, 0])
-
-
-def _pseudo_inverse(matrices: FloatArray) -> FloatArray:
-    """Return the inverses (..., T, T) of least norm; zeros if none."""
-    try:
-        return np.asarray(np.linalg.pinv(matrices, rcond=SAME, hermitian=True))
-    except np.linalg.LinAlgError:
-        return np.zeros_like(matrices)
+    return np.asarray((rest.mT @ (pseudo_inverse(covariance, SAME) @ rest))[:, 0, 0])

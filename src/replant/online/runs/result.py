@@ -14,7 +14,6 @@ import numpy.typing as npt
 from replant.estimation.engine.record import gaps_of
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.settings import Settings
-from replant.estimation.simulation.left_out import NONE, flags_of, joined, stretches_of
 from replant.fitting import model_notation
 from replant.fitting.fit_result import FitResult
 from replant.fitting.model import Model
@@ -25,6 +24,7 @@ from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
 from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.robust import NONE, flags_of, joined, stretches_of
 from replant.online.runs.thinning import Overview
 from replant.verdict import Assessment, Simulation
 

@@ -12,17 +12,17 @@ import numpy as np
 from replant.estimation.filters import Filter
 from replant.estimation.settings import LONGEST_STARTUP, STORED, Request
 from replant.estimation.simulation.fitted_run import FITTED, Score
-from replant.estimation.simulation.left_out import (
-    NONE,
-    flags_of,
-    stretches_of,
-)
 from replant.estimation.simulation.model_run import PredictedRun, runs_away
 from replant.kernels.monitoring.interruptions import INPUT_LEAP
 from replant.model.preprocess import screen
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.linear_algebra import quiet
+from replant.numerics.robust import (
+    NONE,
+    flags_of,
+    stretches_of,
+)
 from replant.online.bank import Bank
 from replant.online.bank_members import asked_for
 from replant.online.identifier import Identifier

@@ -14,7 +14,6 @@ import numpy as np
 from replant.errors import InvalidArgumentError, ReplantError
 from replant.estimation.optimizers import OPTIMIZERS, Optimizer
 from replant.estimation.settings import AUTO, Request, filter_for
-from replant.estimation.simulation.left_out import flags_of
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_fit import RowFit
@@ -29,6 +28,7 @@ from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray, one_of, record, vector
 from replant.numerics.limits import increasing
+from replant.numerics.robust import flags_of
 from replant.online.bank_members import asked_for
 from replant.online.runs.result import Result, result_of_fit
 from replant.online.runs.run import run_online
