@@ -59,7 +59,7 @@ _PLACES = {
     "RecursiveLeastSquares": "replant.estimation.optimizers",
     "RMSProp": "replant.estimation.optimizers",
     "Replay": "replant.estimation.optimizers.optimizer",
-    "Scaling": "replant.estimation.scaling",
+    "Scaling": "replant.estimation.settings",
     "fit": "replant.fitting.fit",
     "FitResult": "replant.fitting.fit_result",
     "load_model": "replant.fitting.several_outputs",

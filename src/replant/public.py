@@ -45,7 +45,7 @@ from replant.estimation.optimizers import (
 from replant.model.preprocess import Preprocess as Preprocess
 from replant.model.noise import NoiseModel as NoiseModel
 from replant.estimation.optimizers.optimizer import Replay as Replay
-from replant.estimation.scaling import Scaling as Scaling
+from replant.estimation.settings import Scaling as Scaling
 from replant.model.structure import Structure as Structure
 from replant.online.trace import Trace as Trace
 from replant.model.transfer_function import TransferFunction as TransferFunction

@@ -15,8 +15,7 @@ from replant.estimation.engine.state import NOTHING, REGULAR, bound_step
 from replant.estimation.filters import Filter
 from replant.estimation.optimizers import Optimizer
 from replant.estimation.optimizers.optimizer import Replay
-from replant.estimation.scaling import Scaling
-from replant.estimation.settings import AUTO, NO_USE_OF_REFERENCE, STORED, Request
+from replant.estimation.settings import AUTO, NO_USE_OF_REFERENCE, STORED, Request, Scaling
 from replant.fitting.model import Model
 from replant.kernels.native import OPEN
 from replant.kernels.schema import Attention

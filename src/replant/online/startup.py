@@ -21,8 +21,7 @@ from replant.estimation.engine.recent_samples import RecentSamples
 from replant.estimation.engine.state import NOTHING, REGULAR, State, step_kernels
 from replant.estimation.filters import RefinedFilter
 from replant.estimation.optimizers.optimizer import Replay
-from replant.estimation.scaling import Scaling
-from replant.estimation.settings import AUTO, Request, Settings
+from replant.estimation.settings import AUTO, Request, Scaling, Settings
 from replant.estimation.solver.least_squares import choose_filter, regressors
 from replant.estimation.solver.refined_estimate import Refined
 from replant.estimation.solver.solve import Solution, solve

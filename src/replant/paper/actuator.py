@@ -27,8 +27,7 @@ import numpy.typing as npt
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers import Adam, AMSGrad, Gradient, IntegralCost, Optimizer
 from replant.estimation.optimizers.optimizer import Replay
-from replant.estimation.scaling import Scaling
-from replant.estimation.settings import Request
+from replant.estimation.settings import Request, Scaling
 from replant.estimation.solver.least_squares import least_squares, regressors
 from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult

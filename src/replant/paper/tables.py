@@ -16,7 +16,7 @@ import numpy.typing as npt
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers import AMSGrad, Gradient, Optimizer
 from replant.estimation.optimizers.optimizer import Replay
-from replant.estimation.scaling import Scaling
+from replant.estimation.settings import Scaling
 from replant.model import state_space
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray

@@ -6,8 +6,7 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
-from replant.estimation.scaling import Scaling
-from replant.estimation.settings import Settings
+from replant.estimation.settings import Scaling, Settings
 from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_model import RowModel
 from replant.logs.log import Log

@@ -13,8 +13,7 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.filters import FILTERS
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.optimizers.optimizer import Replay
-from replant.estimation.scaling import Scaling
-from replant.estimation.settings import Request, Settings
+from replant.estimation.settings import Request, Scaling, Settings
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 
