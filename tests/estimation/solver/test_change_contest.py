@@ -14,7 +14,7 @@ from scipy.stats import chi2, f
 import replant as rp
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.change_contest import ALPHA, Claim, Contest, decided, is_sure, odds_of, weighed
-from replant.estimation.solver.change_prior import Known, forget
+from replant.estimation.solver.change_evidence import Known, forget
 from replant.estimation.solver.refined_estimate import Refined
 from replant.estimation.solver.solve import solve
 from replant.estimation.solver.srivc import refine

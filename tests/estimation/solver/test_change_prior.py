@@ -10,7 +10,7 @@ import pytest
 
 import replant as rp
 from replant.estimation.engine.record import Record
-from replant.estimation.solver.change_prior import Known
+from replant.estimation.solver.change_evidence import Known
 from replant.estimation.solver.srivc import refine
 from replant.numerics.linear_algebra import inverse_of
 from support.builders import binary

@@ -10,7 +10,7 @@ A residual that has grown has many causes.  Each is a supposition, fitted to the
     CUT       the output no longer answers to the input: a cable floats
     WHOLE     one other model holds for these samples and those before: the model was wrong
 
-What was known before is a prior, of which a supposition forgets some directions (`estimation.solver.change_prior`).
+What was known before is a prior, of which a supposition forgets some directions (`estimation.solver.change_evidence`).
 PART, PLANT and CUT are supposed only where the input moves.
 
 All are compared over the same samples by the log-likelihood of their residuals.  These are whitened by the noise model
@@ -35,10 +35,9 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import Pass
-from replant.estimation.solver import change_prior
-from replant.estimation.solver.change_prior import Known, with_nuisances
+from replant.estimation.solver import change_evidence
+from replant.estimation.solver.change_evidence import WEAKEST, Known, Stretch, with_nuisances
 from replant.estimation.solver.refined_estimate import Prior, Refined, Root, conclude, without_nuisances
-from replant.estimation.solver.residual_likelihood import WEAKEST, Stretch
 from replant.estimation.solver.solve import Solution
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem, is_long_enough
@@ -175,7 +174,8 @@ class Contest:
         self.count = self.problem.record.count
         middle = max((parted or begin) - (record.u.size - self.rows), 0)
         self.stretch = Stretch.of(self.problem.record, slice(None), middle)
-        self.usual = self.stretch.of_usual(known.error[known.error.size - self.rows :], known.noise, known.variance)
+        self.error = known.error[known.error.size - self.rows :]  # of the model from before
+        self.usual = self.stretch.of_usual(self.error, known.noise, known.variance)
 
     @property
     def is_long_enough(self) -> bool:
@@ -185,14 +185,13 @@ class Contest:
     @quiet
     def claims(self, *, again: bool = False) -> list[Claim]:
         """Return what can be said of the samples since; ``again``: what a change that is believed may have been."""
-        before = self.known.error[self.known.error.size - self.rows :]
         if not self.is_long_enough:
             return []
         found: list[Claim] = []
         if not again:
-            noise = self.stretch.of_other(before, self.known.noise) - self.usual
+            noise = self.stretch.of_other(self.error, self.known.noise) - self.usual
             found = [self._claim(Supposition.NOTHING, 0.0), self._claim(Supposition.NOISE, noise)]
-        if float(np.std(before)) < HARMLESS * float(np.std(self.problem.record.y)):
+        if float(np.std(self.error)) < HARMLESS * float(np.std(self.problem.record.y)):
             return found
         models = [self.known.mean]
         for claim in self._of_models():
@@ -205,11 +204,11 @@ class Contest:
     @property
     def power(self) -> float:
         """Mean square of what the model from before leaves of the samples since."""
-        return sum_of_squares(self.known.error[self.known.error.size - self.rows :]) / max(self.count, 1)
+        return sum_of_squares(self.error) / max(self.count, 1)
 
     def weighed(self, more: float) -> float:
-        """Return the evidence of what another G(s) explains more, see `change_prior.weighed`."""
-        return change_prior.weighed(more, *self.dispersion)
+        """Return the evidence of what another G(s) explains more, see `change_evidence.weighed`."""
+        return change_evidence.weighed(more, *self.dispersion)
 
     @cached_property
     def dispersion(self) -> tuple[float, float]:

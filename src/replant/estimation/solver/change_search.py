@@ -25,9 +25,8 @@ import numpy as np
 
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.change_contest import HARMLESS, Claim, Contest, decided, is_sure
-from replant.estimation.solver.change_prior import Known, with_nuisances
+from replant.estimation.solver.change_evidence import Known, Stretch, with_nuisances
 from replant.estimation.solver.refined_estimate import without_nuisances
-from replant.estimation.solver.residual_likelihood import Stretch
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem, least_since
 from replant.model.structure import Structure

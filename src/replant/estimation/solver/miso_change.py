@@ -28,7 +28,7 @@ import numpy as np
 
 from replant.estimation.simulation.miso import Point, Row, evaluate, noise_of, summed
 from replant.estimation.solver.change_contest import HARMLESS
-from replant.estimation.solver.change_prior import dispersion_of, weighed
+from replant.estimation.solver.change_evidence import dispersion_of, weighed
 from replant.estimation.solver.change_search import surest_begin
 from replant.estimation.solver.miso_steps import ends_of, path, refine, start
 from replant.estimation.solver.srivc_steps import SOONEST

@@ -14,7 +14,7 @@ from functools import partial
 from typing import Generic, NamedTuple, TypeVar
 
 from replant.estimation.simulation.miso import Row, evaluate, noise_of
-from replant.estimation.solver.change_prior import weighed
+from replant.estimation.solver.change_evidence import weighed
 from replant.estimation.solver.miso_change import (
     Change,
     Judge,
