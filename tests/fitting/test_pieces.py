@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from replant import Structure, TransferFunction
+from replant import Model, RowModel, Structure, TransferFunction
 from replant.fitting.model import usual_interval
-from replant.fitting.model_fields import ModelFields, RowFields, has_rest
-from replant.fitting.model_json import OF_SEVERAL, as_object, loads
+from replant.fitting.model_fields import has_rest
+from replant.fitting.model_json import as_object
 from replant.fitting.model_notation import latex
 from replant.fitting.responses import frequencies, time_of
 
@@ -42,10 +42,10 @@ def test_a_model_as_latex() -> None:
 
 
 def test_fields_through_json_of_either_layout() -> None:
-    one = ModelFields(Structure(1), [1.0, 2.0], dt=0.1)
-    several = RowFields((Structure(1), Structure(1, delay=0.5)), [1.0, 2.0, 3.0, 4.0], dt=0.1)
+    one = Model(Structure(1), [1.0, 2.0], dt=0.1)
+    several = RowModel((Structure(1), Structure(1, delay=0.5)), [1.0, 2.0, 3.0, 4.0], dt=0.1)
     assert as_object(one)["num"] == [2.0]
     assert as_object(several)["den"] == [[1.0, 1.0], [1.0, 3.0]]
-    assert ModelFields(**loads(json.dumps(as_object(one)))) == one
-    assert RowFields(**loads(json.dumps(as_object(several)), OF_SEVERAL)) == several
+    assert Model.from_json(json.dumps(as_object(one))) == one
+    assert RowModel.from_json(json.dumps(as_object(several))) == several
     assert one != several

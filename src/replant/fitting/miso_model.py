@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -76,6 +76,8 @@ class RowModel(model_file.Written, RowFields):
     >>> model.simulate([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]]).round(4)
     array([0.    , 0.    , 0.1903])
     """
+
+    LAYOUT = model_json.OF_SEVERAL
 
     def of_input(self, which: int | str) -> Model:
         """Return the model of one input, the others at rest: for its responses, plots and conversions.
@@ -329,13 +331,6 @@ class RowModel(model_file.Written, RowFields):
             Order of the approximation of dead times.
         """
         return interop.control_matrix([[g.to_control(pade) for g in self.transfer_functions]])
-
-    def _as_object(self) -> dict[str, Any]:
-        return model_json.as_object(self)
-
-    @classmethod
-    def _of_json(cls, written: str | bytes) -> Self:
-        return cls(**model_json.loads(written, model_json.OF_SEVERAL))
 
     def __repr__(self) -> str:
         fit = "" if math.isnan(self.simulated_fit) else f", fit {self.simulated_fit:.1f} %"

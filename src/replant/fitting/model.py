@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -68,6 +68,8 @@ class Model(model_file.Written, ModelFields):
     >>> model.simulate([1.0, 1.0, 2.0, 2.0]).round(3)          # in absolute units
     array([7.   , 7.   , 7.   , 7.195])
     """
+
+    LAYOUT = model_json.VERSION
 
     @quiet
     def simulate(self, u: Any, t: Any = None, *, y: Any = None) -> FloatArray:
@@ -233,13 +235,6 @@ class Model(model_file.Written, ModelFields):
     def to_sympy(self) -> Any:
         """Return G(s) as an expression of SymPy in the symbol s."""
         return self.transfer_function.to_sympy()
-
-    def _as_object(self) -> dict[str, Any]:
-        return model_json.as_object(self)
-
-    @classmethod
-    def _of_json(cls, written: str | bytes) -> Self:
-        return cls(**model_json.loads(written))
 
     def __repr__(self) -> str:
         return model_notation.one_line(self)

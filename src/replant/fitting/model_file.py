@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from replant.errors import ModelFileError
+from replant.fitting import model_json
 from replant.fitting.model_json import LARGEST
 from replant.numerics import operating_system
 from replant.numerics.limits import file_path
@@ -17,8 +17,10 @@ from replant.numerics.operating_system import reason_of
 AnyPath = str | os.PathLike[str]
 
 
-class Written(ABC):
+class Written:
     """A model that a file of JSON holds."""
+
+    LAYOUT: ClassVar[int]
 
     def to_json(self) -> str:
         """Return the model as one JSON object, whose entries the page JSON describes.
@@ -44,7 +46,8 @@ class Written(ABC):
         ModelFileError
             If it is no such JSON, or of a newer version.
         """
-        return cls._of_json(written)
+        with model_json.in_one_line():
+            return cls._of_object(model_json.parsed(written))
 
     def save(self, path: AnyPath) -> None:
         """Write the model as JSON; the file is whole at every moment.
@@ -63,12 +66,14 @@ class Written(ABC):
         """
         write(path, self.to_json())
 
-    @abstractmethod
-    def _as_object(self) -> dict[str, Any]: ...
+    def _as_object(self) -> dict[str, Any]:
+        return model_json.as_object(self)  # type: ignore[arg-type]
 
     @classmethod
-    @abstractmethod
-    def _of_json(cls, written: str | bytes) -> Self: ...
+    def _of_object(cls, read: Any) -> Self:
+        model = cls(**model_json.fields_of(read, cls.LAYOUT))
+        model_json.check_consistent(read, model)  # type: ignore[arg-type]
+        return model
 
 
 def check_target(path: AnyPath) -> None:

@@ -23,7 +23,6 @@ from replant.fitting.model_fields import ModelFields, Provenance, RowFields
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.verdict.verdict import STATUSES, Verdict
@@ -57,25 +56,20 @@ def rows_object(rows: Sequence[RowFields]) -> dict[str, Any]:
 @quiet
 def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
     """Return a model as an object of JSON; what is not known is null."""
-    structures: tuple[Structure, ...]
-    plants: tuple[TransferFunction, ...]
-    known: tuple[Uncertainty, ...] | None
+    known: Any = model.uncertainty
     if isinstance(model, ModelFields):
         if callable(model.input_map):
             raise InvalidArgumentError(
                 "the input map is a Python function, which JSON cannot hold: "
                 "map the input before the identification, or use input_map='square'"
             )
-        layout, structures, plants = VERSION, (model.structure,), (model.transfer_function,)
-        known = None if model.uncertainty is None else (model.uncertainty,)
+        layout, known = VERSION, known and (known,)
         inputs: list[dict[str, Any]] = [{"name": model.input_name, "map": model.input_map, "level": model.input_level}]
     else:
-        layout, structures, plants, known = OF_SEVERAL, model.structures, model.transfer_functions, model.uncertainty
-        levels = zip(model.input_names, model.input_levels.tolist(), strict=True)
+        layout, levels = OF_SEVERAL, zip(model.input_names, model.input_levels.tolist(), strict=True)
         inputs = [{"name": name, "level": level} for name, level in levels]
-    std = [math.nan] * model.parameters.size
-    if known is not None:
-        std = [value for each in known for value in each.std.tolist()]
+    structures, plants = _plants(model)
+    std = [value for each in known for value in each.std.tolist()] if known else [math.nan] * model.parameters.size
     of_inputs = {
         "num": [g.num.tolist() for g in plants],
         "den": [g.den.tolist() for g in plants],
@@ -87,6 +81,7 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
         "input": inputs,
     }
     of_input: dict[str, Any] = {key: each[0] if layout == VERSION else each for key, each in of_inputs.items()}
+    noise = model.noise
     return {
         "schema_version": layout,
         **{key: of_input[key] for key in ("num", "den", "delay", "structure")},
@@ -100,13 +95,20 @@ def as_object(model: ModelFields | RowFields) -> dict[str, Any]:
         "input_hold": model.input_hold,
         "input": of_input["input"],
         "output": {"name": model.output_name, "level": model.output_level},
-        "noise": None if model.noise is None else noise_object(model.noise),
+        "noise": None if noise is None else vars(noise) | {"coefficients": noise.coefficients.tolist()},
         "fit": {"one_step": finite(model.one_step_fit), "simulated": finite(model.simulated_fit)},
         "samples": model.provenance.samples,
         "rejected": dict(model.rejected),
         "verdict": verdict_object(model.verdict),
         "provenance": {name: getattr(model.provenance, name) for name in OF_PROVENANCE},
     }
+
+
+def _plants(model: ModelFields | RowFields) -> tuple[tuple[Structure, ...], tuple[TransferFunction, ...]]:
+    """Return structure and G(s) of each input."""
+    if isinstance(model, ModelFields):
+        return (model.structure,), (model.transfer_function,)
+    return model.structures, model.transfer_functions
 
 
 #: What a file holds, and what reads it.
@@ -117,39 +119,15 @@ KINDS = {
 }
 
 
-def loads(written: str | bytes, layout: int = VERSION) -> dict[str, Any]:
-    """Return the fields of the model in a JSON text; entries that a model does not have are passed over."""
-    with in_one_line():
-        return _checked(parsed(written), layout)
-
-
-def loads_rows(written: str | bytes) -> list[dict[str, Any]]:
-    """Return the fields of each row of the model of several outputs in a JSON text."""
-    with in_one_line():
-        read = parsed(written)
-        if layout_of(read) != OF_OUTPUTS:
-            raise ModelFileError(f"it holds {KINDS[layout_of(read)]}")
-        return [_checked(row, OF_SEVERAL) for row in entry(read, "rows", list)]
-
-
-def _checked(read: Any, layout: int) -> dict[str, Any]:
+def check_layout(read: Any, layout: int) -> None:
+    """Check that an object of JSON has a layout."""
     if layout_of(read) != layout:
         raise ModelFileError(f"it holds {KINDS[layout_of(read)]}")
-    found = _fields(read, layout)
-    _check_consistent(read, layout, found)
-    return found
 
 
-def kind_of(written: str | bytes) -> int:
-    """Return the layout of the model in a JSON text, which says whether inputs or outputs are several."""
-    with in_one_line():
-        return layout_of(parsed(written))
-
-
-def _check_consistent(read: dict[str, Any], layout: int, found: dict[str, Any]) -> None:
+def check_consistent(read: dict[str, Any], model: ModelFields | RowFields) -> None:
     """Check that what is written for other programs is that of the model."""
-    single = layout == VERSION
-    plants = (ModelFields(**found).transfer_function,) if single else RowFields(**found).transfer_functions
+    plants, single = _plants(model)[1], isinstance(model, ModelFields)
     for name in ("num", "den"):
         given = [read.get(name)] if single else _items(read, name, len(plants))
         if not all(same(each, getattr(g, name)) for each, g in zip(given, plants, strict=True)):
@@ -217,7 +195,9 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _fields(read: dict[str, Any], layout: int) -> dict[str, Any]:
+def fields_of(read: dict[str, Any], layout: int) -> dict[str, Any]:
+    """Return the fields of the model in an object of JSON; entries that a model does not have are passed over."""
+    check_layout(read, layout)
     single = layout == VERSION
 
     def objects(name: str, count: int | None = None) -> list[dict[str, Any]]:
@@ -342,16 +322,6 @@ def _is_vector(read: Any, size: int | None = None) -> bool:
 def same(read: Any, expected: FloatArray) -> bool:
     """Return whether a list holds these numbers."""
     return _is_vector(read, expected.size) and np.array_equal(_array(read), expected)
-
-
-def noise_object(noise: NoiseModel) -> dict[str, Any]:
-    """Return a noise model as an object of JSON."""
-    return {
-        "coefficients": noise.coefficients.tolist(),
-        "variance": noise.variance,
-        "residual_variance": noise.residual_variance,
-        "dt": noise.dt,
-    }
 
 
 def noise_of(read: Any) -> NoiseModel | None:

@@ -53,6 +53,8 @@ class MatrixModel(model_file.Written):
            [0.1903, 0.1903]])
     """
 
+    LAYOUT = model_json.OF_OUTPUTS
+
     rows: tuple[RowModel, ...]
 
     def __post_init__(self) -> None:
@@ -192,10 +194,9 @@ class MatrixModel(model_file.Written):
         return model_json.rows_object(self.rows)
 
     @classmethod
-    def _of_json(cls, written: str | bytes) -> Self:
-        rows = tuple(RowModel(**fields) for fields in model_json.loads_rows(written))
-        with model_json.in_one_line():
-            return cls(rows)
+    def _of_object(cls, read: Any) -> Self:
+        model_json.check_layout(read, cls.LAYOUT)
+        return cls(tuple(RowModel._of_object(row) for row in model_json.entry(read, "rows", list)))
 
     def __repr__(self) -> str:
         return "\n".join([f"<MatrixModel of {len(self.rows)} outputs:", *map(repr, self.rows)]) + ">"
@@ -282,10 +283,10 @@ def load_model(path: AnyPath) -> Model | RowModel | MatrixModel:
     replant.errors.ModelFileError: no-such-file.json: no such file
     """
     written = model_file.read(path)
-    kinds: dict[int, type[Model] | type[RowModel] | type[MatrixModel]] = {
-        model_json.VERSION: Model, model_json.OF_SEVERAL: RowModel, model_json.OF_OUTPUTS: MatrixModel
-    }  # fmt: skip
     try:
-        return kinds[model_json.kind_of(written)].from_json(written)
+        with model_json.in_one_line():
+            read = model_json.parsed(written)
+            layout = model_json.layout_of(read)
+            return next(kind for kind in (Model, RowModel, MatrixModel) if layout == kind.LAYOUT)._of_object(read)
     except ModelFileError as error:
         raise ModelFileError(f"{path}: {error}") from error
