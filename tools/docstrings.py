@@ -38,7 +38,7 @@ CLASSES = (
     "replant.fitting.responses.PoleMap",
     "replant.fitting.responses.StepResponse",
     "replant.fitting.validation.ErrorByFrequency",
-    "replant.model.natural_mode.Mode",
+    "replant.model.transfer_function.Mode",
     "replant.fitting.structure_search.Candidate",
     "replant.fitting.structure_search.MatrixSearch",
     "replant.fitting.structure_search.SearchResult",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import replant as rp
-from replant.fitting.initial_state import gain_from_rest
+from replant.fitting.other_causes import gain_from_rest
 from replant.signals import prbs
 from support.cases import every
 

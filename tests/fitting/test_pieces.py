@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from replant import Model, RowModel, Structure, TransferFunction
-from replant.fitting.model import usual_interval
+from replant.fitting.model import latex, usual_interval
 from replant.fitting.model_fields import has_rest
 from replant.fitting.model_json import as_object
-from replant.fitting.model_notation import latex
 from replant.fitting.responses import frequencies, time_of
 
 LAG = TransferFunction([1.0], [1.0, 0.5])

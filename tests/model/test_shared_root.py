@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.model.shared_root import cancelled_pole
-from replant.model.uncertainty import Uncertainty
+from replant.model.uncertainty import Uncertainty, cancelled_pole
 from replant.signals import prbs
 from support.cases import every
 

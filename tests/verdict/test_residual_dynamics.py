@@ -14,7 +14,7 @@ from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA
 from replant.numerics.score_test import Explained, Residual
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.residual_dynamics import unexplained
+from replant.verdict.residual_tests import unexplained
 from support.builders import G1, binary
 from support.cases import every
 

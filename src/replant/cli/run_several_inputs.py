@@ -27,9 +27,8 @@ from replant.cli.run_fit_compare_options import read_several
 from replant.fitting import model_json
 from replant.fitting.fit import fit
 from replant.fitting.miso_fit import RowFit
-from replant.fitting.rows_of_outputs import without_outputs
 from replant.fitting.samples import Samples
-from replant.fitting.several_outputs import MatrixFit
+from replant.fitting.several_outputs import MatrixFit, without_outputs
 from replant.fitting.structure_search import SearchResult, as_row, search
 from replant.fitting.validation import Validation
 from replant.logs import Log

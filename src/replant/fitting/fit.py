@@ -19,9 +19,8 @@ from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.miso_fit import RowFit, fit_row
 from replant.fitting.parted_record import differ, solve_parted
-from replant.fitting.rows_of_outputs import are_rows, samples_of_outputs, solved_rows
 from replant.fitting.samples import RawRecord, Samples
-from replant.fitting.several_outputs import MatrixFit
+from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
 from replant.kernels.schema import Doubt
 from replant.logs.log import without_rest
 from replant.model.interop import in_our_words

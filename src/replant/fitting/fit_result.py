@@ -16,11 +16,9 @@ from replant.estimation.simulation.miso import Row
 from replant.estimation.solver.change_search import PlantChange, change_within
 from replant.estimation.solver.record_changes import find_plant_change
 from replant.estimation.solver.refined_estimate import Refined
-from replant.fitting import model_notation
-from replant.fitting.initial_state import gain_from_rest
-from replant.fitting.model import Model
+from replant.fitting.model import Model, in_lines, with_picture
 from replant.fitting.model_fields import Identified, Provenance, has_rest
-from replant.fitting.other_causes import with_other_cause
+from replant.fitting.other_causes import gain_from_rest, with_other_cause
 from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
 from replant.kernels.schema import LAGUERRE
 from replant.model.noise import NoiseModel
@@ -31,8 +29,8 @@ from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, quiet, sum_of_squares
 from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
-from replant.verdict.loop_tests import COPIED, IDLE, Reference, fault_of
 from replant.verdict.other_columns import OtherColumn, other_columns, with_other_columns
+from replant.verdict.residual_tests import COPIED, IDLE, Reference, fault_of
 from replant.verdict.sensor_and_excitation import begins_at_rest, loads_act, loads_may_act
 
 WITHOUT = "the fit does without it"
@@ -242,10 +240,10 @@ class FitResult(Identified):
         return y
 
     def __repr__(self) -> str:
-        return model_notation.in_lines("FitResult", self.model, self.samples, self.verdict.reasons)
+        return in_lines("FitResult", self.model, self.samples, self.verdict.reasons)
 
     def _repr_html_(self) -> str:
-        return model_notation.with_picture(self.model)
+        return with_picture(self.model)
 
     @property
     def fixed_filter(self) -> StateVariableFilter:

@@ -10,8 +10,7 @@ import numpy as np
 from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.fitting.miso_model import RowModel, one_step_percent
-from replant.fitting.miso_references import held, references_of
-from replant.fitting.miso_solve import RowSolution
+from replant.fitting.miso_solve import RowSolution, held, references_of
 from replant.fitting.miso_verdict import judged
 from replant.fitting.model_fields import Provenance, unnamed
 from replant.fitting.parted_record import solve_parted_row

@@ -25,8 +25,7 @@ from replant.estimation.solver.miso_steps import start
 from replant.estimation.solver.solve import leaving_out, suspected
 from replant.estimation.solver.undetermined_poles import grown
 from replant.fitting.miso_fit import fit_row, ready_row
-from replant.fitting.miso_references import with_outside
-from replant.fitting.miso_solve import covariance_of, differs, likeliest
+from replant.fitting.miso_solve import covariance_of, differs, likeliest, with_outside
 from replant.fitting.samples import Samples
 from replant.fitting.search_result import ALPHA, Candidate, SearchResult, likeliest_between
 from replant.fitting.structure_evidence import Evidence, least_known

@@ -11,14 +11,16 @@ begin; their estimate is consistent whatever the noise.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.miso import Point, Row, RowRecord, colour_of, evaluate, noise_of
+from replant.estimation.simulation.miso_exogenous import Outside
 from replant.estimation.solver import solve
 from replant.estimation.solver.miso_steps import (
     STEPS,
@@ -31,21 +33,24 @@ from replant.estimation.solver.miso_steps import (
     start,
 )
 from replant.estimation.solver.srivc_steps import NEARLY_DONE
-from replant.fitting.miso_references import with_outside
 from replant.kernels.schema import Doubt
+from replant.model.preprocess import accepted
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.arguments import BoolArray, FloatArray, IntArray, array_of_reals
 from replant.numerics.autoregression import Autoregression, duration_of
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, compose, factor_information, inverse_of, products
 from replant.verdict.miso_tests import answering, controlled, lacking, of_rivals
+from replant.verdict.residual_tests import COPIED, STILL, Reference, fault_of
 from replant.verdict.verdict import Finding
 
+IDLE = "the reference explains nothing of any input: give the column that does, move it more, or leave it out"
+SERVED = "input {} is moved by the reference: the estimate is made from what that explains of it"
+OPEN = "no input answers to disturbances: the reference is not needed"
 GIVEN_UP = (
     "the structure leaves slow parts of the output, which a noise model would take for noise: none was used; try more "
     "poles, a further input, or, where a controller makes an input, its reference"
 )
-
 NOT_SOLVED = "the estimate made with the reference did not come to rest: record more, or move the reference more"
 
 ROUNDS = 3  # times that the noise model is estimated [count]
@@ -60,6 +65,57 @@ Sensitivity: not measured.
 MOST_BEYOND = 100.0  # logarithm of a ratio of costs that is beyond any, and within float64 [number]
 
 SAME = 0.99  # level of the test that estimates with and without the noise model are of one plant [probability]
+
+
+def references_of(given: Any, samples: int) -> FloatArray | None:
+    """Return references as columns (K, p), checked; None where there are none."""
+    if given is None:
+        return None
+    columns, _ = accepted(np.asarray(array_of_reals("reference", given), np.float64))
+    columns = columns[:, None] if columns.ndim == 1 else columns
+    if columns.ndim != 2 or not columns.shape[1] or len(columns) != samples:
+        raise InvalidArgumentError(
+            f"reference must have one value for each of {samples} samples, or a column of them for each reference, got "
+            f"shape {shown(columns.shape)}"
+        )
+    return columns
+
+
+def held(references: FloatArray) -> FloatArray:
+    """Return references (K, p) on straight lines where they are not known."""
+    columns, index = references.copy(), np.arange(len(references))
+    for column in columns.T:
+        known = np.flatnonzero(np.isfinite(column))
+        column[:] = np.interp(index, known, column[known]) if known.size else 0.0
+    return columns
+
+
+def with_outside(
+    ready: RowRecord, references: FloatArray | None, names: Sequence[str], is_moved: BoolArray | None = None
+) -> tuple[RowRecord, tuple[Finding, ...]]:
+    """Return a record (J,) with what references (J, p) explain of its inputs, and what there is to say about them."""
+    if references is None:
+        return ready, ()
+    each_of = [np.ascontiguousarray(each) for each in references.T]
+    if all(fault_of(each, ready.inputs[:, 0]) == STILL for each in each_of):
+        return ready, (Finding("not excited", f"{STILL}: move it, or leave it out"),)
+    inputs, told = [np.ascontiguousarray(each) for each in ready.inputs.T], is_moved is not None
+    if is_moved is None:
+        is_moved = np.array([any(_moves(r, u, ready.record.y) for r in each_of) for u in inputs])
+    if not is_moved.any() and told:
+        return replace(ready, outside=None), (Finding("trusted", OPEN),)
+    if not is_moved.any():
+        if any(fault_of(r, u) == COPIED for r in each_of for u in inputs):
+            return ready, (Finding("trusted", f"{COPIED}, and says no more than the input does"),)
+        return ready, (Finding("not excited", IDLE),)
+    outside = Outside.of(ready.inputs, references, is_moved)
+    served = (Finding("trusted", SERVED.format(name)) for name, moves in zip(names, is_moved, strict=True) if moves)
+    return replace(ready, outside=outside), tuple(served)
+
+
+def _moves(r: FloatArray, u: FloatArray, y: FloatArray) -> bool:
+    """Return whether a reference moves an input, of which it is no copy."""
+    return bool(np.ptp(u) > 0.0 and not fault_of(r, u) and Reference.projected(r, u, y).strength > 1.0)
 
 
 @dataclass(frozen=True, eq=False)

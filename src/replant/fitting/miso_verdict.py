@@ -13,7 +13,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Point, Row, evaluate
 from replant.estimation.solver.miso_steps import refine, start_without
 from replant.estimation.solver.refined_estimate import relative_uncertainty
-from replant.model.shared_root import cancelled_pole
+from replant.model.uncertainty import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING

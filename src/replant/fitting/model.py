@@ -1,28 +1,34 @@
-"""Model: an identified plant with everything that is worth keeping of its identification."""
+"""Model: an identified plant with all that is worth keeping; in one line, as LaTeX, and as HTML for notebooks."""
 
 from __future__ import annotations
 
 import dataclasses
+import html as escaped
+import math
+import textwrap
 from typing import Any
 
 import numpy as np
 
-from replant.errors import InvalidArgumentError, shown
+from replant.errors import InvalidArgumentError, MissingDependencyError, shown
 from replant.estimation.simulation.model_run import model_output
-from replant.fitting import model_file, model_json, model_notation
+from replant.fitting import model_file, model_json
 from replant.fitting.model_fields import ModelFields
 from replant.fitting.responses import Bode, ImpulseResponse, Nyquist, PoleMap, StepResponse, time_of
 from replant.fitting.validation import Validation, validate
 from replant.logs.log import Log, check_one_reference
 from replant.model.noise import NoiseModel
 from replant.model.state_space import Response
+from replant.model.transfer_function import TransferFunction, terms_of
 from replant.numerics.arguments import FloatArray, record, vector, whole
 from replant.numerics.autoregression import ahead
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet
 from replant.numerics.robust import last_known
-from replant.plotting.style import axes_for
+from replant.plotting.numbers import with_std
+from replant.plotting.style import axes_for, picture
 
+WIDTH, COEFFICIENT_LINES, REASONS = 110, 3, 5  # characters of a line, lines of coefficients, reasons [count]
 SAME_CLOCK = 0.1  # difference of intervals up to which the noise model predicts [part of the interval]
 
 
@@ -237,13 +243,14 @@ class Model(model_file.Written, ModelFields):
         return self.transfer_function.to_sympy()
 
     def __repr__(self) -> str:
-        return model_notation.one_line(self)
+        fit = "" if math.isnan(self.simulated_fit) else f", fit {self.simulated_fit:.1f} %"
+        return f"<Model {self.transfer_function}: {self.input_name} -> {self.output_name}{fit}, {self.verdict.status}>"
 
     def _repr_latex_(self) -> str:
-        return f"$\\displaystyle {model_notation.latex(self.transfer_function)}$"
+        return f"$\\displaystyle {latex(self.transfer_function)}$"
 
     def _repr_html_(self) -> str:
-        return model_notation.html(self)
+        return html(self)
 
 
 def unstable_error(horizon: int) -> InvalidArgumentError:
@@ -291,3 +298,67 @@ def _signals(
         return u, y, None, r, dt
     stamps = increasing(t, u.size)
     return u, y, stamps, r, usual_interval(stamps, dt)
+
+
+def in_lines(kind: str, model: ModelFields, samples: int, reasons: tuple[str, ...]) -> str:
+    """Return a result in at most twelve lines: G(s), coefficients, fit, and the reasons of the verdict."""
+    count = model.parameters.size
+    stds = [None] * count if model.uncertainty is None else model.uncertainty.std.tolist()
+    values = zip(model.names, model.parameters.tolist(), stds, strict=True)
+    known = [f"{name} {with_std(value, std)}" for name, value, std in values]
+    fits = [(model.simulated_fit, "simulated"), (model.one_step_fit, "one step ahead")]
+    fit = ", ".join(f"{value:.1f} % {how}" for value, how in fits if not math.isnan(value))
+    shown = [*reasons[:REASONS], *([f"... {len(reasons) - REASONS} more"] if len(reasons) > REASONS else [])]
+    lines = [
+        f"<{kind} {model.transfer_function}: {model.input_name} -> {model.output_name}",
+        *textwrap.wrap(", ".join(known), WIDTH, max_lines=COEFFICIENT_LINES),
+        f"fit {fit}; {samples:,} samples",
+        f"{model.verdict.status}: {shown[0] if shown else ''}",
+        *shown[1:],
+    ]
+    return "\n  ".join(lines) + ">"
+
+
+def latex(model: TransferFunction) -> str:
+    r"""Return G(s) as mathematical text of LaTeX."""
+    dead_time = rf"\, e^{{-{_number(model.delay)}\, s}}" if model.delay else ""
+    return rf"G(s) = \frac{{{_polynomial(model.num)}}}{{{_polynomial(model.den)}}}{dead_time}"
+
+
+CELL = 'style="padding: 0 1em 0 0; text-align: left"'  # without it a page may leave no room between two cells
+
+
+def html(model: ModelFields) -> str:
+    """Return G(s), the coefficients with their standard deviations, the poles and the verdict as HTML."""
+    std = None if model.uncertainty is None else model.uncertainty.std
+    rows = []
+    for i, name in enumerate(model.names):
+        known = "" if std is None else f"± {std[i]:.2g}" if math.isfinite(std[i]) else "± unknown"
+        cells = (name, f"{model.parameters[i]:.5g}", known)
+        rows.append("<tr>" + "".join(f"<td {CELL}>{cell}</td>" for cell in cells) + "</tr>")
+    poles = ", ".join(f"{pole:.4g}" for pole in model.transfer_function.poles.tolist())
+    fit = "not known" if math.isnan(model.simulated_fit) else f"{model.simulated_fit:.1f} %"
+    reasons = "".join(f"<li>{escaped.escape(reason)}</li>" for reason in model.verdict.reasons)
+    signals = escaped.escape(f"{model.input_name} → {model.output_name}")
+    return (
+        f"<div><p><b>G(s)</b> = {escaped.escape(str(model.transfer_function))}<br>{signals}, dt {model.dt:g} s</p>"
+        f"<table>{''.join(rows)}</table>"
+        f"<p>poles {poles} rad/s<br>fit {fit}<br>verdict <b>{model.verdict.status}</b></p><ul>{reasons}</ul></div>"
+    )
+
+
+def with_picture(model: Any) -> str:
+    """Return a model as HTML with the picture of its responses; without matplotlib in words alone."""
+    try:
+        return html(model) + picture(model.plot())
+    except MissingDependencyError:
+        return html(model)
+
+
+def _polynomial(coefficients: FloatArray) -> str:
+    return "".join(terms_of(coefficients, _number, r"\, ", "s^{{{}}}"))
+
+
+def _number(value: float) -> str:
+    mantissa, _, exponent = f"{value:.5g}".partition("e")
+    return rf"{mantissa} \cdot 10^{{{int(exponent)}}}" if exponent else mantissa

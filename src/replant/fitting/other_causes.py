@@ -1,4 +1,4 @@
-"""Other causes of a model that is not trusted: what the recording has, and the plant has not.
+r"""What the recording has, and the plant has not: other causes of a model that is not trusted, or that should not be.
 
     glitches  a few values of the input far from all others, which the plant has not seen: a bad cable, an error code
     drift     a straight line on the output: a sensor that warms up, a load that grows
@@ -6,6 +6,18 @@
 Each leaves a model that explains little, and tests that name causes which are not there.  Whether it is the cause is
 asked of the record: without it another model has more evidence, also than one with one more mode, and is trusted.  What
 was taken off is paid for as numbers that were fitted.
+
+A trusted model may be off where the free initial state takes a part of the response to the input.  A step test with few
+samples before the step tells both by nearly the same samples: its gain is known ten times less well than if the record
+is known to begin at rest.  If it does, the gain from rest, :math:`g_r`, is efficient, and the free one, :math:`g_f`,
+differs by chance alone (Hausman):
+
+.. math:: (g_f - g_r)^2 / (\sigma_f^2 - \sigma_r^2) \sim \chi^2_1
+
+A record is taken to begin at rest where the output neither rises nor falls before the input moves, and where the model
+from rest is trusted.
+
+Source: Hausman (1978), "Specification tests in econometrics", Econometrica 46.
 """
 
 from __future__ import annotations
@@ -21,16 +33,25 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import run_model
 from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.srivc import refine
+from replant.estimation.solver.srivc_steps import Problem
 from replant.fitting.structure_evidence import Evidence
+from replant.logs.conditioning import outputs_from_rest
 from replant.model.structure import Structure
+from replant.model.uncertainty import Uncertainty, dc_gain_slope
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import inner, quiet, sum_of_squares
-from replant.numerics.projections import amounts_of
+from replant.numerics.linear_algebra import chi2_quantile, inner, products, pseudo_inverse, quiet, sum_of_squares
+from replant.numerics.projections import WEAKEST, amounts_of
 from replant.numerics.robust import far_out
 from replant.verdict.assess import MOST_SAMPLES, assess_record
 from replant.verdict.reasons import POOREST_FIT
 from replant.verdict.verdict import Assessment, percent
+
+# that of the intervals that are stated, within which the gain from rest is to lie
+LEVEL = 0.05  # chance to ask in vain where the record begins at rest [probability]
+
+# where it takes less, the gain from rest is hardly better known, and the test says nothing
+SHARE = 0.5  # of what the record tells of the gain, what the initial state takes where that is looked into [part]
 
 
 class Supposed(NamedTuple):
@@ -142,3 +163,72 @@ def _line(t: FloatArray, signal: FloatArray, known: BoolArray) -> FloatArray:
     since = t - t[known].mean()
     slope = inner(since[known], signal[known]) / max(sum_of_squares(since[known]), np.finfo(float).tiny)
     return np.asarray(slope * since)
+
+
+@quiet
+def gain_from_rest(structure: Structure, theta: FloatArray, covariance: FloatArray, record: Record) -> float | None:
+    """Return the gain of the model from rest, where it is likelier than that of a model (P,); None where it is not."""
+    if len(record.parts) > 1 or record.r is not None or not _rests(record):
+        return None
+    if not _is_taken(structure, theta, record):
+        return None
+    longer = _from_rest(record)
+    found = None if longer is None else refine(structure, longer, [without_nuisances(structure, theta)])
+    if longer is None or found is None:
+        return None
+    size = structure.size
+    known = found.covariance[:size, :size]
+    if assess_record(structure, found.theta[:size], longer, record.dt, known).status != "trusted":
+        return None
+    free, at_rest = (structure.transfer_function(each).dc_gain for each in (theta, found.theta[:size]))
+    stds = (Uncertainty(structure, theta, covariance), Uncertainty(structure, found.theta[:size], known))
+    more = stds[0].dc_gain_std ** 2 - stds[1].dc_gain_std ** 2
+    return at_rest if more > 0.0 and (free - at_rest) ** 2 > chi2_quantile(1.0 - LEVEL, 1) * more else None
+
+
+def _rests(record: Record) -> bool:
+    """Return whether the output neither rises nor falls before the first move of the input."""
+    from scipy import special  # slow to import
+
+    moves = np.flatnonzero(record.u != record.u[0])
+    if not moves.size:
+        return False
+    rows = slice(0, int(moves[0]))
+    y = record.y[rows][record.is_measured[rows]]
+    if y.size < 3:  # nothing to see
+        return True
+    along = np.asarray(np.linspace(-1.0, 1.0, y.size), np.float64)
+    slope = inner(along, y) / sum_of_squares(along)
+    left = sum_of_squares(y - y.mean() - slope * along) / (y.size - 2)
+    ratio = slope**2 * sum_of_squares(along) / left if left > 0.0 else math.inf if slope else 0.0
+    return bool(special.fdtrc(1.0, y.size - 2.0, ratio) >= LEVEL)
+
+
+def _is_taken(structure: Structure, theta: FloatArray, record: Record) -> bool:
+    """Return whether the initial state takes most of what the record tells of the gain."""
+    problem = Problem(structure, record)
+    model = problem.with_nuisances(without_nuisances(structure, theta))
+    zeta, size = problem.run(model).zeta, model.size - structure.poles  # without the initial state
+    information = products(zeta, zeta)
+    lengths = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    scaled = information / np.outer(lengths, lengths)
+    slope = np.zeros(model.size)
+    slope[: structure.size] = dc_gain_slope(structure, theta)
+    slope /= lengths
+    free = float(slope @ pseudo_inverse(scaled, WEAKEST) @ slope)
+    told = float(slope[:size] @ pseudo_inverse(scaled[:size, :size], WEAKEST) @ slope[:size])
+    return told < (1.0 - SHARE) * free
+
+
+def _from_rest(record: Record) -> Record | None:
+    """Return a record with the rest before it; None where no output is known until the input moves."""
+    output = outputs_from_rest(record.u, np.where(record.is_measured, record.y, np.nan))
+    if output is None:
+        return None
+    count = output.size - record.u.size
+    u, measured = np.concatenate([np.full(count, record.u[0]), record.u]), np.isfinite(output)
+    intervals = record.intervals
+    if intervals.size > 1:
+        intervals = np.concatenate([np.full(count, float(np.median(intervals))), intervals])
+    y = np.where(measured, output, 0.0)
+    return replace(record, u=u, y=y, intervals=intervals, measured=measured, before=None)

@@ -17,8 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from replant.errors import InvalidArgumentError
-from replant.model.natural_mode import Mode
-from replant.model.transfer_function import TransferFunction
+from replant.model.transfer_function import Mode, TransferFunction
 from replant.model.uncertainty import UncertainMode, Uncertainty
 from replant.numerics.arguments import FloatArray, array_of_reals
 from replant.numerics.limits import LONGEST, SHORTEST, duration

@@ -17,13 +17,13 @@ from replant.estimation.solver.solve import at_first, leaving_out, solve
 from replant.fitting.fit import check_delay, check_length, fit_samples
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.miso_search import Options, search_rows
-from replant.fitting.rows_of_outputs import are_rows, in_columns, samples_of_outputs
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.search_result import ALPHA as ALPHA
 from replant.fitting.search_result import Candidate as Candidate
 from replant.fitting.search_result import MatrixSearch as MatrixSearch
 from replant.fitting.search_result import SearchResult as SearchResult
 from replant.fitting.search_result import likeliest_between
+from replant.fitting.several_outputs import are_rows, in_columns, samples_of_outputs
 from replant.fitting.structure_evidence import Evidence, Trial
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess, screen

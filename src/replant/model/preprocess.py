@@ -9,16 +9,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.kernels.schema import LARGEST
-from replant.numerics.arguments import (
-    BoolArray,
-    FloatArray,
-    array_of_reals,
-    finite,
-    keep,
-    one_of,
-    record,
-    vector,
-)
+from replant.numerics.arguments import BoolArray, FloatArray, array_of_reals, finite, keep, one_of, record, vector
 from replant.numerics.robust import without_spikes
 
 InputMap = str | Callable[[FloatArray], FloatArray]

@@ -8,15 +8,7 @@ import numpy as np
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import (
-    FloatArray,
-    instance,
-    iterable,
-    keep,
-    owned,
-    truth,
-    whole,
-)
+from replant.numerics.arguments import FloatArray, instance, iterable, keep, owned, truth, whole
 from replant.numerics.limits import dead_time
 
 

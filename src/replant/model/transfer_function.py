@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,19 +13,45 @@ import numpy.typing as npt
 
 from replant.errors import InvalidArgumentError, needs, shown
 from replant.model import interop, state_space
-from replant.model.natural_mode import Mode
-from replant.model.polynomial import polynomial_text
 from replant.model.state_space import Response
-from replant.numerics.arguments import (
-    FloatArray,
-    array_of_reals,
-    coefficients,
-    one_of,
-    vector,
-    whole,
-)
+from replant.numerics.arguments import FloatArray, array_of_reals, coefficients, one_of, vector, whole
 from replant.numerics.limits import count, dead_time, duration
 from replant.numerics.linear_algebra import quiet, roots
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A pole with its frequency, damping and time constant.
+
+    Attributes
+    ----------
+    pole : complex
+        In rad/s.
+    frequency : float
+        Natural frequency abs(pole) / (2 pi), in Hz.
+    damping : float
+        -Re(pole) / abs(pole); 1 for a real stable pole, NaN at the origin.
+    time_constant : float
+        -1 / Re(pole) in s; infinite on the imaginary axis, negative for an unstable pole.
+    """
+
+    pole: complex
+    frequency: float
+    damping: float
+    time_constant: float
+
+    @classmethod
+    def of(cls, pole: complex) -> Mode:
+        """Return the mode of a pole in rad/s.
+
+        >>> Mode.of(-3.0 + 4.0j).damping, Mode.of(-2.0 + 0.0j).time_constant
+        (0.6, 0.5)
+        """
+        magnitude = abs(pole)
+        damping = -pole.real / magnitude if magnitude else math.nan
+        time_constant = -1.0 / pole.real if pole.real else math.inf
+        return cls(pole, magnitude / (2 * math.pi), damping, time_constant)
+
 
 # beyond, the coefficients of a dead time of 1 s leave float64
 MOST_PADE = 100  # highest order of a Pade approximation [count]
@@ -336,3 +362,28 @@ def _pade(delay: float, order: int) -> tuple[FloatArray, FloatArray]:
     raise InvalidArgumentError(
         f"pade must be smaller: with a dead time of {delay:g} s the order {shown(order)} leaves float64"
     )
+
+
+def polynomial_text(polynomial: FloatArray) -> str:
+    """Return a polynomial in s (descending powers) as text, in brackets if it has more than one term.
+
+    >>> import numpy as np
+    >>> polynomial_text(np.array([1.0, -4.0, 0.5])), polynomial_text(np.array([2.0]))
+    ('(s^2 - 4 s + 0.5)', '2')
+    """
+    terms = terms_of(polynomial, lambda value: f"{value:.4g}", " ", "s^{}")
+    return f"({''.join(terms)})" if len(terms) > 1 else terms[0]
+
+
+def terms_of(polynomial: FloatArray, number: Callable[[float], str], times: str, power_of_s: str) -> list[str]:
+    """Return the terms of a polynomial, each with its sign: ``number`` writes a coefficient, ``times`` follows."""
+    terms: list[str] = []
+    for power, value in zip(range(polynomial.size - 1, -1, -1), polynomial.tolist(), strict=True):
+        if value == 0.0 and polynomial.size > 1:
+            continue
+        symbol = "" if power == 0 else "s" if power == 1 else power_of_s.format(power)
+        size = number(abs(value))
+        body = symbol if symbol and size == "1" else f"{size}{times}{symbol}" if symbol else size
+        sign = "-" if value < 0 else "+" if terms else ""
+        terms.append(f" {sign} {body}" if terms else f"{sign}{body}")
+    return terms or ["0"]

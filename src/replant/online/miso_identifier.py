@@ -13,7 +13,7 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.settings import STORED, check_kept
 from replant.fitting.miso_fit import RowFit, row_fit, structures_of
 from replant.fitting.miso_model import RowModel
-from replant.fitting.miso_references import references_of
+from replant.fitting.miso_solve import references_of
 from replant.fitting.model_fields import Provenance, unnamed
 from replant.model.noise import NoiseModel
 from replant.model.structure import Structure

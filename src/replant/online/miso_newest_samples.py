@@ -10,8 +10,7 @@ import numpy as np
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
 from replant.estimation.solver.solve import leaving_out
-from replant.fitting.miso_references import with_outside
-from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of
+from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of, with_outside
 from replant.fitting.miso_verdict import judged
 from replant.kernels.schema import Doubt
 from replant.numerics.arguments import FloatArray

@@ -29,8 +29,8 @@ from replant.estimation.settings import STORED, Request, Settings
 from replant.estimation.simulation.model_run import PER_COEFFICIENT
 from replant.estimation.solver.change_search import PlantChange, change_within
 from replant.kernels.schema import PAST, Doubt, Supposition
-from replant.model.shared_root import cancelled_pole
 from replant.model.structure import Structure
+from replant.model.uncertainty import cancelled_pole
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.linear_algebra import compose, eigenvalues, inverse_of, quiet, real_coefficients
 from replant.verdict.estimate_tests import (

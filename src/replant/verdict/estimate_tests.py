@@ -10,7 +10,7 @@ import numpy as np
 
 from replant.estimation.solver.resampled_scatter import resampled_scatter
 from replant.estimation.solver.srivc_steps import FASTEST
-from replant.model.shared_root import cancelled_pole
+from replant.model.uncertainty import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.levels import ALPHA, MATTERS

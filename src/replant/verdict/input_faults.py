@@ -35,7 +35,7 @@ from replant.numerics.projections import without
 from replant.numerics.score_test import Explained
 from replant.verdict.estimate_tests import FARTHEST, MOVED_SIGMAS, Speeds
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.residual_dynamics import dynamics, power_of, residual_of, unexplained
+from replant.verdict.residual_tests import dynamics, power_of, residual_of, unexplained
 from replant.verdict.verdict import Finding, percent
 
 WIDTHS = (0.2, 0.5)  # half widths of plays: two explain most of any between 0.1 and 0.7 [part of the largest input]

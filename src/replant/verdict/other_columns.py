@@ -32,8 +32,7 @@ from replant.numerics.score_test import Explained, Residual
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.estimate_tests import without_longer
 from replant.verdict.evidence import Evidence, Runs
-from replant.verdict.loop_tests import Reference, answer
-from replant.verdict.residual_dynamics import dynamics, known_columns, power_of, residual_of
+from replant.verdict.residual_tests import Reference, answer, dynamics, known_columns, power_of, residual_of
 from replant.verdict.verdict import Assessment, percent
 
 REFINED = 2  # times that the noise is estimated again from what a column leaves: a third changes no verdict [count]

@@ -27,7 +27,7 @@ import numpy as np
 
 from replant.estimation.engine.state import GAP
 from replant.estimation.simulation.fitted_run import fit_percent
-from replant.model.shared_root import cancelled_pole
+from replant.model.uncertainty import cancelled_pole
 from replant.numerics.autoregression import one_step, whiteness
 from replant.numerics.levels import MATTERS, NEGLIGIBLE
 from replant.numerics.linear_algebra import quiet, roots
@@ -36,8 +36,14 @@ from replant.verdict import sensor_and_excitation
 from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
 from replant.verdict.evidence import CONSTANT, LEAST_POWER, RESTING, STANDS_STILL, Evidence, Runs, is_constant
 from replant.verdict.input_faults import actuator_findings, dead_time_findings, hold_findings
-from replant.verdict.loop_tests import COLOURED, Loop, Reference, unexplained_by_reference
-from replant.verdict.residual_dynamics import unexplained, unexplained_before
+from replant.verdict.residual_tests import (
+    COLOURED,
+    Loop,
+    Reference,
+    unexplained,
+    unexplained_before,
+    unexplained_by_reference,
+)
 from replant.verdict.verdict import STATUSES, Assessment, Finding, conclude, percent
 
 POOREST_FIT = 10.0  # simulated fit below which the input explains next to nothing: noise has four times its power [%]

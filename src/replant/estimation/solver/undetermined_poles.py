@@ -35,8 +35,8 @@ from replant.estimation.engine.dimensions import entries_of
 from replant.estimation.engine.record import Record
 from replant.estimation.solver.refined_estimate import Refined, without_nuisances
 from replant.estimation.solver.srivc_steps import Problem
-from replant.model.shared_root import cancelled_pole
 from replant.model.structure import Structure
+from replant.model.uncertainty import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ALPHA

@@ -14,9 +14,8 @@ import numpy.typing as npt
 from replant.estimation.engine.record import gaps_of
 from replant.estimation.filters import StateVariableFilter
 from replant.estimation.settings import Settings
-from replant.fitting import model_notation
 from replant.fitting.fit_result import FitResult
-from replant.fitting.model import Model
+from replant.fitting.model import Model, in_lines, with_picture
 from replant.logs.log import without_rest
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import screen
@@ -227,10 +226,10 @@ class Result:
         return self.clock if self.clock is not None and self.clock.irregular else Clock(dt)
 
     def __repr__(self) -> str:
-        return model_notation.in_lines("Result", self.model, self.samples, self.verdict.reasons)
+        return in_lines("Result", self.model, self.samples, self.verdict.reasons)
 
     def _repr_html_(self) -> str:
-        return model_notation.with_picture(self.model)
+        return with_picture(self.model)
 
     @property
     def structure(self) -> Structure:

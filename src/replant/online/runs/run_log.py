@@ -18,9 +18,8 @@ from replant.fitting.fit import fit
 from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_fit import RowFit
 from replant.fitting.other_causes import with_other_cause
-from replant.fitting.rows_of_outputs import are_rows, samples_of_outputs, solved_rows
 from replant.fitting.samples import RawRecord
-from replant.fitting.several_outputs import MatrixFit
+from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
 from replant.fitting.structure_evidence import is_asked_for, with_fewer_poles
 from replant.logs.log import Log
 from replant.model.interop import in_our_words

@@ -13,7 +13,7 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import RowRecord
 from replant.fitting.miso_fit import RowFit, check_numbers, columns_of, structures_of
 from replant.fitting.miso_model import evaluated
-from replant.fitting.miso_references import references_of
+from replant.fitting.miso_solve import references_of
 from replant.fitting.samples import Samples
 from replant.logs.log import without_rest
 from replant.numerics.arguments import vector

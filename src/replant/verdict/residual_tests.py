@@ -1,6 +1,16 @@
-r"""The loop: whether a controller moves the input, and what a reference that moves it from outside tells.
+r"""Tests of a model's residual by the score test (`numerics.score_test`), and of the loop in which it was made.
 
-Whether the input answers the residual is told by `replant.estimation.solver.feedback_test`.
+| alternative | columns of its score test |
+|---|---|
+| other dynamics | the input, the simulated output and their states, delayed by powers of two samples |
+| a nonlinear plant | the square and the cube of the simulated output |
+| the reference explains more | Laguerre functions of it, the square and the cube of what it makes of the output |
+| another column of the file | those of other dynamics, made of it (`other_columns`) |
+| actuator, hold, dead time | see `input_faults` |
+
+Under feedback the input answers the residual of a right model, too, at once and later, as is told by
+`replant.estimation.solver.feedback_test`: the columns of a sample then hold only what was known before it (of a model
+with a direct path one sample late).
 
 A reference r is applied from outside: a set-point, a dither.  It depends on no noise, so what it explains of a residual
 is the model's fault whatever the noise is, in feedback as well.  It is represented by the states of discrete Laguerre
@@ -18,7 +28,7 @@ Hof and Schrama (1993), "An indirect method for transfer function estimation fro
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,17 +38,9 @@ from replant.numerics.arguments import FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression, whiteness
 from replant.numerics.levels import ALPHA
 from replant.numerics.linear_algebra import chi2_quantile, combined, products, sum_of_squares
-from replant.numerics.projections import (
-    explained_power,
-    laguerre_states,
-    orthogonal,
-    weights_of,
-    widening,
-    without,
-)
-from replant.numerics.score_test import Explained
+from replant.numerics.projections import explained_power, laguerre_states, orthogonal, weights_of, widening, without
+from replant.numerics.score_test import Explained, Residual
 from replant.verdict.evidence import RESTING, ROUNDING, Evidence, Runs, rounding_of
-from replant.verdict.residual_dynamics import residual_of
 from replant.verdict.verdict import Finding
 
 STILL = "the reference stands still"
@@ -55,6 +57,53 @@ COLOURED = (
     "the loop is closed, and either its disturbances have more colour than the noise model, or the model is wrong; to "
     f"learn which, {REMEDY} ({ALIKE}: record what was commanded)"
 )
+
+
+def power_of(evidence: Evidence, output: FloatArray) -> float:
+    """Return the variance of an output (K,) over the samples of ``evidence.known`` that are used; never zero."""
+    return max(float(np.var(output[evidence.used[evidence.known]])), float(np.finfo(float).tiny))
+
+
+def residual_of(evidence: Evidence, error: FloatArray, known: FloatArray) -> Residual:
+    """Return the residual of an error (K,) and known columns (K, N) over the samples of ``evidence.known``."""
+    return Residual.of(error, known, evidence.past, evidence.used[evidence.known])
+
+
+def known_columns(evidence: Evidence, run: ModelRun) -> FloatArray:
+    """Return what has had its part of the residual (K, N): the slopes only of an estimate made from the samples."""
+    rows = evidence.known
+    fitted = evidence.adapts and evidence.instruments
+    return np.hstack([run.zeta[rows], run.nuisances[rows]]) if fitted else run.nuisances[rows]
+
+
+def unexplained(
+    evidence: Evidence, runs: Runs, *, feedback: bool = False, known: FloatArray | None = None
+) -> Explained:
+    """Return what other dynamics could explain, beside further known columns (K, N); under feedback by the past."""
+    run, rows = runs.now, evidence.known
+    error, own = run.error[rows], known_columns(evidence, run)
+    residual = residual_of(evidence, error, own if known is None else np.hstack([own, known]))
+    output = run.forced - run.forced[rows].mean()
+    powers = np.column_stack([output**2, output**3])[rows]
+    columns = np.hstack([dynamics(evidence, run, feedback=feedback), powers])
+    return residual.explained(columns).of_output(evidence.record.y[rows], error, evidence.used[rows])
+
+
+def unexplained_before(evidence: Evidence, runs: Runs) -> Explained:
+    """Return what the input could explain of what the earlier estimate leaves of the samples that it has not used."""
+    newest, run = replace(evidence, follows=True), runs.old  # `known` is then what was held out
+    rows = newest.known
+    residual = residual_of(newest, run.error[rows], run.nuisances[rows])
+    # other coefficients are no less a fault of it than other dynamics are, as of a plant that has changed
+    found = residual.explained(np.hstack([dynamics(newest, run), run.zeta[rows]]))
+    part = found.of_output(evidence.record.y[rows], run.error[rows], newest.used[rows])
+    # its own error counts as samples held out over samples learned
+    return replace(part, statistic=part.statistic / (1.0 + evidence.held_out / max(evidence.learned, 1)))
+
+
+def dynamics(evidence: Evidence, run: ModelRun, *, feedback: bool = False) -> FloatArray:
+    """Return the columns (K, C) of other dynamics over the samples that the estimate should explain."""
+    return run.dynamics(evidence.known, evidence.dt, evidence.record.span, feedback=feedback)
 
 
 def answer(evidence: Evidence, run: ModelRun, signal: FloatArray, first: int = 0) -> Feedback:
