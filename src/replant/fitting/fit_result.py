@@ -164,9 +164,11 @@ class FitResult(Identified):
         if self.rival is not None and verdict.status == "trusted":
             reasons = loads_may_act(self.rival._after), *verdict.reasons
             verdict = replace(verdict, status="converging", reasons=reasons)
-        if verdict.status == "trusted" and (gain := self._gain_from_rest) is not None:
-            reasons = begins_at_rest(gain, self.transfer_function.dc_gain), *verdict.reasons
-            verdict = replace(verdict, status="converging", reasons=reasons)
+        if verdict.status == "trusted" and self.covariance is not None:
+            gain = gain_from_rest(self.structure, self.parameters, self.covariance, self._kept)
+            if gain is not None:
+                reasons = begins_at_rest(gain, self.transfer_function.dc_gain), *verdict.reasons
+                verdict = replace(verdict, status="converging", reasons=reasons)
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
             return verdict
@@ -176,13 +178,6 @@ class FitResult(Identified):
     def other_columns(self) -> tuple[OtherColumn, ...]:
         """The further columns that explain a part of what the model leaves, that with most first."""
         return other_columns(self.structure, self.parameters, self._kept, self.dt, self.others)
-
-    @property
-    def _gain_from_rest(self) -> float | None:
-        """The gain of the model from rest, where that is likelier than this one; else None."""
-        if self.covariance is None or not has_rest(self.transfer_function, self._kept.span):
-            return None
-        return gain_from_rest(self.structure, self.parameters, self.covariance, self._kept)
 
     @property
     def _after(self) -> list[float]:

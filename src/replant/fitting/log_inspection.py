@@ -64,15 +64,10 @@ def first_model(u: FloatArray, y: FloatArray, dt: float) -> FirstModel | None:
 
 def with_others(recording: Recording) -> Recording:
     """Return a recording whose log in memory has the other columns of numbers that change, and are as long."""
-    log = recording.held
-    return recording if log is None else replace(recording, held=_with_others(recording, log))
-
-
-def _with_others(recording: Recording, log: Log) -> Log:
-    roles = {log.input_name, log.output_name, log.reference_name}
-    names = recording.table.names
-    if not set(names) - roles:
-        return log
+    log, names = recording.held, recording.table.names
+    roles = set() if log is None else {log.input_name, log.output_name, log.reference_name}
+    if log is None or not set(names) - roles:
+        return recording
     contents = read_contents(recording.table)
     others = {
         column.name: contents.values[column.number]
@@ -80,7 +75,7 @@ def _with_others(recording: Recording, log: Log) -> Log:
         if column.is_signal and column.rows == log.input.size and column.name not in roles
         and names.count(column.name) == 1
     }  # fmt: skip
-    return replace(log, others={**others, **log.others})
+    return replace(recording, held=replace(log, others={**others, **log.others}))
 
 
 def beside_first_model(

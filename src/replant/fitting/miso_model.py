@@ -14,19 +14,17 @@ from replant.estimation.simulation.fitted_run import fit_percent
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate, noise_of
 from replant.estimation.simulation.model_run import model_output, runs_away
 from replant.fitting import model_file, model_json
-from replant.fitting.model import Model, unstable_error, usual_interval, with_noise
+from replant.fitting.model import Model, run_from, unstable_error, usual_interval, with_noise
 from replant.fitting.model_fields import RowFields, has_rest, unnamed
 from replant.fitting.validation import Validation
 from replant.logs.log import Log
 from replant.model import interop
 from replant.model.interop import without_unit
-from replant.model.state_space import Response
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import FloatArray, array_of_reals, vector, whole
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import quiet, sum_of_squares
-from replant.numerics.robust import last_known
 from replant.plotting.diagrams import ABOVE_LEGEND
 from replant.plotting.style import axes_for, title
 from replant.verdict.miso_tests import lacking
@@ -82,15 +80,7 @@ class RowModel(model_file.Written, RowFields):
     def of_input(self, which: int | str) -> Model:
         """Return the model of one input, the others at rest: for its responses, plots and conversions.
 
-        Parameters
-        ----------
-        which : int or str
-            Name of the input, or its number from 0.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If there is no such input.
+        ``which`` is its name, or its number from 0; for any other there is an InvalidArgumentError.
         """
         number = number_of(which, self.input_names)
         rows = self.places[number]
@@ -127,33 +117,16 @@ class RowModel(model_file.Written, RowFields):
 
     @quiet
     def contributions(self, u: Any, t: Any = None) -> FloatArray:
-        """Return what each input does to the output (K, q), in deviations from the working point; see `simulate`.
-
-        Parameters
-        ----------
-        u : (K, q) array
-            A column per input.
-        t : (K,) array, optional
-            Time stamps in s.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the columns are not as many as the inputs, or the stamps do not increase.
-        """
+        """Return what each input does to the output (K, q), in deviations from the working point; as `simulate`."""
         columns = self._columns(u)
         stamps = None if t is None else increasing(t, len(columns))
-        intervals = None if stamps is None else np.diff(stamps, prepend=stamps[:1] - self.dt)
-        dt = self.dt if intervals is None else float(intervals.max(initial=self.dt))
         span = self.dt * self.provenance.samples or math.inf
         rests = all(has_rest(g, span) for g in self.transfer_functions)
         parts = np.empty(columns.shape)
         for number, (g, level) in enumerate(zip(self.transfer_functions, self.input_levels.tolist(), strict=True)):
-            column = columns[:, number]
-            v = last_known(np.where(np.isfinite(column), column - level, np.nan), 0.0)
-            at_rest = float(v[0]) if v.size and rests else 0.0
-            forced = Response(g, dt, self.input_hold).take(v - at_rest, intervals).output
-            parts[:, number] = forced + (g.dc_gain * at_rest if at_rest else 0.0)
+            v = np.where(np.isfinite(columns[:, number]), columns[:, number] - level, np.nan)
+            at_rest, moved = run_from(g, v, self.dt, self.input_hold, stamps, at_rest=rests)
+            parts[:, number] = moved + at_rest
         return parts
 
     @quiet
@@ -211,12 +184,9 @@ class RowModel(model_file.Written, RowFields):
             yield TransferFunction(num, den, g.delay)
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw step response, magnitude and phase from each input; return axes (3, q) of matplotlib.
+        """Draw step response, magnitude and phase from each input, into 3 q ``axes`` if given.
 
-        Parameters
-        ----------
-        axes : 3 q matplotlib axes, optional
-            Drawn into; without them a figure is made.
+        Returned are axes (3, q) of matplotlib.
         """
         count = len(self.structures)
         drawn = axes_for("axes", axes, 3 * count, (1.0 + 3.4 * count, 6.8), nrows=3, ncols=count)
@@ -279,14 +249,7 @@ class RowModel(model_file.Written, RowFields):
         )  # fmt: skip
 
     def score(self, log: Log | Any, y: Any = None, t: Any = None) -> float:
-        """Return the simulated fit in percent to another record; see `validate`.
-
-        Parameters
-        ----------
-        log : Log or (K, q) array
-        y, t : (K,) arrays, optional
-            As those of `validate`, which also says what is raised.
-        """
+        """Return the simulated fit in percent to another record; see `validate`."""
         return self.validate(log, y, t).fit
 
     def _offset(self, ready: RowRecord, row: Row, point: Point) -> float:
@@ -312,24 +275,12 @@ class RowModel(model_file.Written, RowFields):
         return columns, output, stamps, self.dt if stamps is None else usual_interval(stamps, self.dt)
 
     def of_log(self, input_names: tuple[str, ...], output_name: str, source: str, sha256: str = "") -> RowModel:
-        """Return the same model with the names of its signals, and the name and digest of the log's file.
-
-        Parameters
-        ----------
-        input_names : tuple of str
-        output_name, source, sha256 : str
-        """
+        """Return the same model with the names of its signals, and the name and digest of the log's file."""
         made = dataclasses.replace(self.provenance, source=source, sha256=sha256)
         return dataclasses.replace(self, input_names=input_names, output_name=output_name, provenance=made)
 
     def to_control(self, pade: int | None = None) -> Any:
-        """Return the row as `control.TransferFunction` of one output and q inputs, see `TransferFunction.to_control`.
-
-        Parameters
-        ----------
-        pade : int, optional
-            Order of the approximation of dead times.
-        """
+        """Return the row as `control.TransferFunction` of one output, q inputs; see `TransferFunction.to_control`."""
         return interop.control_matrix([[g.to_control(pade) for g in self.transfer_functions]])
 
     def __repr__(self) -> str:

@@ -28,7 +28,7 @@ from replant.fitting.miso_fit import fit_row, ready_row
 from replant.fitting.miso_solve import covariance_of, differs, likeliest, with_outside
 from replant.fitting.samples import Samples
 from replant.fitting.search_result import ALPHA, Candidate, SearchResult, likeliest_between
-from replant.fitting.structure_evidence import Evidence, least_known
+from replant.fitting.structure_evidence import Evidence, Judged, least_known
 from replant.kernels.schema import Doubt
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
@@ -64,28 +64,18 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """Structures fitted to a record of K samples."""
+class Trial(Judged):
+    """Structures fitted to a record."""
 
     structures: Structures
     row: Row
     point: Point
-    likelihood: float  # logarithm of that of all samples
-    price: float  # ln(K) / 2 for every number that was fitted
-    fit: float  # in percent, of the simulated output
-
-    @property
-    def evidence(self) -> float:
-        """The log-likelihood less the price."""
-        return self.likelihood - self.price
 
     def candidate(self, span: float) -> Candidate:
         """Return the trial as the caller of a search sees it."""
-        covariance, uncertainty, begin = covariance_of(self.row, self.point), 0.0, 0
-        for structure, theta in zip(self.structures, self.row.branches(self.point.theta), strict=True):
-            rows = slice(begin, begin + theta.size)
-            uncertainty = max(uncertainty, least_known(structure, theta, covariance[rows, rows], span))
-            begin += theta.size
+        theta, covariance = self.point.theta, covariance_of(self.row, self.point)
+        each = zip(self.structures, self.row.places, strict=True)
+        uncertainty = max(least_known(one, theta[rows], covariance[rows, rows], span) for one, rows in each)
         return Candidate(self.structures, self.fit, self.likelihood, -2.0 * self.evidence, uncertainty)
 
 
@@ -208,7 +198,7 @@ class _Search:
             return None
         numbers = sum(each.size + each.poles + bool(each.delay) for each in row.structures)
         judged = self._evidence.judged(error, explained, numbers, whitened=whitened)
-        return Trial(row.structures, row, point, *judged)
+        return Trial(*judged, row.structures, row, point)
 
 
 def _with(structures: Structures, i: int, other: Structure) -> Structures:

@@ -13,7 +13,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.miso import Point, Row, evaluate
 from replant.estimation.solver.miso_steps import refine, start_without
 from replant.estimation.solver.refined_estimate import relative_uncertainty
-from replant.model.uncertainty import cancelled_pole
+from replant.model.uncertainty import cancelled_pole, dc_gain_slope
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
@@ -88,13 +88,11 @@ def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -
     places, phi, blamed = row.places, np.concatenate(point.phi), set()
     slopes = np.zeros((len(places), point.theta.size))  # of the gains b0/a0
     for number, (structure, rows) in enumerate(zip(row.structures, places, strict=True)):
-        a0, b0 = point.theta[rows][structure.poles - 1], point.theta[rows][-1]
-        slopes[number, rows.start + structure.poles - 1], slopes[number, rows.stop - 1] = -b0 / a0**2, 1.0 / a0
+        slopes[number, rows] = dc_gain_slope(structure, point.theta[rows])
     gains = slopes @ covariance @ slopes.T
     std = np.sqrt(np.maximum(np.diag(gains), 0.0))
-    sizes = np.array(
-        [abs(point.theta[k][-1] / point.theta[k][s.poles - 1]) for s, k in zip(row.structures, places, strict=True)]
-    )
+    each = zip(row.structures, row.branches(point.theta), strict=True)
+    sizes = [abs(theta[-1] / theta[structure.poles - 1]) for structure, theta in each]
     for i, j in itertools.combinations(range(len(places)), 2):
         if not std[i] * std[j] > 0.0:
             continue

@@ -113,14 +113,8 @@ class Model(model_file.Written, ModelFields):
         if y is not None:
             u, y = record(u, y)
             return model_output(self.transfer_function, v, y, self.dt, input_hold=self.input_hold, t=stamps).output
-        v, g = last_known(v, 0.0), self.transfer_function
-        at_rest = float(v[0]) if v.size and self.rests else 0.0
-        v = v - at_rest
-        intervals = None if stamps is None else np.diff(stamps, prepend=stamps[:1] - self.dt)
-        # of this usual interval none is taken for a lost sample
-        dt = self.dt if intervals is None else float(intervals.max(initial=self.dt))
-        forced = Response(g, dt, self.input_hold).take(v, intervals).output
-        return np.asarray(self.output_level + (g.dc_gain * at_rest if at_rest else 0.0) + forced)
+        at_rest, moved = run_from(self.transfer_function, v, self.dt, self.input_hold, stamps, at_rest=self.rests)
+        return np.asarray(self.output_level + at_rest + moved)
 
     @quiet
     def predict(self, u: Any, y: Any, horizon: int = 1, t: Any = None) -> FloatArray:
@@ -251,6 +245,22 @@ class Model(model_file.Written, ModelFields):
 
     def _repr_html_(self) -> str:
         return html(self)
+
+
+def run_from(
+    g: TransferFunction, v: FloatArray, dt: float, input_hold: str, stamps: FloatArray | None, *, at_rest: bool
+) -> tuple[float, FloatArray]:
+    """Return the output that rests at the first input, or 0, and what the input (K,) adds to it from there, or from 0.
+
+    An input that is not finite is replaced by the last finite one.
+    """
+    v = last_known(v, 0.0)
+    first = float(v[0]) if v.size and at_rest else 0.0
+    intervals = None if stamps is None else np.diff(stamps, prepend=stamps[:1] - dt)
+    # of this usual interval none is taken for a lost sample
+    usual = dt if intervals is None else float(intervals.max(initial=dt))
+    moved = Response(g, usual, input_hold).take(v - first, intervals).output
+    return g.dc_gain * first if first else 0.0, moved
 
 
 def unstable_error(horizon: int) -> InvalidArgumentError:

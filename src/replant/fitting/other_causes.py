@@ -23,8 +23,8 @@ Source: Hausman (1978), "Specification tests in econometrics", Econometrica 46.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -34,6 +34,7 @@ from replant.estimation.simulation.model_run import run_model
 from replant.estimation.solver.refined_estimate import without_nuisances
 from replant.estimation.solver.srivc import refine
 from replant.estimation.solver.srivc_steps import Problem
+from replant.fitting.model_fields import has_rest
 from replant.fitting.structure_evidence import Evidence
 from replant.logs.conditioning import outputs_from_rest
 from replant.model.structure import Structure
@@ -72,17 +73,12 @@ def with_other_cause(
     record = record.last(MOST_SAMPLES)
     if verdict.status == "trusted" or len(record.parts) > 1 or record.r is not None:
         return verdict
-    for supposed in _causes(structure, record, zero):
+    for cause in (partial(_glitches, record, zero), partial(_drift, structure, record)):
+        supposed = cause()
         reason = "" if supposed is None else _reason(supposed, structure, parameters)
         if reason:
             return replace(verdict, status="inconsistent", reasons=(reason,))  # others are of a model that it has made
     return verdict
-
-
-def _causes(structure: Structure, record: Record, zero: float) -> Iterator[Supposed | None]:
-    """Yield what may be the cause, each where the ones before it are not; None for what is not there."""
-    yield _glitches(record, zero)
-    yield _drift(structure, record)
 
 
 def _reason(supposed: Supposed, structure: Structure, parameters: FloatArray) -> str:
@@ -168,9 +164,9 @@ def _line(t: FloatArray, signal: FloatArray, known: BoolArray) -> FloatArray:
 @quiet
 def gain_from_rest(structure: Structure, theta: FloatArray, covariance: FloatArray, record: Record) -> float | None:
     """Return the gain of the model from rest, where it is likelier than that of a model (P,); None where it is not."""
-    if len(record.parts) > 1 or record.r is not None or not _rests(record):
+    if not has_rest(structure.transfer_function(theta), record.span) or len(record.parts) > 1 or record.r is not None:
         return None
-    if not _is_taken(structure, theta, record):
+    if not _rests(record) or not _is_taken(structure, theta, record):
         return None
     longer = _from_rest(record)
     found = None if longer is None else refine(structure, longer, [without_nuisances(structure, theta)])

@@ -68,15 +68,15 @@ class Samples:
             u, t, dt, reference = log_of_frame(u, input, output, t, dt, reference), None, None, None
         elif input is not None or output is not None:
             raise InvalidArgumentError("input and output name columns of a table, which is to be given in place of u")
+        is_given = any(given is not None for given in (y, dt, t, reference))
         if isinstance(u, list | tuple) and u and all(isinstance(each, Log) for each in u):
-            if any(given is not None for given in (y, dt, t, reference)):
+            if is_given:
                 raise InvalidArgumentError("logs have their own outputs, clocks and references: give them alone")
             return cls.of_several(list(u))
         if isinstance(u, Log):
-            if any(given is not None for given in (y, dt, t, reference)):
-                raise InvalidArgumentError(
-                    "a log has its own output, clock and reference: leave out y, dt, t, reference"
-                )
+            if is_given:
+                why = "a log has its own output, clock and reference: leave out y, dt, t, reference"
+                raise InvalidArgumentError(why)
             return cls(
                 u.input, u.output, u.dt, u.stamps, u.reference, u.input_name, u.output_name, u.path.name, True,
                 u.input_hold, u.sha256, u.others, reference_name=u.reference_name, more_inputs=u.more_inputs,
@@ -108,19 +108,18 @@ class Samples:
             beside = max(first.dt, float(t[1] - t[0]), last) if t.size > 1 else first.dt
             stamps.append(np.asarray(origin + BETWEEN * beside * bool(stamps) + t, np.float64))
             origin, last = float(stamps[-1][-1]), float(t[-1] - t[-2]) if t.size > 1 else first.dt
+        one = cls.of(first, None, None, None, None)
         if len(logs) == 1:
-            return cls.of(first, None, None, None, None)
+            return one
         u, y = (np.concatenate([getattr(log, name) for log in logs]) for name in ("input", "output"))
         references = [log.reference for log in logs if log.reference is not None]
         r = np.concatenate(references) if references else None
         named = [name for name in first.others if all(name in log.others for log in logs)]
         others = {name: np.concatenate([log.others[name] for log in logs]) for name in named}
-        source = ", ".join(log.path.name for log in logs)
-        return cls(
-            u, y, first.dt, np.concatenate(stamps), r, first.input_name, first.output_name, source, True,
-            first.input_hold, others=others, more_inputs=first.more_inputs,
+        return replace(
+            one, u=u, y=y, t=np.concatenate(stamps), reference=r, sha256="", others=others,
+            source=", ".join(log.path.name for log in logs),
             begins=tuple(np.cumsum([log.input.size for log in logs[:-1]]).tolist()),
-            reference_name=first.reference_name, more_references=first.more_references,
             rest=sum(log.rest for log in logs),
         )  # fmt: skip
 
@@ -274,8 +273,8 @@ def log_of_frame(frame: Any, input: Any, output: Any, time: Any, dt: float | Non
             )
         steps = np.diff(stamps)
         dt = float(f"{np.median(steps):.12g}") if steps.size else 1.0
-    used = {*roles.values(), *found}
-    others = {name: _numbers(frame, name) for name in names if name not in used and _is_numeric(frame, name)}
+    beside = [name for name in names if name not in {*roles.values(), *found}]
+    others = {name: _numbers(frame, name) for name in beside if np.asarray(frame[name]).dtype.kind in "iufb"}
     return Log(
         signals["input"], signals["output"], dt, stamps, first, output,
         reference=signals.get("reference"), reference_name=r or "", others=others, more_inputs=tuple(more),
@@ -314,7 +313,3 @@ def _seconds(values: Any) -> FloatArray:
     if values.dtype.kind in "mM":
         return np.asarray((values - values[0]) / np.timedelta64(1, "s"), np.float64)
     return np.asarray(values, np.float64)
-
-
-def _is_numeric(frame: Any, name: str) -> bool:
-    return np.asarray(frame[name]).dtype.kind in "iufb"

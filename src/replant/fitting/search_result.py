@@ -6,11 +6,12 @@ import html
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from replant.fitting.fit_result import FitResult
 from replant.fitting.miso_fit import RowFit
 from replant.fitting.several_outputs import MatrixFit
+from replant.fitting.structure_evidence import Judged
 from replant.model.structure import Structure
 
 ALPHA = 1e-2  # chance that a better likelihood is no more than chance [probability]
@@ -59,12 +60,7 @@ class Candidate:
         return self.structure if isinstance(self.structure, tuple) else (self.structure,)
 
     def of_inputs(self, name: str) -> str:
-        """Return poles, zeros or dead time of each input in words.
-
-        Parameters
-        ----------
-        name : {"poles", "zeros", "delay"}
-        """
+        """Return "poles", "zeros" or "delay" of each input in words."""
         return ", ".join(f"{getattr(each, name):g}" for each in self.structures)
 
     @property
@@ -147,15 +143,7 @@ class MatrixSearch:
         return "\n".join(f"{row.best.model.output_name}: {row!r}" for row in self.rows)
 
 
-class Likely(Protocol):
-    """A trial of a dead time."""
-
-    @property
-    def likelihood(self) -> float:
-        """Logarithm of that of all samples."""
-
-
-Tried = TypeVar("Tried", bound=Likely)
+Tried = TypeVar("Tried", bound=Judged)
 
 
 def likeliest_between(

@@ -108,30 +108,11 @@ class MatrixModel(model_file.Written):
         return tuple(row.verdict for row in self.rows)
 
     def of_output(self, which: int | str) -> RowModel:
-        """Return the row of one output.
-
-        Parameters
-        ----------
-        which : int or str
-            Name of the output, or its number from 0.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If there is no such output.
-        """
+        """Return the row of an output, by its name or its number from 0; InvalidArgumentError for any other."""
         return self.rows[number_of(which, self.output_names)]
 
     def simulate(self, u: Any, t: Any = None) -> FloatArray:
-        """Return the outputs (K, p) from the inputs alone, in absolute units; see `RowModel.simulate`.
-
-        Parameters
-        ----------
-        u : (K, q) array
-            A column per input.
-        t : (K,) array, optional
-            Time stamps in s.
-        """
+        """Return the outputs (K, p) from the inputs ``u`` (K, q) alone, in absolute units; see `RowModel.simulate`."""
         return np.column_stack([row.simulate(u, t) for row in self.rows])
 
     def validate(self, log: Log | Any, y: Any = None, t: Any = None) -> tuple[Validation, ...]:
@@ -166,12 +147,9 @@ class MatrixModel(model_file.Written):
         return tuple(row.validate(log, each, t) for row, each in zip(self.rows, columns, strict=True))
 
     def plot(self, axes: Any = None) -> Any:
-        """Draw the matrix of step responses; return axes (p, q) of matplotlib.  `RowModel.plot` has Bode diagrams.
+        """Draw the matrix of step responses, into p q ``axes`` if given; return axes (p, q) of matplotlib.
 
-        Parameters
-        ----------
-        axes : p q matplotlib axes, optional
-            Drawn into; without them a figure is made.
+        `RowModel.plot` has Bode diagrams.
         """
         p, q = len(self.rows), len(self.input_names)
         size = 1.0 + 3.4 * q, 0.6 + 2.6 * p
@@ -183,13 +161,7 @@ class MatrixModel(model_file.Written):
         return grid
 
     def to_control(self, pade: int | None = None) -> Any:
-        """Return the matrix as `control.TransferFunction` of p outputs and q inputs.
-
-        Parameters
-        ----------
-        pade : int, optional
-            Order of the approximation of dead times, see `TransferFunction.to_control`.
-        """
+        """Return the matrix as `control.TransferFunction` of p outputs, q inputs; see `TransferFunction.to_control`."""
         return interop.control_matrix([[g.to_control(pade) for g in row] for row in self.transfer_functions])
 
     def _as_object(self) -> dict[str, Any]:

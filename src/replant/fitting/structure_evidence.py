@@ -46,11 +46,9 @@ FINEST = 1e-6  # deviation of a residual below which it is no evidence [part of 
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
-    """A structure fitted to a record of K samples."""
+class Judged:
+    """How likely a model makes a record of K samples."""
 
-    structure: Structure
-    found: Refined
     likelihood: float  # logarithm of that of all samples
     price: float  # ln(K) / 2 for every number that was fitted
     fit: float  # in percent, of the simulated output, or of an unstable model of that predicted one step ahead
@@ -60,9 +58,13 @@ class Trial:
         """The log-likelihood less the price."""
         return self.likelihood - self.price
 
-    def uncertainty(self, span: float) -> float:
-        """Return the largest standard deviation of a coefficient as a part of its size, see `least_known`."""
-        return least_known(self.structure, self.found.theta, self.found.covariance, span)
+
+@dataclass(frozen=True, eq=False)
+class Trial(Judged):
+    """A structure fitted to a record."""
+
+    structure: Structure
+    found: Refined
 
     def grown(self, structure: Structure, dt: float) -> FloatArray:
         """Return the model as one of a larger structure: its other poles are infinitely fast."""
@@ -111,7 +113,7 @@ class Evidence:
         explained = self._explained(structure.delay)
         if not (np.isfinite(error).all() and explained.any()):
             return None
-        return Trial(structure, found, *self.judged(error, explained, numbers_of(structure)))
+        return Trial(*self.judged(error, explained, numbers_of(structure)), structure, found)
 
     @quiet
     def of_error(self, structure: Structure, error: FloatArray) -> tuple[float, Autoregression]:
@@ -196,20 +198,14 @@ def is_asked_for(verdict: Assessment, structure: Structure) -> bool:
 
 def with_fewer_poles(verdict: Assessment, structure: Structure, parameters: FloatArray, record: Record) -> Assessment:
     """Return the verdict on a model (P,) that names the fewer poles of more evidence: first, unless it is trusted."""
-    fewer = _fewer_poles(structure, parameters, record.last(MOST_SAMPLES))
-    if fewer is None:
+    evidence = Evidence(record.last(MOST_SAMPLES), at_rest=not structure.delay)
+    trials = [evidence.of(structure, [without_nuisances(structure, parameters)])]
+    trials += [evidence.of(with_poles(structure, poles), ()) for poles in range(1, structure.poles)]
+    best = max(filter(None, trials), key=lambda trial: trial.evidence, default=None)
+    if best is None or best.structure.poles == structure.poles:
         return verdict
+    fewer = best.structure.poles
     reason = f"with fewer poles the record is likelier: ask for {'one pole' if fewer == 1 else f'{fewer} poles'}"
     verdict = without_longer(verdict)  # of a pole that is not there no record tells more
     reasons = (*verdict.reasons, reason) if verdict.status == "trusted" else (reason, *verdict.reasons)
     return replace(verdict, reasons=reasons)
-
-
-def _fewer_poles(structure: Structure, parameters: FloatArray, record: Record) -> int | None:
-    """Return the fewer poles with the most evidence, by the measure of the search; None where the model has more."""
-    evidence = Evidence(record, at_rest=not structure.delay)
-    trials = [evidence.of(structure, [without_nuisances(structure, parameters)])]
-    for poles in range(1, structure.poles):
-        trials.append(evidence.of(with_poles(structure, poles), ()))
-    best = max(filter(None, trials), key=lambda trial: trial.evidence, default=None)
-    return None if best is None or best.structure.poles == structure.poles else best.structure.poles

@@ -24,7 +24,7 @@ from replant.fitting.search_result import MatrixSearch as MatrixSearch
 from replant.fitting.search_result import SearchResult as SearchResult
 from replant.fitting.search_result import likeliest_between
 from replant.fitting.several_outputs import are_rows, in_columns, samples_of_outputs
-from replant.fitting.structure_evidence import Evidence, Trial
+from replant.fitting.structure_evidence import Evidence, Trial, least_known
 from replant.model.interop import in_our_words
 from replant.model.preprocess import Preprocess, screen
 from replant.model.structure import Structure
@@ -167,7 +167,10 @@ def _searched(
     check_delay(times[-1], dt, u.size, stamps)
     resolved = preprocess.resolve(u, told)
     ready = RawRecord(grid[0], dt, resolved, u, told, stamps, given.input_hold, given.begins).made_ready(told, r)
-    used = _without_bad(min(grid, key=_size), ready)
+    # without outputs that are bad by the smallest structure, or by themselves: a fast pole and an initial state of a
+    # larger one would explain a first output that is bad
+    solution = solve(min(grid, key=_size), ready)
+    used = at_first(ready) if solution is None else leaving_out(ready, solution.doubt)
     for _ in range(2):
         sweep = _Sweep(used, grid, times, progress)
         chosen = sweep.chosen
@@ -217,7 +220,8 @@ class _Sweep:
         trial = self._tried.get(structure)
         if trial is None:
             return Candidate(structure)
-        uncertainty = trial.uncertainty(self._evidence.record.span)
+        found, span = trial.found, self._evidence.record.span
+        uncertainty = least_known(structure, found.theta, found.covariance, span)
         return Candidate(structure, trial.fit, trial.likelihood, -2.0 * trial.evidence, uncertainty)
 
     @property
@@ -309,13 +313,6 @@ class _Sweep:
             return self._evidence.of(replace(best.structure, delay=delay), [beside.found.theta])
 
         self._between[_size(best.structure)] = likeliest_between(found, low, high, self._evidence.record.dt, tried)
-
-
-def _without_bad(structure: Structure, ready: Record) -> Record:
-    """Return a record without the outputs that are bad by the smallest structure, or by themselves."""
-    # a fast pole and an initial state of a larger one would explain a first output that is bad
-    solution = solve(structure, ready)
-    return at_first(ready) if solution is None else leaving_out(ready, solution.doubt)
 
 
 def _options(given: Samples, poles: Any, zeros: Any, delays: Any) -> list[Options]:

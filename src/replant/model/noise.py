@@ -76,16 +76,7 @@ class NoiseModel:
 
     @classmethod
     def of_slots(cls, noise: NoiseSlots, dt: float, scale: float = 1.0) -> NoiseModel:
-        """Return the model in use of a state or an estimate.
-
-        Parameters
-        ----------
-        noise : NoiseSlots
-        dt : float
-            Sampling time in s.
-        scale : float
-            The unit of its residuals, in the output's unit.
-        """
+        """Return the model in use of a state or an estimate; ``scale`` is the unit of its residuals in the output's."""
         order = int(noise.order)
         variances = [float(noise.variances[j]) * scale**2 for j in (order, 0)]
         known = [variance if math.isfinite(variance) else 0.0 for variance in variances]

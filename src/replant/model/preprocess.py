@@ -60,18 +60,7 @@ class Preprocess:
         return self.call_map(u)
 
     def call_map(self, u: FloatArray) -> FloatArray:
-        """Return the result (K,) of the function that maps the input.
-
-        Parameters
-        ----------
-        u : (K,) array
-            Raw input.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If it is of another shape than ``u``.
-        """
+        """Return the result (K,) of the function that maps the raw input; InvalidArgumentError for another shape."""
         assert callable(self.input_map)
         mapped = array_of_reals("the result of input_map", self.input_map(u))
         if mapped.shape != u.shape:

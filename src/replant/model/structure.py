@@ -70,28 +70,8 @@ class Structure:
 
     @classmethod
     def wanted(cls, structure: Structure | None, poles: int | None, zeros: int, delay: float) -> Structure:
-        """Return a structure that was given, or the one with so many poles and zeros.
+        """Return a structure that was given, or the one with so many poles and zeros, and ``delay`` in s.
 
-        Parameters
-        ----------
-        structure : Structure or None
-            A structure, or None.
-        poles : int or None
-            Number of poles where there is no structure.
-        zeros : int
-            Number of zeros.
-        delay : float
-            Dead time in s.
-
-        Raises
-        ------
-        ArgumentTypeError
-            If none is given.
-        InvalidArgumentError
-            If both are.
-
-        Examples
-        --------
         >>> Structure.wanted(None, 2, 1, 0.0)
         Structure(poles=2, zeros=1, delay=0.0, bias=False, feedthrough=False)
         """

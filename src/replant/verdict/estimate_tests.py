@@ -92,7 +92,9 @@ class Certainty:
         most = MOST_UNCERTAIN_IN_LOOP if closed else MOST_UNCERTAIN
         scatter, minor = _scatter(evidence, runs, known, speeds, by_reference), MINOR_SCATTER
         if not closed and _is_in_doubt(evidence, scatter):
-            scatter, minor = _resampled(evidence), MINOR_RESAMPLED
+            structure, record, filtered = evidence.structure, evidence.record.joined, bool(evidence.filtered)
+            scatter = resampled_scatter(structure, record, evidence.estimate, filtered=filtered)
+            minor = MINOR_RESAMPLED
         cancelled = cancelled_pole(evidence.structure, evidence.estimate, known)
         slow, surprise = slow_noise(evidence, uncertainty), _surprise(evidence, away, known)
         is_apart = evidence.is_solved and cancelled is None and surprise > 1.0
@@ -205,12 +207,6 @@ def _is_in_doubt(evidence: Evidence, scatter: float) -> bool:
     if not evidence.is_solved or evidence.filtered is None or evidence.record.r is not None or evidence.diverging_pole:
         return False
     return MOST_SCATTER / FIRST_ORDER < scatter < MOST_SCATTER * FIRST_ORDER
-
-
-def _resampled(evidence: Evidence) -> float:
-    """Return the scatter by records that the estimate makes, see `resampled_scatter`."""
-    record, filtered = evidence.record.joined, bool(evidence.filtered)
-    return resampled_scatter(evidence.structure, record, evidence.estimate, filtered=filtered)
 
 
 def longer(uncertainty: float, most: float, times: str) -> str:

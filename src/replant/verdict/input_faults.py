@@ -156,12 +156,9 @@ def _straight_input(evidence: Evidence) -> tuple[Explained, FloatArray] | None:
     own = np.hstack([held.zeta[rows], held.nuisances[rows]])
     residual = residual_of(evidence, held.error[rows], own)
     step = -residual.weights_of((straight.forced - held.forced)[rows, None])[: evidence.coefficients, 0]
-    straight = run("foh", _moved(evidence.estimate, step)) or straight
+    moved = np.concatenate([evidence.estimate[: step.size] + step, evidence.estimate[step.size :]])
+    straight = run("foh", moved) or straight
     return residual.explained((straight.forced - held.forced)[rows, None]), step
-
-
-def _moved(estimate: FloatArray, step: FloatArray) -> FloatArray:
-    return np.concatenate([estimate[: step.size] + step, estimate[step.size :]])
 
 
 def _largest_change(evidence: Evidence, step: FloatArray) -> float:

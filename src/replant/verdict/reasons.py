@@ -166,13 +166,10 @@ def _of_guard(evidence: Evidence) -> list[Finding]:
     if evidence.begun_anew:
         findings.append(sensor_and_excitation.followed_finding(evidence.seconds(evidence.begun_anew)))
     change = evidence.plant_change
-    if change is not None:
-        seconds = evidence.seconds(change.samples)
-        findings.append(
-            sensor_and_excitation.changing_finding()
-            if change.goes_on
-            else sensor_and_excitation.changed_finding(seconds)
-        )
+    if change is not None and change.goes_on:
+        findings.append(Finding("inconsistent", sensor_and_excitation.CHANGING))
+    elif change is not None:
+        findings.append(sensor_and_excitation.changed_finding(evidence.seconds(change.samples)))
     return findings
 
 

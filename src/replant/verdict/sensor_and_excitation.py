@@ -41,6 +41,7 @@ Sensitivity: halved or doubled, nothing changes on these records.
 """
 PARTS = 25  # of a residual, whose scatter tells how sure its power is, to a seventh [count]
 BINARY = 3  # values of a binary input that rests between its moves [count]
+CHANGING = "the plant seems to change all along, or not to be linear: identify shorter parts by themselves"
 REFUSED = "updates left the range of float64 and were undone: lower the gain or step size, then reset"
 
 
@@ -218,12 +219,6 @@ def changed_finding(seconds: float) -> Finding:
 def followed_finding(seconds: float) -> Finding:
     """Return the finding that an estimate has followed a change of the plant, so long ago."""
     return Finding("trusted", f"the plant changed {duration(seconds)} ago: the estimate is that of the samples since")
-
-
-def changing_finding() -> Finding:
-    """Return the finding that no one model explains a record, nor two its parts."""
-    reason = "the plant seems to change all along, or not to be linear"
-    return Finding("inconsistent", f"{reason}: identify shorter parts by themselves")
 
 
 def loads_act(seconds: list[float]) -> str:
