@@ -15,11 +15,10 @@ from replant.estimation.simulation.miso import Row, RowRecord, evaluate, noise_o
 from replant.estimation.simulation.miso_exogenous import Law, Outside, windows
 from replant.estimation.solver.miso_steps import instrumental
 from replant.fitting.miso_solve import solve_with
-from replant.fitting.miso_verdict import _beyond_nought
 from replant.model.structure import Structure
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.linear_algebra import chi2_quantile
-from replant.verdict.miso_tests import controlled
+from replant.verdict.miso_tests import _beyond_nought, controlled
 from support.cases import every
 from support.rows_in_feedback import ASKED, DT, PLANT, SAMPLES, TRUE, distance, looped
 

@@ -32,7 +32,8 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.settings import Request
 from replant.estimation.simulation.fitted_run import FITTED
 from replant.fitting.fit import METHODS, fit
-from replant.fitting.structure_search import SearchResult, search
+from replant.fitting.search_result import SearchResult
+from replant.fitting.structure_search import search
 from replant.logs import Log, Recording
 from replant.model.structure import Structure
 from replant.online.bank_weights import MOST

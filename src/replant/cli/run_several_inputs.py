@@ -28,8 +28,9 @@ from replant.fitting import model_json
 from replant.fitting.fit import fit
 from replant.fitting.miso_fit import RowFit
 from replant.fitting.samples import Samples
+from replant.fitting.search_result import SearchResult
 from replant.fitting.several_outputs import MatrixFit, without_outputs
-from replant.fitting.structure_search import SearchResult, as_row, search
+from replant.fitting.structure_search import as_row, search
 from replant.fitting.validation import Validation
 from replant.logs import Log
 from replant.logs.recording import digest

@@ -11,7 +11,6 @@ from replant.errors import InvalidArgumentError, shown
 from replant.estimation.simulation.miso import Row, RowRecord
 from replant.fitting.miso_model import RowModel, one_step_percent
 from replant.fitting.miso_solve import RowSolution, held, references_of
-from replant.fitting.miso_verdict import judged
 from replant.fitting.model_fields import Provenance, unnamed
 from replant.fitting.parted_record import solve_parted_row
 from replant.fitting.samples import Samples
@@ -26,7 +25,7 @@ from replant.numerics.arguments import FloatArray, IntArray, array_of_reals, ite
 from replant.numerics.limits import duration, increasing
 from replant.numerics.linear_algebra import quiet
 from replant.verdict import fit_percent
-from replant.verdict.miso_tests import left_out
+from replant.verdict.miso_tests import judged, left_out
 from replant.verdict.sensor_and_excitation import left_out_finding
 from replant.verdict.verdict import Verdict
 

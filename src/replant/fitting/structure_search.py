@@ -18,11 +18,7 @@ from replant.fitting.fit import check_delay, check_length, fit_samples
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.miso_search import Options, search_rows
 from replant.fitting.samples import RawRecord, Samples
-from replant.fitting.search_result import ALPHA as ALPHA
-from replant.fitting.search_result import Candidate as Candidate
-from replant.fitting.search_result import MatrixSearch as MatrixSearch
-from replant.fitting.search_result import SearchResult as SearchResult
-from replant.fitting.search_result import likeliest_between
+from replant.fitting.search_result import ALPHA, Candidate, MatrixSearch, SearchResult, likeliest_between
 from replant.fitting.several_outputs import are_rows, in_columns, samples_of_outputs
 from replant.fitting.structure_evidence import Evidence, Trial, least_known
 from replant.model.interop import in_our_words

@@ -11,13 +11,12 @@ from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.simulation.miso import Point, Row, RowRecord, evaluate
 from replant.estimation.solver.solve import leaving_out
 from replant.fitting.miso_solve import RowEstimate, RowSolution, doubts_of, with_outside
-from replant.fitting.miso_verdict import judged
 from replant.kernels.schema import Doubt
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.online.miso_recursion import RowRecursion
 from replant.online.miso_state import RowState
-from replant.verdict.miso_tests import controlled, left_out
+from replant.verdict.miso_tests import controlled, judged, left_out
 from replant.verdict.sensor_and_excitation import followed_finding, guard_findings, left_out_finding
 from replant.verdict.verdict import Finding, Verdict
 

@@ -7,10 +7,9 @@ from typing import NamedTuple
 
 from replant.estimation.simulation.miso import Point, Row, evaluate
 from replant.fitting.miso_solve import RowSolution, started
-from replant.fitting.miso_verdict import untold
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.verdict.miso_tests import lacking
+from replant.verdict.miso_tests import lacking, untold
 
 
 class Begins(NamedTuple):

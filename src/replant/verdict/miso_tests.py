@@ -1,27 +1,235 @@
-"""Tests of what a row leaves: of what its inputs explain further, and of inputs that answer to it."""
+"""The verdict of a row: what each input is worth, what the inputs explain further, and which answer to what is left."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel
-from replant.estimation.simulation.miso import Point, Row
+from replant.estimation.simulation.miso import Point, Row, evaluate
 from replant.estimation.solver import feedback_test
 from replant.estimation.solver.change_contest import HARMLESS
+from replant.estimation.solver.miso_steps import refine, start_without
+from replant.estimation.solver.refined_estimate import relative_uncertainty
 from replant.model.structure import Structure
+from replant.model.uncertainty import cancelled_pole, dc_gain_slope
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.autoregression import Autoregression
-from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, combined, inverse_of, products, sum_of_squares
-from replant.numerics.projections import orthogonal, widening, without
-from replant.verdict.evidence import rounding_of
-from replant.verdict.verdict import Finding, figure, percent
+from replant.numerics.levels import ALPHA, MATTERS, ROUNDING
+from replant.numerics.linear_algebra import (
+    chi2_quantile,
+    combined,
+    inner,
+    inverse_of,
+    least_norm,
+    products,
+    sum_of_squares,
+)
+from replant.numerics.projections import WEAKEST, orthogonal, widening, without
+from replant.verdict.estimate_tests import MINOR_SCATTER, MOST_SCATTER, MOST_UNCERTAIN
+from replant.verdict.evidence import FEWEST, RESTED, moving, rounding_of
+from replant.verdict.verdict import Finding, Verdict, conclude, duration, figure, percent
 
 FILTERS = 8  # first-order filters of each input that its transfer function is tested against [count]
+
+
+def judged(
+    row: Row,
+    record: Record,
+    point: Point,
+    noise: Autoregression,
+    covariance: FloatArray,
+    others: list[Finding],
+    *,
+    is_of_record: bool = True,
+) -> Verdict:
+    """Return the verdict of a point, with other findings about it."""
+    findings = untold(row, record, point, covariance)
+    if not findings:
+        findings += [*_useless(row, point, noise, covariance), *lacking(row, point, noise)]
+    unsure = [] if findings else list(_unsure(row, point, covariance))
+    if not findings and not is_of_record:  # it follows sample by sample: the plant may have changed since
+        findings += _outdated(row, point, noise, covariance)
+    findings += unsure
+    excited = not any(finding.status == "not excited" for finding in findings + others)
+    told = conclude(findings + others, "each input is told apart, and the inputs explain no more of the output")
+    verdict = Verdict(*told, excited=excited)
+    if not excited or is_of_record or not (rest := _rest(row)):
+        return verdict
+    reason = f"no input has moved for the last {duration(rest)}: move one to learn more"
+    return replace(verdict, excited=False, reasons=(*verdict.reasons, reason))
+
+
+def _rest(row: Row) -> float:
+    """Return for how many s all inputs have rested; 0 where that is less than a quarter of a record and `RESTED`."""
+    rest = len(row.inputs) - max(moving(u) for u in row.inputs.T)
+    return row.record.last(rest).span if rest >= min(RESTED, len(row.inputs) // 4) else 0.0
+
+
+def untold(row: Row, record: Record, point: Point, covariance: FloatArray) -> list[Finding]:
+    """Return which inputs rest or move together, and else whose transfer functions the record does not tell."""
+    return [*_at_rest(row), *_alike(row), *_uncertain(row, record, point, covariance)]
+
+
+def _at_rest(row: Row) -> Iterator[Finding]:
+    for i in range(len(row.structures)):
+        if not any(np.ptp(stretch.inputs[i].u) > 0.0 for stretch in row.stretches):
+            yield Finding("not excited", f"input {row.names[i]} does not move: move it, or leave it out")
+
+
+def _alike(row: Row) -> Iterator[Finding]:
+    """Return which inputs are one signal, scaled: structures that differ tell them apart, but no sample does."""
+    signals = np.concatenate([row.inputs[each.rows] - row.inputs[each.rows].mean(axis=0) for each in row.stretches])
+    powers = np.sum(signals**2, axis=0)
+    for i, j in itertools.combinations(np.flatnonzero(powers > 0.0).tolist(), 2):
+        apart = signals[:, j] - signals[:, i] * inner(signals[:, i], signals[:, j]) / powers[i]
+        if sum_of_squares(apart) <= ROUNDING * powers[j]:
+            yield Finding(
+                "not excited",
+                f"inputs {row.names[i]} and {row.names[j]} move together as one signal: what one of them does is not "
+                "told from what the other does; move one of them alone, or leave it out",
+            )
+
+
+def _uncertain(row: Row, record: Record, point: Point, covariance: FloatArray) -> Iterator[Finding]:
+    """Inputs that move together, and else transfer functions that the record does not tell."""
+    places, phi, blamed = row.places, np.concatenate(point.phi), set()
+    slopes = np.zeros((len(places), point.theta.size))  # of the gains b0/a0
+    for number, (structure, rows) in enumerate(zip(row.structures, places, strict=True)):
+        slopes[number, rows] = dc_gain_slope(structure, point.theta[rows])
+    gains = slopes @ covariance @ slopes.T
+    std = np.sqrt(np.maximum(np.diag(gains), 0.0))
+    each = zip(row.structures, row.branches(point.theta), strict=True)
+    sizes = [abs(theta[-1] / theta[structure.poles - 1]) for structure, theta in each]
+    for i, j in itertools.combinations(range(len(places)), 2):
+        if not std[i] * std[j] > 0.0:
+            continue
+        correlation = min(abs(gains[i, j]) / (std[i] * std[j]), 1.0)
+        alone = math.sqrt(1.0 - correlation**2)  # what a deviation would be if the other gain were known
+        # most of the variance comes of the other gain, which is enough to make this one uncertain
+        if alone**2 < 0.5 and any(alone * std[k] <= MOST_UNCERTAIN * sizes[k] < std[k] for k in (i, j)):
+            blamed |= {i, j}
+            yield Finding(
+                "converging",
+                f"inputs {row.names[i]} and {row.names[j]} move together: their gains correlate by {correlation:.3f}, "
+                "and only a sum of them is known; move one of them alone",
+            )
+    for i, (structure, rows) in enumerate(zip(row.structures, places, strict=True)):
+        of_it = replace(record, y=record.y, before=None)
+        part = relative_uncertainty(structure, point.theta[rows], covariance[rows, rows], phi[:, rows], of_it)
+        if i not in blamed and not part <= MOST_UNCERTAIN:
+            yield _cancelled(row, i, point.theta[rows], covariance[rows, rows]) or Finding(
+                "converging",
+                f"input {row.names[i]}: a coefficient is known to {percent(part)} only; move the input more, or record "
+                "more",
+            )
+
+
+def _cancelled(
+    row: Row, number: int, theta: FloatArray, covariance: FloatArray, status: str = "converging"
+) -> Finding | None:
+    """Return that a zero may cancel a pole of an input; None where none does."""
+    pole = cancelled_pole(row.structures[number], theta, covariance)
+    if pole is None:
+        return None
+    reason = f"input {row.names[number]}: a zero may cancel the pole near {pole.real + 0.0:.3g}"  # not -0
+    return Finding(status, f"{reason}: ask for one pole and zero fewer of it")
+
+
+def _unsure(row: Row, point: Point, covariance: FloatArray) -> Iterator[Finding]:
+    """Poles that a zero may cancel, and else that the estimate's error makes too much of the modelled output."""
+    made, largest = _scatter(row.from_outside, point, covariance)
+    # where that makes little, what the model does is known, and a pole that may be cancelled is no obstacle to trust
+    status = "trusted" if made <= MINOR_SCATTER else "converging"
+    found = [_cancelled(row, i, point.theta[rows], covariance[rows, rows], status) for i, rows in enumerate(row.places)]
+    yield from filter(None, found)
+    if not any(found) and not made <= MOST_SCATTER:
+        yield Finding(
+            "converging",
+            f"input {row.names[largest]}: the uncertainty of its transfer function amounts to {percent(made)} of the "
+            "modelled output; move the input more, or record more",
+        )
+
+
+def _scatter(row: Row, point: Point, covariance: FloatArray) -> tuple[float, int]:
+    """Return the deviation of the modelled output by the estimate's error, over that output's, and whose is largest."""
+    runs = []
+    for stretch, nuisances in zip(row.stretches, point.nuisances, strict=True):
+        signals = row.signals(point.theta, stretch, nuisances[1:])
+        output, slopes, free = (signal[stretch.measured] for signal in signals)
+        # offset and initial states are estimated with each model
+        runs.append((output, slopes - combined(free, least_norm(free, slopes, WEAKEST)[0])))
+    outputs, slopes = (np.concatenate(each) for each in zip(*runs, strict=True))
+    slopes = slopes - slopes.mean(axis=0)
+    spread, made = products(slopes, slopes) / (len(slopes) - 1), float(outputs.sum(axis=1).std())
+    parts = [float(np.trace(covariance[rows, rows] @ spread[rows, rows])) for rows in row.places]
+    whole = math.sqrt(max(float(np.trace(covariance @ spread)), 0.0))
+    return whole / made if made > 0.0 else math.inf, int(np.argmax(parts))
+
+
+def _outdated(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
+    """Inputs whose response over the newest samples, half as many, a quarter .. is another one than the estimate's."""
+    # over all of them what an estimate is off before a change and after it cancels: it is their mean
+    samples = row.record.u.size
+    while samples >= FEWEST:
+        newest = row.last(samples)
+        if newest.count <= newest.nuisances + point.theta.size:
+            return
+        found = list(moved(newest, evaluate(newest, point.theta, noise), noise, covariance))
+        if found:
+            yield from found
+            return
+        samples //= 2
+
+
+def _useless(row: Row, point: Point, noise: Autoregression, covariance: FloatArray) -> Iterator[Finding]:
+    """Inputs without which the record is as likely, by the Bayesian information criterion."""
+    count = len(row.structures)
+    if count == 1:
+        return
+    if row.outside is not None:  # in feedback likelihoods are no judges: the numerator is nought within chance
+        useless = [i for i, beyond in enumerate(_beyond_nought(row, point, covariance)) if beyond < 1.0]
+    else:
+        useless = [i for i in range(count) if _is_left_out(row, point, noise, i)]
+        if len(useless) > 1 and not _is_left_out(row, point, noise, *useless):
+            named = " and ".join(row.names[i] for i in useless)
+            yield Finding(
+                "inconsistent",
+                f"any of inputs {named} could be left out, but not all of them: they move together, or the output "
+                "drifts as a slow plant would; move one alone, and record more",
+            )
+            return
+    for i in useless:
+        yield Finding("inconsistent", f"input {row.names[i]} explains nothing of the output: leave it out")
+
+
+def _beyond_nought(row: Row, point: Point, covariance: FloatArray) -> Iterator[float]:
+    """Yield of each input how far its numerator lies from nought, as a statistic over the criterion's limit."""
+    for structure, whole in zip(row.structures, row.places, strict=True):
+        rows = slice(whole.stop - structure.zeros - 1, whole.stop)
+        std = np.sqrt(np.maximum(np.diag(covariance[rows, rows]), np.finfo(float).tiny))
+        b = point.theta[rows] / std
+        scaled = covariance[rows, rows] / np.outer(std, std)
+        known = bool(np.isfinite(scaled).all())  # of a branch that ran away a variance may be negative: rounding
+        statistic = float(b @ np.linalg.lstsq(scaled, b, rcond=None)[0]) if known else 0.0
+        yield statistic / (structure.size * math.log(row.count))
+
+
+def _is_left_out(row: Row, point: Point, noise: Autoregression, *left_out: int) -> bool:
+    """Return whether the record is as likely without some of the inputs."""
+    less = [k for k in range(len(row.structures)) if k not in left_out]
+    power = _power(row, noise)
+    if less:
+        begins = start_without(row, point.theta, left_out, noise)
+        others = row.of_inputs(less)
+        power = min((refine(others, begin.theta, noise, begin).cost for begin in begins[:1]), default=power)
+    size = sum(row.structures[i].size for i in left_out)
+    return row.count * math.log(max(power, 1e-300) / max(point.cost, 1e-300)) < size * math.log(row.count)
 
 
 def lacking(row: Row, point: Point, noise: Autoregression, covariance: FloatArray | None = None) -> Iterator[Finding]:
@@ -95,17 +303,14 @@ def _power(row: Row, noise: Autoregression) -> float:
 
 def left_out(row: Row, point: Point, noise: Autoregression, others: Mapping[str, FloatArray]) -> Iterator[Finding]:
     """The column (K,) beside the inputs that could explain most of the residual, if one could."""
-    found = [(*_of_filters(row, point, noise, signal), name) for name, signal in others.items() if _moves(signal)]
+    usable = {name: each for name, each in others.items() if np.isfinite(each).all() and np.ptp(each) > 0.0}
+    found = [(*_of_filters(row, point, noise, signal), name) for name, signal in usable.items()]
     for significance, part, name in sorted(found, reverse=True)[:1]:
         if significance > 1.0 and part > MATTERS:
             yield Finding(
                 "inconsistent",
                 f"column {name} could explain a further {percent(part)} of the output's power: make it an input, too",
             )
-
-
-def _moves(signal: FloatArray) -> bool:
-    return bool(np.isfinite(signal).all() and np.ptp(signal) > 0.0)
 
 
 def controlled(row: Row, point: Point, noise: Autoregression) -> Iterator[Finding]:
