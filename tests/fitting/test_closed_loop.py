@@ -276,6 +276,8 @@ def test_least_squares_and_a_reference_of_another_length_are_refused() -> None:
         rp.fit(done.u, done.y, DT, rp.Structure(1), reference=done.r, method="least_squares")
     with pytest.raises(rp.InvalidArgumentError, match="one value for each of 200 samples, got 199"):
         rp.fit(done.u, done.y, DT, rp.Structure(1), reference=done.r[1:])
+    with pytest.raises(rp.InvalidArgumentError, match="one value for each of 200 samples, got 199"):
+        search(done.u, done.y, DT, reference=done.r[1:])
 
 
 def test_a_clock_that_jitters_keeps_the_colour_of_the_noise() -> None:

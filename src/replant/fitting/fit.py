@@ -18,6 +18,7 @@ from replant.estimation.solver.least_squares import choose_filter, least_squares
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.miso_fit import RowFit, fit_row
+from replant.fitting.model import reference_of
 from replant.fitting.parted_record import differ, solve_parted
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
@@ -27,7 +28,7 @@ from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
 from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
 from replant.model.structure import Structure
-from replant.numerics.arguments import BoolArray, FloatArray, one_of, record, vector
+from replant.numerics.arguments import BoolArray, FloatArray, one_of, record
 from replant.numerics.limits import increasing
 from replant.numerics.linear_algebra import combined, quiet
 from replant.verdict import Simulation, fit_percent, simulate
@@ -271,10 +272,7 @@ def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
         return None
     if method == "least_squares":
         raise InvalidArgumentError("least_squares makes no use of a reference: leave it out, or use method='srivc'")
-    r, _ = accepted(vector("reference", reference))
-    if r.size != samples:
-        raise InvalidArgumentError(f"reference must have one value for each of {samples} samples, got {r.size}")
-    return r
+    return accepted(reference_of(reference, samples))[0]
 
 
 def _solution(raw: RawRecord, r: FloatArray | None) -> Solution | None:

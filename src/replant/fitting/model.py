@@ -157,17 +157,9 @@ class Model(model_file.Written, ModelFields):
         return StepResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
 
     def impulse(self, duration: float | None = None) -> ImpulseResponse:
-        """Return the output by a unit impulse of the mapped input, with its standard deviation.
+        """Return the output by a unit impulse of the mapped input over ``duration`` s, else until it settles.
 
-        Parameters
-        ----------
-        duration : float, optional
-            In s; by default until the slowest mode has settled.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If there are as many zeros as poles: the output then holds an impulse itself.
+        With as many zeros as poles, where the output holds an impulse itself, there is an InvalidArgumentError.
         """
         return ImpulseResponse.of(self.transfer_function, self.uncertainty, time_of(self.transfer_function, duration))
 
@@ -301,13 +293,19 @@ def _signals(
     if y is None:
         raise InvalidArgumentError("give a Log, or the input and the output: model.validate(u, y)")
     u, y = record(log, y)
-    r = None if reference is None else vector("reference", reference)
-    if r is not None and r.size != u.size:
-        raise InvalidArgumentError(f"reference must have one value for each of {u.size} samples, got {r.size}")
+    r = None if reference is None else reference_of(reference, u.size)
     if t is None:
         return u, y, None, r, dt
     stamps = increasing(t, u.size)
     return u, y, stamps, r, usual_interval(stamps, dt)
+
+
+def reference_of(reference: Any, samples: int) -> FloatArray:
+    """Return a reference (K,), checked."""
+    r = vector("reference", reference)
+    if r.size != samples:
+        raise InvalidArgumentError(f"reference must have one value for each of {samples} samples, got {r.size}")
+    return r
 
 
 def in_lines(kind: str, model: ModelFields, samples: int, reasons: tuple[str, ...]) -> str:
