@@ -122,11 +122,8 @@ def _index(name: str, values: Any) -> Any:
 
 
 def _axis(name: str, values: Any) -> tuple[str, Any, dict[str, str]]:
-    return (
-        name,
-        values,
-        {"long_name": "time", "units": "s"} if name == "time" else {"long_name": "number of the sample"},
-    )
+    is_time = name == "time"
+    return name, values, {"long_name": "time", "units": "s"} if is_time else {"long_name": "number of the sample"}
 
 
 def _sampling(dt: float | None) -> dict[str, float]:

@@ -74,17 +74,9 @@ class Preprocess:
         return "mean" if "mean" in offsets else "first" if "first" in offsets else "nothing"
 
     def resolve(self, u: FloatArray, y: FloatArray) -> Preprocess:
-        """Return the same with numbers for offsets, taken from raw samples, those that `screen` rejects left out.
+        """Return the same with numbers for offsets, taken from raw samples (K,), those that `screen` rejects left out.
 
-        Parameters
-        ----------
-        u, y : (K,) arrays
-            Raw input and output.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If "first" or "mean" is asked of a record without a single sample that can be used.
+        "first" or "mean" of a record without a single sample that can be used is an InvalidArgumentError.
         """
         if self.needs == "nothing":
             return self

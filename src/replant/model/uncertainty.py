@@ -32,6 +32,8 @@ from replant.model.transfer_function import Mode, TransferFunction
 from replant.numerics.arguments import FloatArray, array_of_reals, instance, keep, owned
 from replant.numerics.linear_algebra import quiet, roots
 
+ComplexArray = npt.NDArray[np.complex128]
+
 # the rule of Staiger and Stock for weak instruments; of 600 fits with one or two poles and zeros too many it was
 # exceeded by none; of 992 estimates of random plants 131 had a coefficient over three standard deviations off, 103 of
 # them among the 156 below it
@@ -181,7 +183,7 @@ class Uncertainty:
     def _model(self) -> TransferFunction:
         return self.structure.transfer_function(self.parameters)
 
-    def _log_response_slopes(self, omega: FloatArray) -> npt.NDArray[np.complex128]:
+    def _log_response_slopes(self, omega: FloatArray) -> ComplexArray:
         """Return d ln G(i omega) / d theta, (F, P)."""
         n, m = self.structure.poles, self.structure.zeros
         s = 1j * omega
@@ -211,7 +213,7 @@ class Uncertainty:
             _std(np.array([1.0 / x / x, 0.0]), covariance) if x else math.inf,
         )
 
-    def _pole_slope(self, pole: complex) -> npt.NDArray[np.complex128]:
+    def _pole_slope(self, pole: complex) -> ComplexArray:
         """Return dp / d theta, (P,): A(p) = 0 gives dp / da_i = -p^i / A'(p); infinite at a double pole."""
         n = self.structure.poles
         slope = np.zeros(self.structure.size, np.complex128)
@@ -282,7 +284,7 @@ def untold_pole(structure: Structure, parameters: FloatArray, covariance: FloatA
     return complex(fastest.real, abs(fastest.imag))
 
 
-def _real(poles: npt.NDArray[np.complex128], zeros: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
+def _real(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
     """Return the real roots to look at: a grid, and those between each real pole and its nearest real zeros."""
     fastest = float(np.abs(poles).max())
     slowest = max(float(np.abs(poles).min()), fastest / REACH)
@@ -291,12 +293,12 @@ def _real(poles: npt.NDArray[np.complex128], zeros: npt.NDArray[np.complex128]) 
     return np.concatenate([-grid, grid, between]).astype(np.complex128)
 
 
-def _pairs(poles: npt.NDArray[np.complex128], zeros: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
+def _pairs(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
     """Return the complex roots to look at: those of A and B, and those between them."""
     return _between(poles[poles.imag > 0.0], zeros[zeros.imag > 0.0])
 
 
-def _between(poles: npt.NDArray[np.complex128], zeros: npt.NDArray[np.complex128]) -> npt.NDArray[np.complex128]:
+def _between(poles: ComplexArray, zeros: ComplexArray) -> ComplexArray:
     """Return poles, zeros, and the points on the way from each pole to its nearest zeros."""
     way, found = np.linspace(0.0, 1.0, STEPS + 1), [poles, zeros]
     for pole in poles:
@@ -305,9 +307,7 @@ def _between(poles: npt.NDArray[np.complex128], zeros: npt.NDArray[np.complex128
     return np.concatenate(found)
 
 
-def _statistics(
-    candidates: npt.NDArray[np.complex128], a: FloatArray, b: FloatArray, covariance: FloatArray
-) -> FloatArray:
+def _statistics(candidates: ComplexArray, a: FloatArray, b: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return F at each of several roots (R,), all real or all complex; infinite where the covariance is singular."""
     n = a.size - 1
     powers = np.vander(candidates, n + 1)

@@ -25,16 +25,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from replant.estimation.simulation.model_run import ModelRun
-from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import Autoregression, in_a_row
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, larger, products, pseudo_inverse, roots, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, larger, products, pseudo_inverse, sum_of_squares
 from replant.numerics.projections import lengths_of, orthogonal, without
 from replant.verdict.evidence import Evidence, Runs
 from replant.verdict.verdict import Finding, duration, percent
@@ -191,15 +190,14 @@ def gain_findings(evidence: Evidence, runs: Runs, covariance: FloatArray, alone:
 
 def _worst_gain(evidence: Evidence, covariance: FloatArray, omega: FloatArray) -> float:
     """Return the largest relative standard deviation of abs G at some frequencies (F,)."""
-    std = _uncertainty(evidence, covariance).response(omega)[0]
+    std = evidence.uncertainty(covariance).response(omega)[0]
     return float(std.max()) if np.isfinite(std).all() else np.inf
 
 
 def excited_frequencies(evidence: Evidence, *, slowest: bool = False) -> FloatArray:
     """Return the frequencies (F,), in rad/s, that the input excites."""
     omega, density = _input_spectrum(evidence)
-    poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
-    lowest = SLOWEST * max(float(poles.min()), 0.0 if slowest else 1.0 / evidence.record.span)
+    lowest = SLOWEST * max(float(np.abs(evidence.poles).min()), 0.0 if slowest else 1.0 / evidence.record.span)
     # a record shorter than the slowest mode does not resolve the lowest ones: the density there is that of the lowest
     if 0.0 < lowest < omega[0]:
         below = np.geomspace(lowest, omega[0], SLOW_FREQUENCIES, endpoint=False)
@@ -235,7 +233,7 @@ def _contradiction(evidence: Evidence, runs: Runs, omega: FloatArray) -> list[Fi
         there = _magnitude(evidence, evidence.estimate[: evidence.coefficients] + away.step, omega)
         with np.errstate(divide="ignore", invalid="ignore"):
             off = np.abs(there / present - 1.0)
-        margin = off - CONTRADICTS_SIGMAS * _uncertainty(evidence, away.covariance).response(omega)[0]
+        margin = off - CONTRADICTS_SIGMAS * evidence.uncertainty(away.covariance).response(omega)[0]
         margin[~(off > CONTRADICTS)] = 0.0
         k = int(np.argmax(np.nan_to_num(margin)))
         if margin[k] > surest:
@@ -252,9 +250,3 @@ def _magnitude(evidence: Evidence, coefficients: FloatArray, omega: FloatArray) 
     n, s = evidence.structure.poles, 1j * omega
     den = np.concatenate([[1.0], coefficients[:n]])
     return np.asarray(np.abs(np.polyval(coefficients[n : evidence.coefficients], s) / np.polyval(den, s)))
-
-
-def _uncertainty(evidence: Evidence, covariance: FloatArray) -> Uncertainty:
-    """Return the uncertainty of G(s) alone, without a bias."""
-    structure = replace(evidence.structure, bias=False)
-    return Uncertainty(structure, evidence.estimate[: evidence.coefficients], covariance)

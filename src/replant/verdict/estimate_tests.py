@@ -14,7 +14,7 @@ from replant.model.uncertainty import cancelled_pole
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import one_step
 from replant.numerics.levels import ALPHA, MATTERS
-from replant.numerics.linear_algebra import chi2_quantile, combined, inverse_of, products, roots, sum_of_squares
+from replant.numerics.linear_algebra import chi2_quantile, combined, inverse_of, products, sum_of_squares
 from replant.numerics.projections import without
 from replant.verdict.estimate_distance import Distance, gain_findings, output_frequency
 from replant.verdict.estimate_distance import distance as distance_of
@@ -138,8 +138,7 @@ class Speeds:
         """Return the speeds of the estimate's poles."""
         least = 1.0 / evidence.record.span
         if not (closed and evidence.modes):
-            poles = np.abs(roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])))
-            return cls(np.maximum(poles, least))
+            return cls(np.maximum(np.abs(evidence.poles), least))
         if by_reference is None or not np.ptp(by_reference) > 0.0:
             output = output_frequency(evidence)
         else:
@@ -167,8 +166,7 @@ class Speeds:
 
 def _fastest(evidence: Evidence) -> list[Finding]:
     """Say that a pole lies at the bound of the search; no obstacle to trust where the other poles are known."""
-    speeds = np.abs(roots(np.append(1.0, evidence.estimate[: evidence.structure.poles]))) * evidence.dt
-    beyond = speeds >= FASTEST * (1.0 - AT_BOUND)
+    beyond = np.abs(evidence.poles) * evidence.dt >= FASTEST * (1.0 - AT_BOUND)
     if not beyond.any():
         return []
     reason = "a pole is as fast as is looked for, 3 / dt, and may be faster: sample faster"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import numpy.typing as npt
 
 from replant.estimation.engine.record import Record
 from replant.estimation.simulation.model_run import PER_COEFFICIENT, ModelRun, run_model
@@ -143,18 +145,25 @@ class Evidence:
         """How many samples there are."""
         return self.record.u.size
 
+    @cached_property
+    def poles(self) -> npt.NDArray[np.complex128]:
+        """The estimate's poles (n,), in rad/s."""
+        return roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]]))
+
     @property
     def modes(self) -> tuple[UncertainMode, ...]:
         """The estimate's poles with their uncertainty; none where no covariance is known."""
-        if self.covariance is None:
-            return ()
-        size, structure = self.coefficients, replace(self.structure, bias=False)
-        return Uncertainty(structure, self.estimate[:size], self.covariance[:size, :size]).first_order_modes
+        return () if self.covariance is None else self.uncertainty(self.covariance).first_order_modes
+
+    def uncertainty(self, covariance: FloatArray) -> Uncertainty:
+        """Return the uncertainty of the estimate's G(s) alone, without a bias, by a covariance (n + m + 1, ..)."""
+        size = self.coefficients
+        return Uncertainty(replace(self.structure, bias=False), self.estimate[:size], covariance[:size, :size])
 
     @property
     def diverging_pole(self) -> float:
         """Real part of the rightmost pole, in rad/s, if it grows more than e-fold over the record; else 0."""
-        pole = float(roots(np.concatenate([[1.0], self.estimate[: self.structure.poles]])).real.max())
+        pole = float(self.poles.real.max())
         return pole if pole * self.record.span > 1.0 else 0.0
 
     @property

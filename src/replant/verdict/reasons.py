@@ -30,7 +30,7 @@ from replant.estimation.simulation.fitted_run import fit_percent
 from replant.model.uncertainty import cancelled_pole
 from replant.numerics.autoregression import one_step, whiteness
 from replant.numerics.levels import MATTERS, NEGLIGIBLE
-from replant.numerics.linear_algebra import quiet, roots
+from replant.numerics.linear_algebra import quiet
 from replant.numerics.robust import robust_std
 from replant.verdict import sensor_and_excitation
 from replant.verdict.estimate_tests import Certainty, slow_noise, without_longer
@@ -89,8 +89,7 @@ def _judged(evidence: Evidence) -> Assessment:
     reference, doubts = (None, []) if stop else Reference.of(evidence)
     runs = None if stop else Runs.of(evidence, None if reference is None else reference.explained)
     if not stop and runs is None:
-        pole = roots(np.concatenate([[1.0], evidence.estimate[: evidence.structure.poles]])).real.max()
-        reason = f"the model's signals leave float64 (a pole at {pole:+.3g} rad/s)"
+        reason = f"the model's signals leave float64 (a pole at {evidence.poles.real.max():+.3g} rad/s)"
         findings.append(Finding("inconsistent", reason))
     if runs is not None:
         found = sensor_and_excitation.excitation(runs.now, evidence.newest)
