@@ -175,20 +175,12 @@ def fit_samples(
     method = one_of("method", method, METHODS)
     dt = Request(structure, given.dt, filter=chosen, preprocess=preprocess).dt
     hold = given.input_hold if isinstance(chosen, str) else chosen.input_hold
-    u, y = record(given.u, given.y)
-    stamps = None if given.t is None else increasing(given.t, u.size)
-    r = _reference(given.reference, u.size, method)
-    if r is not None:
-        y = np.where(np.isfinite(r), y, np.nan)
-    usable, rejected = screen(preprocess.map_input(u), y)
-    rejected = without_rest(rejected, "not finite", given.rest)
-    check_length(structure, usable, rejected)
-    check_delay(structure.delay, dt, u.size, stamps)
-    preprocess = preprocess.resolve(u, y)
+    if given.reference is not None and method == "least_squares":
+        raise InvalidArgumentError("least_squares makes no use of a reference: leave it out, or use method='srivc'")
+    raw, r, rejected = checked(given, structure, dt, hold, preprocess)
     use = None
     if method != "least_squares":
-        raw = RawRecord(structure, dt, preprocess, u, y, stamps, hold, given.begins)
-        use = None if r is None else use_of(r, raw.made_ready(y, r))
+        use = None if r is None else use_of(r, raw.made_ready(raw.y, r))
         solution = _solution(raw, r if use is None or use.used else None)
         if solution is None and use is not None:
             use = use.given_up()
@@ -197,18 +189,18 @@ def fit_samples(
             use = None if use is None else use.concluded(structure, solution.found)
             whole = _with_record(_refined_result(raw, solution, rejected, use), raw, given, solution.record)
             return whole if given.begins or whole.reference is not None else _parted(whole, raw, solution, given)
-        if method == "srivc" or stamps is not None:  # least squares needs a regular clock
+        if method == "srivc" or raw.stamps is not None:  # least squares needs a regular clock
             why = "the input hardly moves, or the structure does not fit the plant"
             why = CONSTANT if is_constant(raw.mapped[raw.known]) else why
             raise InvalidArgumentError(f"srivc finds no model for this record: {why}")
-    if stamps is not None:
+    if raw.stamps is not None:
         raise InvalidArgumentError(
             "least_squares needs a regular clock: use the method srivc, or give the sampling time (dt, --dt) and no "
             "time stamps if they are only jitter"
         )
     if not isinstance(chosen, StateVariableFilter):
-        chosen = choose_filter(structure, dt, preprocess, u, y, input_hold=hold)
-    raw = RawRecord(structure, dt, preprocess, u, y, None, chosen.input_hold)
+        chosen = choose_filter(structure, dt, raw.preprocess, raw.u, raw.y, input_hold=hold)
+    raw = dataclasses.replace(raw, input_hold=chosen.input_hold)
     result = _least_squares_result(raw, chosen, rejected, use)
     return _with_record(result, raw, given, raw.made_ready(raw.y, None))
 
@@ -246,7 +238,27 @@ def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Reco
     )
 
 
-def check_length(structure: Structure, usable: BoolArray, rejected: Mapping[str, int]) -> None:
+def checked(
+    given: Samples, structure: Structure, dt: float, input_hold: str, preprocess: Preprocess
+) -> tuple[RawRecord, FloatArray | None, dict[str, int]]:
+    """Return samples, checked, as a record, their reference, and how many are rejected for which reason."""
+    u, y = record(given.u, given.y)
+    stamps = None if given.t is None else increasing(given.t, u.size)
+    r = None if given.reference is None else accepted(reference_of(given.reference, u.size))[0]
+    y = y if r is None else np.where(np.isfinite(r), y, np.nan)
+    usable, rejected = screen(preprocess.map_input(u), y)
+    rejected = without_rest(rejected, "not finite", given.rest)
+    _check_length(structure, usable, rejected)
+    lasts = dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
+    if not structure.delay < lasts:
+        raise InvalidArgumentError(
+            f"the dead time of {structure.delay:g} s is no shorter than the record, which lasts {lasts:.6g} s"
+        )
+    raw = RawRecord(structure, dt, preprocess.resolve(u, y), u, y, stamps, input_hold, given.begins)
+    return raw, r, rejected
+
+
+def _check_length(structure: Structure, usable: BoolArray, rejected: Mapping[str, int]) -> None:
     """Raise InvalidArgumentError where the usable samples are fewer than the parameters need."""
     samples, others = int(usable.sum()), rejected_in_words(rejected)
     if samples < structure.size + 1:
@@ -255,24 +267,6 @@ def check_length(structure: Structure, usable: BoolArray, rejected: Mapping[str,
             f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
             f"{structure.size} parameters need{beside}: record more, or ask for fewer poles and zeros"
         )
-
-
-def check_delay(delay: float, dt: float, samples: int, stamps: FloatArray | None) -> None:
-    """Raise InvalidArgumentError where a dead time is no shorter than the record."""
-    lasts = dt * (samples - 1) if stamps is None else float(stamps[-1] - stamps[0])
-    if not delay < lasts:
-        raise InvalidArgumentError(
-            f"the dead time of {delay:g} s is no shorter than the record, which lasts {lasts:.6g} s"
-        )
-
-
-def _reference(reference: Any, samples: int, method: str) -> FloatArray | None:
-    """Return a reference, checked, or None."""
-    if reference is None:
-        return None
-    if method == "least_squares":
-        raise InvalidArgumentError("least_squares makes no use of a reference: leave it out, or use method='srivc'")
-    return accepted(reference_of(reference, samples))[0]
 
 
 def _solution(raw: RawRecord, r: FloatArray | None) -> Solution | None:

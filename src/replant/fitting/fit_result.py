@@ -31,7 +31,7 @@ from replant.verdict import Assessment, Simulation, assess_record
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.other_columns import OtherColumn, other_columns, with_other_columns
 from replant.verdict.residual_tests import COPIED, IDLE, Reference, fault_of
-from replant.verdict.sensor_and_excitation import begins_at_rest, loads_act, loads_may_act
+from replant.verdict.sensor_and_excitation import FROM_REST, LOADS_ACT, LOADS_MAY_ACT, times_after
 
 WITHOUT = "the fit does without it"
 
@@ -160,14 +160,14 @@ class FitResult(Identified):
             verdict = with_other_cause(verdict, self.structure, self.parameters, self._kept, self.input_level)
         verdict = with_other_columns(verdict, self.other_columns)
         if self.loads.size:
-            verdict = replace(verdict, reasons=(*verdict.reasons, loads_act(self._after)))
+            verdict = replace(verdict, reasons=(*verdict.reasons, LOADS_ACT.format(self._after)))
         if self.rival is not None and verdict.status == "trusted":
-            reasons = loads_may_act(self.rival._after), *verdict.reasons
+            reasons = LOADS_MAY_ACT.format(self.rival._after), *verdict.reasons
             verdict = replace(verdict, status="converging", reasons=reasons)
         if verdict.status == "trusted" and self.covariance is not None:
             gain = gain_from_rest(self.structure, self.parameters, self.covariance, self._kept)
             if gain is not None:
-                reasons = begins_at_rest(gain, self.transfer_function.dc_gain), *verdict.reasons
+                reasons = FROM_REST.format(gain, self.transfer_function.dc_gain), *verdict.reasons
                 verdict = replace(verdict, status="converging", reasons=reasons)
         finding = self.reference.finding if self.reference else ""
         if not finding or any(finding.partition(":")[0] in reason for reason in verdict.reasons):
@@ -180,9 +180,9 @@ class FitResult(Identified):
         return other_columns(self.structure, self.parameters, self._kept, self.dt, self.others)
 
     @property
-    def _after(self) -> list[float]:
-        """How long after the first sample other loads act, in s."""
-        return [self._kept.since_first(begin) for begin in self._kept.begins]
+    def _after(self) -> str:
+        """In words how long after the first sample other loads act."""
+        return times_after([self._kept.since_first(begin) for begin in self._kept.begins])
 
     @property
     def _plant_change(self) -> PlantChange | None:

@@ -18,7 +18,7 @@ from replant.logs.log import Log
 from replant.logs.merged_channels import held_where_empty, side_by_side
 from replant.logs.recording import Recording
 from replant.logs.table import Table, repeated_rows
-from replant.model.preprocess import Preprocess, screen
+from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.verdict.assess import MOST_SAMPLES
@@ -83,8 +83,8 @@ def beside_first_model(
 ) -> tuple[OtherColumn, ...]:
     """Return the columns that explain a part of what a model of one pole leaves; none if there is no model."""
     from replant.estimation.solver.solve import solve
-    from replant.fitting.fit import check_delay, check_length
-    from replant.fitting.samples import RawRecord
+    from replant.fitting.fit import checked
+    from replant.fitting.samples import Samples
 
     if not others:
         return ()
@@ -92,9 +92,8 @@ def beside_first_model(
     u, y = u[rows], y[rows]
     try:
         structure = Structure(poles=1, delay=delay)
-        check_length(structure, *screen(u, y))
-        check_delay(delay, dt, u.size, None)
-        raw = RawRecord(structure, dt, Preprocess("identity", "mean", "mean").resolve(u, y), u, y, None, "zoh")
+        about_means = Preprocess("identity", "mean", "mean")
+        raw, _, _ = checked(Samples(u, y, dt, None, None), structure, dt, "zoh", about_means)
         # no loads are looked for: a load may be what another column tells
         solution = solve(structure, raw.made_ready(y, None))
     except ReplantError:

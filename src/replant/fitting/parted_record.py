@@ -19,7 +19,7 @@ from replant.fitting.model_fields import has_rest
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import duration_of
-from replant.verdict.sensor_and_excitation import changed_finding, loads_act
+from replant.verdict.sensor_and_excitation import LOADS_ACT, changed_finding, times_after
 from replant.verdict.verdict import Finding
 
 # what a model leaves of a step of the sensor amid a record lasts for a fifth to two fifths of it
@@ -58,8 +58,8 @@ def solve_parted_row(
     if plant is not None:
         findings.append(changed_finding(ready.record.last(ready.record.u.size - plant.begin).span))
     if loads and kept.solution is not None:
-        after = [kept.solution.row.record.first(load + 1).span for load in loads]
-        findings.append(Finding("trusted", loads_act(after)))
+        seconds = [kept.solution.row.record.first(load + 1).span for load in loads]
+        findings.append(Finding("trusted", LOADS_ACT.format(times_after(seconds))))
     return kept._replace(findings=tuple(findings), loads=loads, plant=plant)
 
 

@@ -14,19 +14,18 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.filters import RefinedFilter
 from replant.estimation.solver.solve import at_first, leaving_out, solve
-from replant.fitting.fit import check_delay, check_length, fit_samples
+from replant.fitting.fit import checked, fit_samples
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.miso_search import Options, search_rows
-from replant.fitting.model import reference_of
-from replant.fitting.samples import RawRecord, Samples
+from replant.fitting.samples import Samples
 from replant.fitting.search_result import ALPHA, Candidate, MatrixSearch, SearchResult, likeliest_between
 from replant.fitting.several_outputs import are_rows, in_columns, samples_of_outputs
 from replant.fitting.structure_evidence import Evidence, Trial, least_known
 from replant.model.interop import in_our_words
-from replant.model.preprocess import Preprocess, screen
+from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.numerics.arguments import iterable, record, whole
-from replant.numerics.limits import MOST_TRIED, dead_time, duration, increasing, several
+from replant.numerics.arguments import iterable, whole
+from replant.numerics.limits import MOST_TRIED, dead_time, duration, several
 from replant.numerics.linear_algebra import chi2_quantile
 from replant.verdict.evidence import CONSTANT, is_constant
 
@@ -153,17 +152,11 @@ def _searched(
     if is_row(given):
         return search_rows(given, _options(given, poles, zeros, delays), progress)
     preprocess = given.preprocess if preprocess is None else preprocess
-    u, y = record(given.u, given.y)
     dt, times = duration("dt", given.dt), sorted(set(several("delays", delays, dead_time)))
     grid = _grid(poles, zeros, times, bias)
-    r = None if given.reference is None else reference_of(given.reference, u.size)
-    stamps = None if given.t is None else increasing(given.t, u.size)
     hold = RefinedFilter(given.input_hold)
-    told = y if r is None else np.where(np.isfinite(r), y, np.nan)
-    check_length(grid[0], *screen(preprocess.map_input(u), told))
-    check_delay(times[-1], dt, u.size, stamps)
-    resolved = preprocess.resolve(u, told)
-    ready = RawRecord(grid[0], dt, resolved, u, told, stamps, given.input_hold, given.begins).made_ready(told, r)
+    raw, r, _ = checked(given, replace(grid[0], delay=times[-1]), dt, given.input_hold, preprocess)
+    ready = raw.made_ready(raw.y, r)
     # without outputs that are bad by the smallest structure, or by themselves: a fast pole and an initial state of a
     # larger one would explain a first output that is bad
     solution = solve(min(grid, key=_size), ready)

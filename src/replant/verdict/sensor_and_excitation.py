@@ -42,6 +42,14 @@ Sensitivity: halved or doubled, nothing changes on these records.
 PARTS = 25  # of a residual, whose scatter tells how sure its power is, to a seventh [count]
 BINARY = 3  # values of a binary input that rests between its moves [count]
 CHANGING = "the plant seems to change all along, or not to be linear: identify shorter parts by themselves"
+LOADS_ACT = "another load acts since {}: offset and initial state are new there"  # {}: `times_after`
+LOADS_MAY_ACT = (
+    "another load may act since {}, and G(s) would be another one then: cut the record there, or record longer"
+)
+FROM_REST = (
+    "the initial state takes a part of the response to the first move of the input: from rest the gain is {:.3g}, not "
+    "{:.3g}: if it began at rest, say so"
+)
 REFUSED = "updates left the range of float64 and were undone: lower the gain or step size, then reset"
 
 
@@ -221,24 +229,8 @@ def followed_finding(seconds: float) -> Finding:
     return Finding("trusted", f"the plant changed {duration(seconds)} ago: the estimate is that of the samples since")
 
 
-def loads_act(seconds: list[float]) -> str:
-    """Return what is said of loads that were found so long after the first sample."""
-    return f"another load acts since {_after(seconds)}: offset and initial state are new there"
-
-
-def loads_may_act(seconds: list[float]) -> str:
-    """Return what is said where a record may be parted at such loads, and G(s) be another one then."""
-    reason = f"another load may act since {_after(seconds)}, and G(s) would be another one then"
-    return f"{reason}: cut the record there, or record longer"
-
-
-def begins_at_rest(at_rest: float, free: float) -> str:
-    """Return what is said where a record that seems to begin at rest has one gain from rest, and another one freely."""
-    reason = "the initial state takes a part of the response to the first move of the input"
-    return f"{reason}: from rest the gain is {at_rest:.3g}, not {free:.3g}: if it began at rest, say so"
-
-
-def _after(seconds: list[float]) -> str:
+def times_after(seconds: list[float]) -> str:
+    """Return in words how long after the first sample something happened, perhaps several times."""
     return f"{', '.join(duration(each) for each in seconds)} after the first sample"
 
 
