@@ -33,6 +33,12 @@ def test_each_file_is_a_rig_and_what_is_no_log_is_none(tmp_path: Path) -> None:
     assert names(find_rigs(tmp_path / "a.parquet", "file")) == ["a.parquet"]
 
 
+def test_a_pattern_without_a_root_may_match_folders(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    as_csv(tmp_path / "logs" / "one" / "a.csv", recorded(0, 20))
+    monkeypatch.chdir(tmp_path)
+    assert names(find_rigs("logs/*", "file")) == names(find_rigs(f"{tmp_path}/logs/*", "file")) == ["one/a.csv"]
+
+
 def test_each_folder_is_a_rig_with_all_its_files(tmp_path: Path) -> None:
     for name in ("one/a.csv", "one/b.csv", "two/a.csv", "c.csv"):
         as_csv(tmp_path / "logs" / name, recorded(0, 20))

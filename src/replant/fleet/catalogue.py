@@ -10,10 +10,10 @@ import contextlib
 import os
 import stat
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 from urllib.parse import unquote
@@ -162,48 +162,43 @@ def is_parquet(piece: Piece) -> bool:
 
 
 def _pieces(logs: str | os.PathLike[str], leave_out: Path | None) -> list[Piece]:
-    """Return the logs in a file, a folder or a pattern, sorted, with their names from its fixed part on."""
+    """Return the logs in a file, a folder or a pattern, sorted by their names, which begin at its fixed part."""
     given = os.fspath(logs)
-    path = Path(given)
-    left_out = set() if leave_out is None else {os.path.realpath(leave_out)}
-
-    def is_left_out(folder: Path) -> bool:
-        return os.path.realpath(folder) in left_out or is_results(folder)
-
+    root, pattern = Path(given), ""
     try:
-        kind = path.stat().st_mode
+        kind = root.stat().st_mode
     except (OSError, ValueError) as error:
         if not _MAGIC & set(given):
             raise LogError(f"{given[:SHOWN]}: no such file or folder ({reason_of(error)}); check the path") from error
+        fixed = next(count for count, part in enumerate(root.parts) if _MAGIC & set(part))
+        root, pattern = Path(*root.parts[:fixed]), str(Path(*root.parts[fixed:]))
     else:
         if not stat.S_ISDIR(kind):
-            return [_piece(path, path.parent)]
-        _check_root(path, leave_out)
-        return sorted(_walked(path, path, is_left_out), key=lambda each: each.name)
-    fixed = next(count for count, part in enumerate(path.parts) if _MAGIC & set(part))
-    root = Path(*path.parts[:fixed])
+            return [_piece(root, root.parent)]
     _check_root(root, leave_out)
     try:
-        found = set(root.glob(str(Path(*path.parts[fixed:]))))
+        matched = set(root.glob(pattern)) if pattern else {root}
     except (OSError, ValueError, NotImplementedError) as error:
         raise LogError(f"{logs}: not a pattern that can be used ({error}); write it as in 'logs/**/*.csv'") from error
-    pieces = {each: _piece(each, root) for each in found if not each.is_dir() and is_log(each)}
-    for folder in (each for each in found if each.is_dir()):
-        pieces |= {Path(inner.path): inner for inner in _walked(folder, root, is_left_out)}
-    judged: dict[Path, bool] = {root: False}
-    return [
-        pieces[each]
-        for each in sorted(pieces)
-        if not _is_inside(each.parent, judged, is_left_out)
-        and not any(part[0] in "._" for part in Path(pieces[each].name).parts)
-    ]
+    results = None if leave_out is None else os.path.realpath(leave_out)
 
+    @cache
+    def is_left_out(folder: Path) -> bool:
+        return os.path.realpath(folder) == results or is_results(folder)
 
-def _is_inside(folder: Path, judged: dict[Path, bool], is_left_out: Callable[[Path], bool]) -> bool:
-    """Return whether a folder, or one that it lies in, is left out; ``judged`` holds those that were asked for."""
-    if folder not in judged:
-        judged[folder] = is_left_out(folder) or _is_inside(folder.parent, judged, is_left_out)
-    return judged[folder]
+    found: dict[Path, str] = {}
+    for each in matched:
+        if each.is_dir():
+            found |= _walked(each, is_left_out)
+        elif is_log(each):
+            found[each] = ""
+    pieces = []
+    for path, problem in found.items():
+        inner = path.relative_to(root)
+        is_hidden = any(part[0] in "._" for part in inner.parts)
+        if not is_hidden and not any(is_left_out(root / folder) for folder in inner.parents if folder.name):
+            pieces.append(_piece(path, root, problem))
+    return sorted(pieces, key=lambda piece: piece.name)
 
 
 def _check_root(root: Path, leave_out: Path | None) -> None:
@@ -239,8 +234,9 @@ def _hive_key(name: str, column: str) -> str | None:
     return None
 
 
-def _walked(folder: Path, root: Path, is_left_out: Callable[[Path], bool]) -> Iterator[Piece]:
-    """Yield the logs in a folder and in those in it, but for names that begin with a dot or an underscore."""
+def _walked(folder: Path, is_left_out: Callable[[Path], bool]) -> dict[Path, str]:
+    """Return the logs in a folder and in those in it, and what is wrong with one; hidden folders are not searched."""
+    found: dict[Path, str] = {}
     refused: list[OSError] = []
     # a link to a folder that is being searched would lead round for ever: it is not followed
     above: dict[str, frozenset[tuple[int, int]]] = {os.fspath(folder): _identity(os.fspath(folder))}
@@ -255,11 +251,11 @@ def _walked(folder: Path, root: Path, is_left_out: Callable[[Path], bool]) -> It
             above[inner] = chain | identity
             kept.append(name)
         folders[:] = kept
-        yield from (_piece(Path(where, name), root) for name in names if is_log(Path(name)))
+        found |= {Path(where, name): "" for name in names if is_log(Path(name))}
     for error in refused:
         path = Path(os.fsdecode(error.filename))
-        problem = f"{path}: the folder cannot be searched ({error.strerror}); check its permissions"
-        yield _piece(path, root, problem)
+        found[path] = f"{path}: the folder cannot be searched ({error.strerror}); check its permissions"
+    return found
 
 
 def _piece(path: Path, root: Path, problem: str = "") -> Piece:
