@@ -153,7 +153,7 @@ def _memory_watched(seen: list[tuple[float, float]]) -> Iterator[None]:
 def show_odd(fleet: rp.fleet.Fleet, options: argparse.Namespace) -> None:
     """Print how many of the odd rigs are among the first ones by rank."""
     table = fleet.table()
-    found, names = oddness_of(table, fleet.structure), table.column("rig").to_pylist()
+    found, names = oddness_of(table, fleet.shape), table.column("rig").to_pylist()
     kinds = {name_of(k): kind for k in range(options.rigs) if (kind := kind_of(k, options.rigs, options.odd))}
     first = [names[row] for row in found.order[: round(1.25 * len(kinds))].tolist()]
     print(f"{sum(name in kinds for name in first)} of {len(kinds)} odd rigs are in the first {len(first)} rows")

@@ -200,8 +200,10 @@ def test_what_fails_is_a_row_with_its_reason(tmp_path: Path) -> None:
 
 def test_a_file_that_vanishes_after_the_plan_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     logs = small_fleet(tmp_path / "logs", 2)
-    prepared = Store.done
-    monkeypatch.setattr(Store, "done", lambda *args: ((logs / "rig0.csv").unlink(missing_ok=True), prepared(*args))[1])
+    prepared = Store.missing
+    monkeypatch.setattr(
+        Store, "missing", lambda *args: ((logs / "rig0.csv").unlink(missing_ok=True), prepared(*args))[1]
+    )
     rows = fitted(logs, tmp_path / "out").table().to_pylist()
     assert [row["verdict"] for row in rows] == ["failed", "trusted"]
     assert "no such file" in rows[0]["reasons"]

@@ -16,7 +16,7 @@ from pyarrow import parquet
 
 import replant as rp
 from replant.errors import InvalidArgumentError
-from replant.fleet.job import report_path
+from replant.fleet.job import Shape, report_path
 from replant.fleet.odd_rigs import drift_between, oddness_of
 from replant.fleet.page import write_page
 from replant.fleet.statistics import figures_of, limit_of, located
@@ -26,6 +26,7 @@ from support.browsing import TEXTS, chromium, contrast, new_page
 from support.cases import every
 
 TWO = rp.Structure(2)
+SHAPE = Shape((TWO,))
 MOVES = Movement(1.0, 1.0, 0.01)
 
 
@@ -72,7 +73,7 @@ SURE = np.array([0.01, 0.01, 0.02])
 )
 def test_a_fleet_without_odd_rigs_names_none_beyond_chance(spread: float, fleets: int) -> None:
     """In one of a hundred fleets one is named: in twenty of them two are already hardly possible."""
-    named = sum(int(oddness_of(table_of(fleet(seed, 120, spread), TWO), TWO).odd.sum()) for seed in range(fleets))
+    named = sum(int(oddness_of(table_of(fleet(seed, 120, spread), SHAPE), SHAPE).odd.sum()) for seed in range(fleets))
     assert named <= fleets // 6
 
 
@@ -97,7 +98,7 @@ def test_an_odd_rig_is_first_and_named_by_what_differs(
     gain: float, frequency: float, damping: float, words: str
 ) -> None:
     rows = [*fleet(0), row("odd", gain, frequency, damping, SURE, np.random.default_rng(9))]
-    found = oddness_of(table_of(rows, TWO), TWO)
+    found = oddness_of(table_of(rows, SHAPE), SHAPE)
     assert found.order[0] == len(rows) - 1
     assert re.search(words, found.words[-1]), found.words[-1]
     assert found.odd.sum() == 1
@@ -105,7 +106,7 @@ def test_an_odd_rig_is_first_and_named_by_what_differs(
 
 def test_of_a_rig_that_differs_in_everything_the_two_that_differ_most_are_named() -> None:
     rows = [*fleet(0), row("odd", 1.1, 19.0, 0.9, SURE, np.random.default_rng(9))]
-    said = oddness_of(table_of(rows, TWO), TWO).words[-1].split("; ")
+    said = oddness_of(table_of(rows, SHAPE), SHAPE).words[-1].split("; ")
     assert [each.partition(" times")[0].rpartition(" ")[0] for each in said] == ["damping", "gain"]
 
 
@@ -113,7 +114,7 @@ def test_an_uncertain_rig_is_not_an_odd_one() -> None:
     rng = np.random.default_rng(1)
     sure, unsure = (row(name, 2.0 * math.exp(0.4), 12.0, 0.4, 0.0 * SURE + std, rng) for name, std in
                     (("sure", 0.01), ("unsure", 0.2)))  # fmt: skip
-    found = oddness_of(table_of([*fleet(0), unsure, sure], TWO), TWO)
+    found = oddness_of(table_of([*fleet(0), unsure, sure], SHAPE), SHAPE)
     assert found.odd[-2:].tolist() == [False, True]
     assert found.distance[-2] < found.distance[-1]
 
@@ -123,7 +124,7 @@ def test_odd_and_untrusted_rigs_do_not_move_what_is_usual() -> None:
     others = [
         row(f"z{k}", 20.0, 30.0, 0.1, SURE, rng, verdict="trusted" if k % 2 else "inconsistent") for k in range(20)
     ]
-    clean, dirty = (oddness_of(table_of(rows, TWO), TWO) for rows in (fleet(0), [*fleet(0), *others]))
+    clean, dirty = (oddness_of(table_of(rows, SHAPE), SHAPE) for rows in (fleet(0), [*fleet(0), *others]))
     for (_, middle, ratio), (_, same, near) in zip(clean.usual, dirty.usual, strict=True):
         assert same == pytest.approx(middle, rel=0.01)
         assert math.log(near) == pytest.approx(math.log(ratio), rel=0.25)
@@ -140,10 +141,10 @@ def test_signals_of_untrusted_rigs_say_why() -> None:
         row("young", 2.0, 12.0, 0.4, 20.0 * SURE, rng, verdict="converging", fit=94.0),
         Row("broken", FAILED, ("broken.csv: it is empty",), "broken.csv", 1),
     ]
-    found = oddness_of(table_of(rows, TWO), TWO)
+    found = oddness_of(table_of(rows, SHAPE), SHAPE)
     said = dict(zip([each.rig for each in rows], found.words, strict=True))
-    assert said["column"] == "wrong column? the model explains 3 %, the fleet's 95 %: because"
-    assert said["chance"] == "the model explains 60 %, the fleet's 95 %: because"
+    assert said["column"] == "the model explains 3 %, the fleet's 95 %: because: so it is; wrong column?"
+    assert said["chance"] == "the model explains 60 %, the fleet's 95 %: because: so it is"
     assert said["stuck"] == "stuck sensor? the output stands still over 60 % of the record"
     assert said["still"] == "the input does not move"
     assert (said["young"], said["broken"]) == ("", "")
@@ -155,7 +156,7 @@ def test_signals_of_untrusted_rigs_say_why() -> None:
 @pytest.mark.parametrize("rigs", [0, 1, 5])
 def test_a_few_rigs_tell_nothing_usual(rigs: int) -> None:
     rows = fleet(0, rigs) if rigs else [Row("a", FAILED, ("no",), "a.csv", 1)]
-    found = oddness_of(table_of(rows, TWO), TWO)
+    found = oddness_of(table_of(rows, SHAPE), SHAPE)
     assert not found.odd.any()
     assert np.isnan(found.distance).all()
     assert found.usual == ()
@@ -179,7 +180,7 @@ def test_spread_is_estimated_without_the_uncertainty_of_the_estimates() -> None:
 
 def saved(folder: Path, rows: list[Row], structure: rp.Structure = TWO) -> rp.fleet.Fleet:
     folder.mkdir(parents=True)
-    table = table_of(sorted(rows, key=lambda each: each.rig), structure)
+    table = table_of(sorted(rows, key=lambda each: each.rig), Shape((structure,)))
     parquet.write_table(table, folder / "rigs.parquet")
     return rp.fleet.Fleet(folder, structure, logs=str(folder), by="file")
 
@@ -228,9 +229,9 @@ def test_coefficients_that_no_record_tells_are_not_compared(tmp_path: Path) -> N
 
     structure = rp.Structure(2, 1)
     before, now = (saved(tmp_path / str(seed), identified(seed), structure) for seed in (1, 2))
-    assert not figures_of(before.table(), structure).known.any()
+    assert not figures_of(before.table(), before.shape).known.any()
     assert drift_between(before, now).drifted == ()
-    assert not oddness_of(before.table(), structure).odd.any()
+    assert not oddness_of(before.table(), before.shape).odd.any()
 
 
 def test_a_fleet_that_has_changed_as_a_whole_is_told(tmp_path: Path) -> None:
@@ -378,7 +379,7 @@ def test_three_odd_rigs_of_twenty_do_not_hide_each_other() -> None:
 def test_trusted_rigs_of_whom_no_uncertainty_is_known_come_last() -> None:
     rows = fleet(0)
     unknown = replace(rows[0], rig="unknown", model=replace(rows[0].model, covariance=None))
-    found = oddness_of(table_of([unknown, *rows], TWO), TWO)
+    found = oddness_of(table_of([unknown, *rows], SHAPE), SHAPE)
     assert np.isnan(found.distance[0])
     assert found.order[-1] == 0
     assert found.distance[found.order[-2]] < 1.0

@@ -12,7 +12,7 @@ import pytest
 from replant.errors import InvalidArgumentError
 from replant.fleet.catalogue import find_rigs, is_log
 from replant.fleet.executors import InThisThread, carried_out, parsed, workers
-from replant.fleet.job import Job, Piece, Rig, digest, planned, printable, report_path, work_of
+from replant.fleet.job import Job, Piece, Rig, Shape, digest, planned, printable, report_path, work_of
 from replant.fleet.odd_rigs import _least_fit
 from replant.fleet.statistics import Deviation, Quantity, _nearest, _ratio, located, quantities_of
 from replant.fleet.store import schema
@@ -105,8 +105,8 @@ def test_the_fit_below_which_a_rig_is_poor() -> None:
 
 
 def test_columns_and_quantities_follow_from_the_structure() -> None:
-    assert [each.name for each in quantities_of(Structure(2, 1))] == [
+    assert [each.name for each in quantities_of(Shape((Structure(2, 1),)))] == [
         "gain", "natural frequency", "damping", "zero"
     ]  # fmt: skip
-    names = [name for name in schema(Structure(1)).names if "b0" in name or "pole" in name]
+    names = [name for name in schema(Shape((Structure(1),))).names if "b0" in name or "pole" in name]
     assert names == ["b0", "b0_std", "pole1_real", "pole1_imag"]

@@ -12,7 +12,7 @@ import pytest
 import replant as rp
 from replant.errors import InvalidArgumentError
 from replant.fleet import worker
-from replant.fleet.job import Job, RowShape
+from replant.fleet.job import Job, Shape
 from replant.fleet.odd_rigs import oddness_of
 from replant.fleet.statistics import Deviation, Quantity, quantities_of, unit_factor
 from replant.fleet.store import schema
@@ -101,7 +101,7 @@ def test_odd_rigs_are_named_by_the_input_whose_gain_is_off(tmp_path: Path) -> No
 
 
 def test_columns_and_quantities_are_those_of_each_input() -> None:
-    shape = RowShape((rp.Structure(1), rp.Structure(2)), ("a", "b"))
+    shape = Shape((rp.Structure(1), rp.Structure(2)), ("a", "b"))
     assert [each.label for each in quantities_of(shape)] == [
         "gain of a", "time constant of a", "gain of b", "natural frequency of b", "damping of b"
     ]  # fmt: skip

@@ -15,7 +15,7 @@ from replant.cli.run_fit_compare_options import columns_of, fleet_options, struc
 from replant.errors import LogError
 from replant.fleet.executors import Progress, parsed
 from replant.fleet.fit import Fleet, fit, load
-from replant.fleet.job import METHODS, MODELS, TABLE, shape_of, wanted
+from replant.fleet.job import METHODS, MODELS, TABLE, Shape, wanted
 from replant.fleet.odd_rigs import check_comparable, oddness_of
 from replant.fleet.page import MOST_REPORTS, write_page, write_reports
 from replant.fleet.store import FAILED
@@ -69,7 +69,7 @@ def fleet_command(
         structure = structure_of(options)
     before = None if compare is None else load(compare)
     if before is not None:
-        check_comparable(before, shape_of(structure, inputs), out)
+        check_comparable(before, Shape.of(structure, inputs), out)
     if out.exists() and not out.is_dir():
         raise click.BadParameter(f"{out} is a file; name a folder", param_hint="--out")
     with progress_bar(rate=True) as bar:

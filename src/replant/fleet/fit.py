@@ -25,7 +25,7 @@ from replant.fitting.model import Model
 from replant.fitting.model_json import STRUCTURE
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
-from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, branches_of, planned, shape_of, wanted
+from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, planned, wanted
 from replant.fleet.store import Store, column, read_table
 from replant.fleet.worker import carry_out, one_thread
 from replant.model.structure import Structure
@@ -207,7 +207,7 @@ class Fleet:
     @property
     def shape(self) -> Shape:
         """What columns the table has for the models."""
-        return shape_of(self.structure, self.input_name)
+        return Shape.of(self.structure, self.input_name)
 
     def table(self) -> Any:
         """Return one row a rig as a `pyarrow.Table`, sorted by rig."""
@@ -331,23 +331,21 @@ def fit(
     ({'trusted': 2}, array([2., 3.]), <Model 3 / (s + 0.5): u -> y, fit 100.0 %, trusted>)
     """
     columns: Any = (*input,) if iterable(input) else input  # type: ignore[misc]
-    shape = wanted(columns, structure, poles, zeros, delay)
-    r: Any = (*reference,) if iterable(reference) else reference  # type: ignore[misc]
-    job = Job(columns, output, shape, method, r, time, dt, begin, end, input_map, optimizer)
+    asked, r = wanted(columns, structure, poles, zeros, delay), reference
+    job = Job(columns, output, asked, method, r, time, dt, begin, end, input_map, optimizer)  # type: ignore[arg-type]
     logs = file_path("logs", logs)
     folder = Path(tempfile.mkdtemp(prefix="replant-fleet-") if out is None else file_path("out", out))
     rigs = find_rigs(logs, by, leave_out=folder)
     store = Store(folder, job)
     with store.alone():
-        done = store.done(rigs)
-        missing = [rig for rig in rigs if rig.name not in done]
+        missing = store.missing(rigs)
         store.forget_reports(missing)
         _identify_all(store, missing, len(rigs), executor, progress or (lambda state: None))
         names = tuple(map(str, columns)) if isinstance(columns, tuple) else str(columns)
         fleet = Fleet(folder, job.structure, names, str(output), os.fspath(logs), by, job)
         if out is None:
             weakref.finalize(fleet, shutil.rmtree, folder, ignore_errors=True)
-        store.merge(rigs, _about(fleet, job))
+        store.merge(_about(fleet, job))
     return fleet
 
 
@@ -369,7 +367,7 @@ def _identify_all(
 
 
 def _about(fleet: Fleet, job: Job) -> dict[str, Any]:
-    structures = [{name: getattr(each, name) for name in STRUCTURE} for _, _, each in branches_of(fleet.shape)]
+    structures = [{name: getattr(each, name) for name in STRUCTURE} for each in fleet.shape.structures]
     return {
         "structure": structures if job.several else structures[0], "input_name": fleet.input_name,
         "output_name": fleet.output_name, "logs": fleet.logs, "by": fleet.by, "method": job.method,

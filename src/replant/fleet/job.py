@@ -28,16 +28,27 @@ from replant.numerics.operating_system import refusal
 
 
 @dataclass(frozen=True)
-class RowShape:
-    """A structure of each of several inputs; columns of the table end in a dot and the input's name."""
+class Shape:
+    """The structure of a fleet's models, or that of each of several inputs."""
 
     structures: tuple[Structure, ...]
-    inputs: tuple[str, ...]
+    inputs: tuple[str, ...] = ()  # names of several; columns of the table then end in a dot and such a name
+
+    @classmethod
+    def of(cls, structure: Structure | tuple[Structure, ...], inputs: Any) -> Shape:
+        """Return the shape of models of a structure, or of one for each of several inputs."""
+        return cls((structure,)) if isinstance(structure, Structure) else cls(structure, tuple(map(str, inputs)))
+
+    @property
+    def branches(self) -> list[tuple[str, str, Structure]]:
+        """Of each input its name, how its columns end, and its structure; of a single one no name and no ending."""
+        named = [(name, f".{name}") for name in self.inputs] or [("", "")]
+        return [(*each, structure) for each, structure in zip(named, self.structures, strict=True)]
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters, those of one input after the other."""
-        return tuple(f"{name}{end}" for _, end, structure in branches_of(self) for name in structure.names)
+        return tuple(f"{name}{end}" for _, end, structure in self.branches for name in structure.names)
 
     @property
     def size(self) -> int:
@@ -46,30 +57,11 @@ class RowShape:
 
     @property
     def coefficients(self) -> int:
-        """How many of them are coefficients: all."""
-        return self.size
+        """How many of them are coefficients."""
+        return sum(each.coefficients for each in self.structures)
 
     def __str__(self) -> str:
-        return ", ".join(f"{each} from {name}" for name, _, each in branches_of(self))
-
-
-Shape = Structure | RowShape
-
-
-def branches_of(shape: Shape) -> Iterator[tuple[str, str, Structure]]:
-    """Yield of each input its name, how its columns end, and its structure; of a single one no name and no ending."""
-    if isinstance(shape, Structure):
-        yield "", "", shape
-        return
-    for name, structure in zip(shape.inputs, shape.structures, strict=True):
-        yield name, f".{name}", structure
-
-
-def shape_of(structure: Structure | tuple[Structure, ...], inputs: Any) -> Shape:
-    """Return the shape of models of a structure, or of one for each of several inputs."""
-    if isinstance(structure, Structure):
-        return structure
-    return RowShape(structure, tuple(map(str, inputs)))
+        return ", ".join(f"{each} from {name}" if name else str(each) for name, _, each in self.branches)
 
 
 def wanted(
@@ -116,45 +108,36 @@ class Job:
     optimizer: Optimizer | str = AUTO
 
     def __post_init__(self) -> None:
-        if self.several:
-            self._check_inputs()
-        else:
-            keep(self, "input", _column)
-            keep(self, "structure", instance, Structure)
+        keep(self, "input", _columns)
         keep(self, "output", _column)
-        if self.reference is not None and iterable(self.reference):
-            references = tuple(_column("reference", each) for each in self.reference)  # type: ignore[union-attr]
-            object.__setattr__(self, "reference", references)
-            if not self.several:
-                check_one_reference(len(references))
-        elif self.reference is not None:
-            keep(self, "reference", _column)
-        if self.time is not None:
-            keep(self, "time", _column)
+        if self.several:
+            self._check_several()
+        else:
+            keep(self, "structure", instance, Structure)
+        optional: dict[str, Any] = {
+            "reference": _columns, "time": _column, "dt": duration, "begin": finite, "end": finite,
+        }  # fmt: skip
+        for name, check in optional.items():
+            if getattr(self, name) is not None:
+                keep(self, name, check)
+        if isinstance(self.reference, tuple) and not self.several:
+            check_one_reference(len(self.reference))
+        if self.dt is not None and self.time is not None:
+            raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
         keep(self, "method", one_of, METHODS)
         keep(self, "input_map", one_of, ("identity", "square"))
-        if self.dt is not None:
-            keep(self, "dt", duration)
-            if self.time is not None:
-                raise InvalidArgumentError(
-                    "give one of the time column (time, --time) and the sampling time (dt, --dt)"
-                )
-        for name in ("begin", "end"):
-            if getattr(self, name) is not None:
-                keep(self, name, finite)
         if self.method == "fit" and self.optimizer != AUTO:
             raise InvalidArgumentError("an optimizer is that of the method run: leave it out, or use the method run")
         if self.method == "run" and not self.several:
             self.request(1.0 if self.dt is None else self.dt)  # raises what no rig could be identified with
 
-    def _check_inputs(self) -> None:
+    def _check_several(self) -> None:
         """Check what several inputs are, and what they do not take yet."""
-        inputs = tuple(_column("input", each) for each in self.input)  # type: ignore[union-attr]
-        for each in inputs:
-            if inputs.count(each) > 1:
+        assert isinstance(self.input, tuple)
+        for each in self.input:
+            if self.input.count(each) > 1:
                 raise InvalidArgumentError(f"input {each!r} is given twice: name each column once")
-        object.__setattr__(self, "input", inputs)
-        object.__setattr__(self, "structure", wanted(inputs, self.structure, None, 0, 0.0))
+        object.__setattr__(self, "structure", wanted(self.input, self.structure, None, 0, 0.0))
         for name, usual in (("input_map", "identity"), ("optimizer", AUTO)):
             if getattr(self, name) != usual:
                 raise InvalidArgumentError(f"several inputs take no {name} yet: leave it out")
@@ -162,18 +145,19 @@ class Job:
     @property
     def several(self) -> bool:
         """Whether there are several inputs."""
-        return iterable(self.input)
+        return isinstance(self.input, tuple)
 
     @property
     def shape(self) -> Shape:
         """That of the models."""
-        return shape_of(self.structure, self.input)
+        return Shape.of(self.structure, self.input)
 
     @property
     def orders(self) -> dict[str, tuple[Any, ...]]:
         """Poles, zeros and dead time of each of several inputs."""
-        each = self.structure if isinstance(self.structure, tuple) else (self.structure,)
-        return {name: tuple(getattr(one, name) for one in each) for name in ("poles", "zeros", "delay")}
+        return {
+            name: tuple(getattr(one, name) for one in self.shape.structures) for name in ("poles", "zeros", "delay")
+        }
 
     def request(self, dt: float) -> Request:
         """Return the settings of an identifier of one input for records with a sampling time ``dt`` in s."""
@@ -230,6 +214,11 @@ class Rig:
 def _column(name: str, value: Any) -> str | int:
     """Return the name or the 0-based number of a column."""
     return text(name, value) if isinstance(value, str) else whole(name, value, 0, sys.maxsize)
+
+
+def _columns(name: str, value: Any) -> str | int | tuple[str | int, ...]:
+    """Return the name or number of a column, of several a tuple."""
+    return tuple(_column(name, each) for each in value) if iterable(value) else _column(name, value)
 
 
 def digest(*told: object) -> str:

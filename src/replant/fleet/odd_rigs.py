@@ -11,7 +11,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.fleet.fit import Fleet
-from replant.fleet.job import TABLE, Shape, branches_of
+from replant.fleet.job import Shape
 from replant.fleet.statistics import (
     Figures,
     Location,
@@ -24,7 +24,7 @@ from replant.fleet.statistics import (
     quantities_of,
     unit_factor,
 )
-from replant.fleet.store import FAILED, column, read_table
+from replant.fleet.store import FAILED, column, verdicts_of
 from replant.numerics.arguments import BoolArray, FloatArray
 
 FEWEST = 8  # trusted rigs beyond their coefficients from which on there is something usual [count]
@@ -58,8 +58,8 @@ def oddness_of(table: Any, shape: Shape) -> Oddness:
 
     Rigs that are not trusted do not move what is usual; they are odd where their signals show why.
     """
-    verdicts = np.asarray(table.column("verdict").to_pylist(), object)
-    trusted, figures = verdicts == "trusted", figures_of(table, shape)
+    verdicts, figures = verdicts_of(table), figures_of(table, shape)
+    trusted = verdicts == "trusted"
     words = [""] * len(verdicts)
     distance = np.full(len(verdicts), math.nan)
     usual: tuple[tuple[Quantity, float, float], ...] = ()
@@ -115,7 +115,7 @@ def _of_signals(table: Any, shape: Shape, verdicts: Any) -> dict[int, str]:
     """Return in words, by row, what the signals of rigs that are not trusted show."""
     trusted = verdicts == "trusted"
     held, moved, fit = (column(table, name) for name in ("output_held", "output_std", "fit"))
-    entered = [(f"input {name}" if name else "input", f"input_std{end}") for name, end, _ in branches_of(shape)]
+    entered = [(f"input {name}" if name else "input", f"input_std{end}") for name, end, _ in shape.branches]
     usual_held = float(np.nanquantile(held[trusted], 0.9)) if trusted.any() else 0.0
     usual_fit = float(np.nanmedian(fit[trusted])) if trusted.any() else math.nan
     least_fit = _least_fit(fit[trusted])
@@ -129,9 +129,8 @@ def _of_signals(table: Any, shape: Shape, verdicts: Any) -> dict[int, str]:
             found[int(row)] = f"stuck sensor? the output stands still over {100.0 * held[row]:.0f} % of the record"
         elif math.isfinite(usual_fit) and not fit[row] >= max(POOR * usual_fit, least_fit):
             shown = f"{fit[row]:.0f} %" if math.isfinite(fit[row]) else "nothing"
-            said = reasons[row].partition("; ")[0].partition(": ")[0]
-            guess = "" if fit[row] >= POOR * usual_fit else "wrong column? "
-            found[int(row)] = f"{guess}the model explains {shown}, the fleet's {usual_fit:.0f} %: {said}"
+            guess = "" if fit[row] >= POOR * usual_fit else "; wrong column?"
+            found[int(row)] = f"the model explains {shown}, the fleet's {usual_fit:.0f} %: {reasons[row]}{guess}"
     return found
 
 
@@ -173,25 +172,24 @@ def drift_between(before: Fleet, now: Fleet) -> Drift:
     import pyarrow
 
     check_comparable(before, now.shape, now.folder)
-    old, new = (read_table(fleet.folder, TABLE) for fleet in (before, now))
-    old_rows, new_rows = ({name: row for row, name in enumerate(of.column("rig").to_pylist())} for of in (old, new))
+    tables = before.table(), now.table()
+    old_rows, new_rows = ({name: row for row, name in enumerate(of.column("rig").to_pylist())} for of in tables)
     both = [name for name in new_rows if name in old_rows]
     old, new = (
         of.take(pyarrow.array([rows[name] for name in both], pyarrow.int64()))  # of no rig, too
-        for of, rows in ((old, old_rows), (new, new_rows))
+        for of, rows in zip(tables, (old_rows, new_rows), strict=True)
     )
-    was, is_now = (np.asarray(of.column("verdict").to_pylist(), object) == "trusted" for of in (old, new))
-    found = _differences(old, new, was & is_now, now.shape)
+    was, is_now = (verdicts_of(of) == "trusted" for of in (old, new))
+    drifted, of_fleet = _differences(both, old, new, was & is_now, now.shape)
     return Drift(
         len(both),
         int((was & is_now).sum()),
-        tuple(sorted((Drifted(both[row], distance, words) for row, distance, words in found[0]),
-                     key=lambda each: (-each.distance, each.rig))),
-        found[1],
+        drifted,
+        of_fleet,
         tuple(name for name in old_rows if name not in new_rows),
         tuple(name for name in new_rows if name not in old_rows),
         tuple(name for name, trusted in zip(both, was & ~is_now, strict=True) if trusted),
-    )  # fmt: skip
+    )
 
 
 def check_comparable(before: Fleet, shape: Shape, folder: Path) -> None:
@@ -210,37 +208,35 @@ def check_comparable(before: Fleet, shape: Shape, folder: Path) -> None:
 
 
 def _differences(
-    old: Any, new: Any, trusted: BoolArray, shape: Shape
-) -> tuple[list[tuple[int, float, str]], tuple[str, ...]]:
-    """Return row, distance and words of the rigs that have drifted, and how the fleet has."""
+    rigs: list[str], old: Any, new: Any, trusted: BoolArray, shape: Shape
+) -> tuple[tuple[Drifted, ...], tuple[str, ...]]:
+    """Return the rigs that have drifted, the most sure change first, and how the fleet has."""
     first = figures_of(old, shape, trusted)
     second = figures_of(new, shape, trusted)
     if (first.signs != second.signs).any():
-        return [], ("the signs of the coefficients have changed in the whole fleet",)
+        return (), ("the signs of the coefficients have changed in the whole fleet",)
     usable = trusted & first.known & second.known
     if not usable.any():
-        return [], ()
+        return (), ()
     off, P = second.x - first.x, first.covariances + second.covariances
     turned = first.reversed != second.reversed
-    size = off.shape[1]
-    place = Location(np.zeros(size), np.zeros((size, size)), 1.0)
-    told: tuple[str, ...] = ()
+    size, scale, told = off.shape[1], 1.0, tuple[str, ...]()
     straight = usable & ~turned.any(axis=1)
     if straight.sum() >= FEWEST + size:
         around = located(off[straight], P[straight])
-        place = Location(np.zeros(size), np.zeros((size, size)), around.scale)
-        told = _of_fleet(second, around, P[straight], shape)
+        scale, told = around.scale, _of_fleet(second, around, P[straight], shape)
+    place = Location(np.zeros(size), np.zeros((size, size)), scale)
     squared = np.where(usable, place.squared_distances(off, P), 0.0)
     certainty = np.minimum(first.certainty, second.certainty)
     squared += np.where(turned & usable[:, None], np.square(certainty), 0.0).sum(axis=1)
     limit = limit_of(size, int(straight.sum()), int(usable.sum()))
     drifted, quantities = [], quantities_of(shape)
     for row in np.flatnonzero(usable & (squared > limit)).tolist():
-        moved = deviations(second, quantities, off[row], place.scale * P[row], turned[row], certainty[row])
+        moved = deviations(second, quantities, off[row], scale * P[row], turned[row], certainty[row])
         moved.sort(key=lambda each: -each.size)
         sure = [each for each in moved if each.size >= FEW_SIGMA][:2] or moved[:1]
-        drifted.append((row, math.sqrt(squared[row]), "; ".join(each.words(BEFORE) for each in sure)))
-    return drifted, told
+        drifted.append(Drifted(rigs[row], math.sqrt(squared[row]), "; ".join(each.words(BEFORE) for each in sure)))
+    return tuple(sorted(drifted, key=lambda each: (-each.distance, each.rig))), told
 
 
 def _of_fleet(figures: Figures, around: Location, P: FloatArray, shape: Shape) -> tuple[str, ...]:

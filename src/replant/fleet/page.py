@@ -17,10 +17,10 @@ from replant.fitting.miso_fit import RowFit
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import carried_out, workers
 from replant.fleet.fit import Fleet
-from replant.fleet.job import REPORTS, Job, Rig, branches_of, replacing, report_path
+from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
 from replant.fleet.odd_rigs import Drift, Oddness, drift_between, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
-from replant.fleet.store import FAILED, column
+from replant.fleet.store import FAILED, column, verdicts_of
 from replant.fleet.worker import one_thread, opened, result_of
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number, rounded
@@ -123,7 +123,7 @@ def write_page(fleet: Fleet, compare: Fleet | None = None) -> Path:
 
 def _lede(fleet: Fleet, table: Any) -> str:
     samples, each = int(np.nansum(column(table, "samples"))), []
-    for name, _, s in branches_of(fleet.shape):
+    for name, _, s in fleet.shape.branches:
         zeros = f", {s.zeros} zero{'s' if s.zeros > 1 else ''}" if s.zeros else ""
         poles = f"{s.poles} pole{'s' if s.poles > 1 else ''}{zeros}"
         each.append(f"{name or fleet.input_name} → {fleet.output_name}, {poles}")
@@ -142,8 +142,7 @@ def _verdicts(counts: dict[str, int]) -> str:
 
 def _odd(fleet: Fleet, table: Any, found: Oddness) -> str:
     """Return the section of odd rigs, and of those that failed."""
-    rigs, reasons = table.column("rig").to_pylist(), table.column("reasons").to_pylist()
-    verdicts = table.column("verdict").to_pylist()
+    rigs, verdicts, reasons = (table.column(name).to_pylist() for name in ("rig", "verdict", "reasons"))
     if not found.usual:
         note = "Too few rigs are trusted to say what is usual."
     else:
@@ -197,7 +196,7 @@ def _drift(drift: Drift, before: Fleet) -> str:
 
 
 def _histograms(fleet: Fleet, table: Any) -> str:
-    trusted = np.asarray(table.column("verdict").to_pylist(), object) == "trusted"
+    trusted = verdicts_of(table) == "trusted"
     if not trusted.any():
         return ""
     drawn = [histogram(each.label, values[trusted], each.unit) for each, values in _quantities(fleet, table)]
@@ -232,7 +231,7 @@ def _table_note(rows: int) -> str:
 def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
     """Return the rows of the table for the page's script."""
     order = found.order[:MOST_ROWS]
-    verdicts, reasons = (table.column(name).to_pylist() for name in ("verdict", "reasons"))
+    rigs, verdicts, reasons = (table.column(name).to_pylist() for name in ("rig", "verdict", "reasons"))
     why = [found.words[row] or ("" if verdicts[row] == "trusted" else reasons[row]) for row in range(table.num_rows)]
     numbers = [(f"{q.label} [{q.unit}]" if q.unit else q.label, values) for q, values in _quantities(fleet, table)]
     numbers += [(name, column(table, name)) for name in fleet.shape.names]
@@ -242,7 +241,6 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
         {"name": "distance [std]", "down": True}, {"name": "why", "text": True, "long": True},
         *({"name": name} for name, _ in numbers),
     ]  # fmt: skip
-    rigs = table.column("rig").to_pylist()
     figures, distance = [rounded(values, 5) for _, values in numbers], rounded(found.distance, 5)
     rows = []
     for rank, row in enumerate(order.tolist(), 1):

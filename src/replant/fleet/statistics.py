@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from replant.fleet.job import Shape, branches_of
-from replant.fleet.store import column
+from replant.fleet.job import Shape
+from replant.fleet.store import column, verdicts_of
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.numerics.linear_algebra import chi2_quantile
@@ -161,7 +161,7 @@ def figures_of(table: Any, shape: Shape, usual: BoolArray | None = None) -> Figu
     # where a zero may cancel a pole, the covariance does not say how well the coefficients are known
     known &= np.isfinite(np.column_stack([column(table, f"{name}_std") for name in names])).all(axis=1)
     if usual is None:
-        usual = np.asarray(table.column("verdict").to_numpy(zero_copy_only=False) == "trusted")
+        usual = verdicts_of(table) == "trusted"
     signs = _signs(theta[usual & known], std[usual & known])
     safe, scale = np.where(known[:, None], theta, 1.0), np.ones(size)
     for k in np.flatnonzero(signs == 0.0):
@@ -179,7 +179,7 @@ def quantities_of(shape: Shape) -> list[Quantity]:
     """Return the physical quantities of a structure, or of that of each of several inputs."""
     return [
         replace(each, weights=tuple((f"{name}{end}", weight) for name, weight in each.weights), input=entered)
-        for entered, end, structure in branches_of(shape)
+        for entered, end, structure in shape.branches
         for each in _of_structure(structure)
     ]
 
@@ -265,12 +265,10 @@ class Deviation:
     def words(self, beside: str = "the fleet's median") -> str:
         """Return the quantity beside another value of it in words."""
         times = _ratio(math.exp(min(max(self.log_ratio, -700.0), 700.0)))
+        sign, sure = ("", abs(self.log_ratio) / self.std)
         if self.turned % 2:
-            sure = f"{self.certainty:,.0f} standard deviations"
-            return f"{self.quantity.label} of the opposite sign, {times} times {beside}, {sure}"
-        return (
-            f"{self.quantity.label} {times} times {beside}, {abs(self.log_ratio) / self.std:,.0f} standard deviations"
-        )
+            sign, sure = " of the opposite sign,", self.certainty
+        return f"{self.quantity.label}{sign} {times} times {beside}, {sure:,.0f} standard deviations"
 
 
 def deviations(

@@ -30,7 +30,6 @@ from replant.fleet.job import (
     Job,
     Rig,
     Shape,
-    branches_of,
     clear,
     digest,
     foreign,
@@ -91,12 +90,14 @@ class Store:
             with contextlib.suppress(OSError):
                 (self.folder / report_path(rig.name)).unlink(missing_ok=True)
 
-    def done(self, rigs: Sequence[Rig]) -> set[str]:
-        """Return the names of the rigs whose results are there, made from the same files by the same job."""
-        wanted = {self._key_of(rig): rig.name for rig in rigs}
-        with self._refusals_said():
-            rows = self._file.execute("SELECT key, cells FROM rig")
-            return {wanted[key] for key, cells in rows if key in wanted and _cells_in(cells) is not None}
+    def missing(self, rigs: Sequence[Rig]) -> list[Rig]:
+        """Return the rigs without a result made from the same files by the same job; `merge` writes those of all."""
+        with self._refusals_said(), self._file:
+            self._file.execute("CREATE TEMP TABLE wanted (place INTEGER PRIMARY KEY, key BLOB)")
+            self._file.executemany("INSERT INTO wanted VALUES (?, ?)", enumerate(map(self._key_of, rigs)))
+            found = self._file.execute("SELECT place, cells FROM wanted JOIN rig USING (key)")
+            done = {place for place, cells in found if _cells_in(cells) is not None}
+        return [rig for place, rig in enumerate(rigs) if place not in done]
 
     def add(self, rigs: Sequence[Rig], cells: Sequence[str]) -> None:
         """Add the results of rigs, all of them or none."""
@@ -104,8 +105,11 @@ class Store:
         with self._refusals_said(), self._file:
             self._file.executemany("INSERT OR REPLACE INTO rig VALUES (?, ?)", rows)
 
-    def merge(self, rigs: Sequence[Rig], about: dict[str, Any]) -> None:
-        """Write the table of all rigs, sorted by their names, the seconds of each, and the models."""
+    def merge(self, about: dict[str, Any]) -> None:
+        """Write the table of all rigs, in the order in which `missing` was given them, their seconds, and the models.
+
+        What nobody uses any more goes: of other options, of files that have changed, of rigs that are gone.
+        """
         import pyarrow
         from pyarrow import parquet
 
@@ -119,8 +123,7 @@ class Store:
             rows = files.enter_context(parquet.ParquetWriter(table, columns, **CHECKED))
             times = files.enter_context(parquet.ParquetWriter(timing, seconds, **CHECKED))
             lines = files.enter_context(models.open("w", encoding="utf-8"))
-            for start in range(0, len(rigs), CHUNK_ROWS):
-                chunk = [self._cells_of(rig) for rig in rigs[start : start + CHUNK_ROWS]]
+            for chunk in self._chunks():
                 rows.write_table(pyarrow.Table.from_pylist(chunk, columns))
                 times.write_table(pyarrow.Table.from_pylist(chunk, seconds))
                 for cells in chunk:
@@ -130,24 +133,18 @@ class Store:
         with replacing(self.folder / ABOUT) as new:
             new.write_text(json.dumps(about, indent=2) + "\n", encoding="utf-8")
         if models_written:  # else an option is wrong, and what was done before is wanted again
-            self._forget_all_but(rigs)
+            with self._refusals_said(), self._file:
+                self._file.execute("DELETE FROM rig WHERE key NOT IN (SELECT key FROM wanted)")
 
     def _key_of(self, rig: Rig) -> bytes:
         return digest(self._key, rig.name, rig.fingerprint).encode()
 
-    def _cells_of(self, rig: Rig) -> dict[str, Any]:
+    def _chunks(self) -> Iterator[list[Any]]:
+        """Yield the cells of all rigs, `CHUNK_ROWS` at a time."""
         with self._refusals_said():
-            ((cells,),) = self._file.execute("SELECT cells FROM rig WHERE key = ?", (self._key_of(rig),))
-        found = _cells_in(cells)
-        assert found is not None
-        return found
-
-    def _forget_all_but(self, rigs: Sequence[Rig]) -> None:
-        """Remove what nobody uses any more: of other options, of files that have changed, of rigs that are gone."""
-        with self._refusals_said(), self._file:
-            used = {self._key_of(rig) for rig in rigs}
-            gone = [(key,) for (key,) in self._file.execute("SELECT key FROM rig") if key not in used]
-            self._file.executemany("DELETE FROM rig WHERE key = ?", gone)
+            found = self._file.execute("SELECT cells FROM wanted JOIN rig USING (key) ORDER BY place")
+            while chunk := found.fetchmany(CHUNK_ROWS):
+                yield [_cells_in(cells) for (cells,) in chunk]
 
 
 def _opened(path: Path) -> sqlite3.Connection:
@@ -159,6 +156,7 @@ def _opened(path: Path) -> sqlite3.Connection:
         file.text_factory = bytes  # damage may make a text of a blob
         try:
             file.execute("PRAGMA locking_mode = EXCLUSIVE")
+            file.execute("PRAGMA temp_store = MEMORY")
             file.execute("BEGIN EXCLUSIVE")
             file.execute("CREATE TABLE IF NOT EXISTS rig (key BLOB PRIMARY KEY, cells BLOB)")
             file.commit()
@@ -214,6 +212,11 @@ def column(table: Any, name: str) -> Any:
     return np.asarray(table.column(name).to_numpy(zero_copy_only=False), np.float64)
 
 
+def verdicts_of(table: Any) -> np.ndarray[tuple[int], np.dtype[np.object_]]:
+    """Return the verdict of each rig of a table (N,), or `FAILED`."""
+    return np.asarray(table.column("verdict").to_pylist(), object)
+
+
 FAILED = "failed"  # what stands in place of the verdict where a rig could not be identified
 
 
@@ -258,12 +261,12 @@ def schema(shape: Shape) -> Any:
     text, number, count = pyarrow.string(), pyarrow.float64(), pyarrow.int64()
     fields = [("rig", text), ("verdict", text), ("reasons", text)]
     fields += [(each, number) for name in shape.names for each in (name, f"{name}_std")]
-    for _, end, structure in branches_of(shape):
+    for _, end, structure in shape.branches:
         poles = [f"pole{k}_{part}" for k in range(1, structure.poles + 1) for part in ("real", "imag")]
         fields += [(f"{name}{end}", number) for name in (*poles, "damping", "dc_gain", "dc_gain_std")]
     fields += [(name, number) for name in ("fit", "fit_one_step", "dt")]
     fields += [("samples", count), ("rejected", count), ("rejected_why", text)]
-    moved = [f"input_std{end}" for _, end, _ in branches_of(shape)]
+    moved = [f"input_std{end}" for _, end, _ in shape.branches]
     fields += [(name, number) for name in ("begin", "end", *moved, "output_std", "output_held")]
     fields += [("source", text), ("files", count), ("notes", text), ("covariance", pyarrow.list_(number))]
     return pyarrow.schema(fields)
@@ -272,7 +275,7 @@ def schema(shape: Shape) -> Any:
 def _cells(row: Row, shape: Shape) -> dict[str, Any]:
     """Return the cells of a row by column; a figure that is not known is left out."""
     stds = row.movement.input_std, *row.movement.more_input_stds
-    moved = zip(branches_of(shape), stds, strict=False)  # a rig that failed has none
+    moved = zip(shape.branches, stds, strict=False)  # a rig that failed has none
     numbers = {"begin": row.begin, "end": row.end, **{f"input_std{end}": std for (_, end, _), std in moved}}
     numbers |= {"output_std": row.movement.output_std, "output_held": row.movement.output_held}
     cells: dict[str, Any] = {
@@ -299,7 +302,7 @@ def _figures(model: Model | RowModel, shape: Shape) -> dict[str, float]:
     if known is not None:
         stds = np.concatenate([each.std for each in known]).tolist()
         found |= {f"{name}_std": std for name, std in zip(shape.names, stds, strict=True)}
-    for k, (transfer, (_, end, _)) in enumerate(zip(plants, branches_of(shape), strict=True)):
+    for k, (transfer, (_, end, _)) in enumerate(zip(plants, shape.branches, strict=True)):
         found |= {f"{name}{end}": value for name, value in _of_plant(transfer).items()}
         if known is not None:
             found[f"dc_gain_std{end}"] = known[k].dc_gain_std

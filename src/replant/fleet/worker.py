@@ -25,7 +25,7 @@ from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.samples import Samples
 from replant.fleet.catalogue import is_parquet
-from replant.fleet.job import Job, Piece, Rig, Task, printable
+from replant.fleet.job import Job, Rig, Task, printable
 from replant.fleet.store import FAILED, Movement, Row, cells_of
 from replant.logs import Log, Recording, Table, open_recording, read_columns
 from replant.logs.arrow import first_stamp, read_row_groups
@@ -196,39 +196,37 @@ def begin_of(rig: Rig, recording: Recording, job: Job) -> float:
     log = recording.held
     if log is not None and log.time is not None:
         return origin + float(log.time[0])
-    (block,) = table.head([number], 1)
-    known = block[np.isfinite(block)]
-    return origin + (float(known[0]) * recording.unit if known.size else 0.0)
+    first = _first(table, number) * recording.unit
+    return origin + (first if math.isfinite(first) else 0.0)
 
 
 def _table(rig: Rig, job: Job) -> Table:
-    if len(rig.pieces) == 1 and not is_parquet(rig.pieces[0]):
-        return read_columns(rig.pieces[0].path)
+    """Return the rows of a rig, those of several files in the order of their first stamps, or else of their names."""
     if all(map(is_parquet, rig.pieces)):
-        return read_row_groups([piece.row_groups for piece in _parquet_by_time(rig, job)])
-    tables = [read_columns(Path(piece.path)) for piece in rig.pieces]
-    firsts = [_first(table, job) for table in tables]
-    order = sorted(range(len(tables)), key=lambda k: (firsts[k], rig.pieces[k].name))
-    return joined([tables[k] for k in order])
+        pieces = list(rig.pieces)
+        if len(pieces) > 1:
+            number = _time_column(read_row_groups([pieces[0].row_groups]), job)
+            if number is not None:
+                pieces.sort(key=lambda piece: (first_stamp(piece.row_groups, number), piece.name))
+        return read_row_groups([piece.row_groups for piece in pieces])
+    tables = [(read_columns(Path(piece.path)), piece.name) for piece in rig.pieces]
+    if len(tables) == 1:
+        return tables[0][0]
+
+    def place(found: tuple[Table, str]) -> tuple[float, str]:
+        table, name = found
+        number = _time_column(table, job)
+        first = math.inf if number is None else table.origins.get(number, 0) / 1e9 + _first(table, number)
+        return first, name
+
+    return joined([table for table, _ in sorted(tables, key=place)])
 
 
-def _parquet_by_time(rig: Rig, job: Job) -> list[Piece]:
-    if len(rig.pieces) == 1:
-        return list(rig.pieces)
-    number = _time_column(read_row_groups([rig.pieces[0].row_groups]), job)
-    if number is None:
-        return list(rig.pieces)
-    return sorted(rig.pieces, key=lambda piece: (first_stamp(piece.row_groups, number), piece.name))
-
-
-def _first(table: Table, job: Job) -> float:
-    """Return the first value of the time column; infinite where there is none, so that names decide."""
-    number = _time_column(table, job)
-    if number is None:
-        return math.inf
+def _first(table: Table, number: int) -> float:
+    """Return the first value of a column; infinite where it has none."""
     (block,) = table.head([number], 1)
     known = block[np.isfinite(block)]
-    return table.origins.get(number, 0) / 1e9 + float(known[0]) if known.size else math.inf
+    return float(known[0]) if known.size else math.inf
 
 
 def _time_column(table: Table, job: Job) -> int | None:
