@@ -138,8 +138,11 @@ FORMATS = {
 class Wire(Source):
     """A source whose bytes are known, read as they are handed over; notes what the identifier has made of them."""
 
+    waits = True
+
     def __init__(self, blocks: Sequence[bytes], form: Format, columns: tuple[str, ...]) -> None:
-        super().__init__("wire://", waits=True, replays=form.replays)
+        self.replays = form.replays
+        super().__init__("wire://")
         said = columns if form.bare or columns not in UY.by_width.values() else None
         parser = Parser(self._counts, said)
         lines, payloads = LineSplitter(self._counts), Payloads(parser, bare=form.bare)

@@ -9,8 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from replant.live.streams.reader_thread import BACKOFF, LARGEST_BATCH, Inbox, Wire
-from replant.live.streams.source import Batch
+from replant.live.streams.addresses import Address
+from replant.live.streams.reader_thread import BACKOFF, LARGEST_BATCH, Inbox
+from replant.live.streams.serial_and_network import Wire
+from replant.live.streams.source import UY, Batch
 from support.cases import examples
 from support.waiting import PATIENCE
 
@@ -111,7 +113,7 @@ class Unplugged(Wire):
     """A wire whose pauses are kept instead of waited for."""
 
     def __init__(self) -> None:
-        super().__init__("unplugged://", None, waits=False)
+        super().__init__(Address("unplugged://", ""), None, UY)
         self.pauses: list[float] = []
         self._stop.wait = lambda pause: self.pauses.append(pause) or False  # type: ignore[method-assign,func-returns-value]
 
@@ -139,6 +141,6 @@ def test_a_reader_holds_the_newest_where_the_sender_does_not_wait() -> None:
     reader.seek(5)
     reader._deliver(batch_of(4, 4))  # 4 and 5 are known
     reader._deliver(None)
-    reader.count_refused("not a number", 3)
+    reader._parser.count("not a number", 3)
     assert reader._inbox.get(0.0).u.tolist() == [6.0, 7.0]
     assert reader.counters == {"duplicate": 2, "not a number": 3}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from abc import abstractmethod
@@ -15,7 +16,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError
 from replant.live.streams.addresses import Address
-from replant.live.streams.reader_thread import Source, StopRequest
+from replant.live.streams.reader_thread import Source
 from replant.live.streams.source import UY, Batch, Columns, Signals, together
 from replant.logs import read_columns
 from replant.logs.merged_channels import on_one_clock, written_apart
@@ -28,14 +29,18 @@ from replant.rigs import Rig, deap_rig, motor_rig
 from replant.signals import random_steps, white_noise
 
 REPLAYED = 1 << 12  # samples handed over at once at the most [samples]
+LONGEST_PAUSE = 3600.0  # the longest single pause: the system's timers may refuse a longer one [s]
 
 
 class Played(Source):
     """A record that is played: its samples come when their time has come, at a speed."""
 
+    waits = True
+    capacity = 4 * REPLAYED
+
     def __init__(self, name: str, speed: float) -> None:
-        super().__init__(name, waits=True, capacity=4 * REPLAYED)
-        self._pace = Pace(speed)
+        super().__init__(name)
+        self._speed = speed
 
     @abstractmethod
     def _blocks(self, last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
@@ -43,29 +48,32 @@ class Played(Source):
 
     def _read(self) -> None:
         self._connected()
-        last, start = self._numbering.last, math.nan
+        last, start, begun = self._numbering.last, math.nan, 0.0
         for block, times in self._blocks(last):
             assert block.sequence is not None
             at = 0 if last is None else int(np.searchsorted(block.sequence, last, side="right"))
-            start = float(times[at]) if math.isnan(start) and at < len(block) else start
+            if math.isnan(start) and at < len(block):
+                start, begun = float(times[at]), time.monotonic()
             while at < len(block):
                 if self._stop.requested:
                     return
-                due = int(np.searchsorted(times, start + self._pace.elapsed(), side="right"))
+                now = math.inf if math.isinf(self._speed) else start + (time.monotonic() - begun) * self._speed
+                due = int(np.searchsorted(times, now, side="right"))
                 end = min(due, at + REPLAYED)
                 if end > at:
                     self._deliver(replace(block.select(slice(at, end)), arrived=time.monotonic()))
                     at = end
                 else:
-                    self._pace.wait(self._stop, float(times[at]) - start)
+                    self._stop.wait(min((float(times[at]) - now) / self._speed, LONGEST_PAUSE))
 
 
 class ReplaySource(Played):
     """A log as a stream, ``log.csv?input=u&output=y&reference=r&speed=10``; its rows are numbered from 0."""
 
-    def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float = math.inf) -> None:
+    def __init__(self, name: str, record: Batch, elapsed: FloatArray, speed: float, refused: int = 0) -> None:
         super().__init__(name, speed)
         self._record = record, elapsed
+        self._counts["time not finite"] += refused
 
     def _blocks(self, last: int | None) -> Iterator[tuple[Batch, FloatArray]]:
         yield self._record
@@ -114,30 +122,8 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> ReplayS
     t = others[-1] * unit
     kept = np.isfinite(t)
     elapsed = np.maximum.accumulate(t[kept]) - t[kept][:1]
-    source = ReplaySource(address.name, replace(record, t=t).select(kept), elapsed, speed)
-    source.count_refused("time not finite", int(kept.size - kept.sum()))
-    return source
-
-
-LONGEST_PAUSE = 3600.0  # the longest single pause: the system's timers may refuse a longer one [s]
-
-
-class Pace:
-    """A clock that runs ``speed`` times as fast as real time, and starts when it is first read."""
-
-    def __init__(self, speed: float) -> None:
-        self._speed = speed
-        self._start: float | None = None
-
-    def elapsed(self) -> float:
-        """Return the time of the record that has passed, in s."""
-        now = time.monotonic()
-        self._start = now if self._start is None else self._start
-        return math.inf if math.isinf(self._speed) else (now - self._start) * self._speed
-
-    def wait(self, stop: StopRequest, until: float) -> None:
-        """Wait until ``until`` s of the record have passed, or a stop is requested."""
-        stop.wait(min(max(until - self.elapsed(), 0.0) / self._speed, LONGEST_PAUSE))
+    refused = int(kept.size - kept.sum())
+    return ReplaySource(address.name, replace(record, t=t).select(kept), elapsed, speed, refused)
 
 
 def speed_of(address: Address, default: float) -> float:
@@ -163,22 +149,30 @@ def controlled(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Floa
 
     The controller sets u_k = 0.3 (r_k - y_k) + integral of 0.6 (r - y) at each sample; y = G(s) (u + load) + noise.
     """
-    rig, number = motor_rig(), 0
-    state = np.zeros(4)
-    while True:
-        draw = int(np.random.SeedSequence([seed, number, 1]).generate_state(1, np.uint64)[0])
+    rig, state = motor_rig(), np.zeros(4)
+    for number, draw in _draws(seed, 1):
         r = set_point(_LOOP_BLOCK, draw)
         u, y, state = _one_block(rig, r, state, draw)
         if number >= skip:
             yield number * _LOOP_BLOCK, u, y, r
-        number += 1
+
+
+def _draws(seed: int, *more: int) -> Iterator[tuple[int, int]]:
+    """Yield the number of each block, and the seed of what acts in it."""
+    for number in itertools.count():
+        yield number, int(np.random.SeedSequence([seed, number, *more]).generate_state(1, np.uint64)[0])
 
 
 def set_point(samples: int, seed: int) -> FloatArray:
     """Return a reference (K,) in rad/s: steps of 0.5 to 4 s between 30 and 70 rad/s, with a dither added."""
     steps = random_steps(samples, shortest=SHORTEST, longest=LONGEST, low=LOWEST, high=HIGHEST, seed=seed)
-    signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // DITHER_HOLD))
-    return steps + DITHER * np.repeat(signs, DITHER_HOLD)[:samples]
+    return steps + _up_and_down(samples, DITHER, DITHER_HOLD, seed)
+
+
+def _up_and_down(samples: int, size: float, hold: int, seed: int) -> FloatArray:
+    """Return a signal (K,) of values plus or minus ``size``, each of which lasts ``hold`` samples."""
+    signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // hold))
+    return size * np.repeat(signs, hold)[:samples]
 
 
 def _one_block(rig: Rig, r: FloatArray, state: FloatArray, draw: int) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -235,18 +229,14 @@ def simulated(seed: int, skip: int = 0) -> Iterator[tuple[int, FloatArray, Float
     """Yield blocks of samples: the number of the first one, voltage (`BLOCK`,) in kV, displacement (`BLOCK`,) in mm."""
     rig = deap_rig()
     preprocess, response = rig.preprocess, Response(rig.plant, rig.dt)
-    number = 0
-    while True:
-        draw = int(np.random.SeedSequence([seed, number]).generate_state(1, np.uint64)[0])
+    for number, draw in _draws(seed):
         u = demo_voltage(BLOCK, draw)
         still = rig.output_rest + response.take(preprocess.map_input(u) - float(preprocess.input_offset)).output
         if number >= skip:
             yield number * BLOCK, u, still + white_noise(BLOCK, rig.noise, draw + 1)
-        number += 1
 
 
 def demo_voltage(samples: int, seed: int) -> FloatArray:
     """Return an input (K,) between 2 and 5.5 kV: steps of 10 ms to 4 s with a random flutter added."""
     steps = random_steps(samples, shortest=10, longest=LONGEST_STEP, low=2.0 + FLUTTER, high=5.5 - FLUTTER, seed=seed)
-    signs = np.random.default_rng([seed, 1]).choice([-1.0, 1.0], -(-samples // FLUTTER_HOLD))
-    return steps + FLUTTER * np.repeat(signs, FLUTTER_HOLD)[:samples]
+    return steps + _up_and_down(samples, FLUTTER, FLUTTER_HOLD, seed)

@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from replant.live.streams.line_parser import LineSplitter, Parser
-from replant.live.streams.source import UY, Batch, Columns, Numbering, Signals
+from replant.live.streams.source import Batch, Numbering
 from replant.numerics.operating_system import Worker
 
 
@@ -152,13 +151,17 @@ BACKOFF = 0.1, 5.0  # first and longest pause before connecting again [s]
 class Source(ABC):
     """A stream of live samples, which is read by its own thread."""
 
-    def __init__(self, name: str, *, waits: bool, replays: bool = True, capacity: int = CAPACITY) -> None:
+    waits = False  # whether nothing is read while the queue is full; else the oldest samples are dropped
+    replays = True  # whether samples may be sent again, under their numbers
+    capacity = CAPACITY
+
+    def __init__(self, name: str) -> None:
         self.name = name  # the URL without password, for messages
         self.trouble = ""  # why the source is not connected, for messages; empty while it is
         self.state = "connecting"  # or "connected", "waiting" (before connecting again), "ended"
         self._counts: Counter[str] = Counter()
-        self._numbering = Numbering(self._counts, replays=replays)
-        self._inbox = Inbox(capacity, drop=not waits)
+        self._numbering = Numbering(self._counts, replays=self.replays)
+        self._inbox = Inbox(self.capacity, drop=not self.waits)
         self._stop = StopRequest()
         self._backoff = BACKOFF[0]
         self._again = False  # whether it has been connected before
@@ -214,10 +217,6 @@ class Source(ABC):
             failure = error  # `Inbox.get` raises it in the session's thread; here nobody would see it
         self._inbox.end(failure)
 
-    def count_refused(self, reason: str, samples: int) -> None:
-        """Count samples that were refused before the reading began."""
-        self._counts[reason] += samples
-
     def _deliver(self, batch: Batch | None) -> None:
         """Put the samples that `Numbering` accepts into the inbox."""
         if batch is not None:
@@ -230,42 +229,3 @@ class Source(ABC):
         self.state, self.trouble, self._backoff = "connected", "", BACKOFF[0]
         self._counts["reconnects"] += self._again
         self._again = True
-
-
-class Wire(Source):
-    """A connection whose lines or payloads are parsed, opened again when it is lost."""
-
-    def __init__(
-        self, name: str, columns: Columns, signals: Signals = UY, *, waits: bool, replays: bool = True
-    ) -> None:
-        super().__init__(name, waits=waits, replays=replays)
-        self._unread: Any = None  # what is open already, and closed by the reading once that has begun
-        self._parser = Parser(self._counts, columns, signals)
-        self._lines = LineSplitter(self._counts)
-
-    def close(self) -> None:
-        """Stop reading, see `Source.close`."""
-        super().close()
-        if self.state == "connecting" and self._unread is not None:
-            self._unread.close()
-
-    @abstractmethod
-    def _session(self) -> str | None:
-        """Connect, and deliver samples until the connection ends; return why, None at the end of the stream."""
-
-    def _read(self) -> None:
-        while not self._stop.requested:
-            trouble = self._session()
-            if trouble is None or self._stop.requested:
-                break
-            self._pause(trouble)
-        self._deliver(self._parser.finish(time.monotonic()))
-
-    def _deliver_lines(self, data: bytes) -> None:
-        self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
-
-    def _pause(self, trouble: str) -> None:
-        """Pause before the next attempt to connect; each pause is twice as long as the one before."""
-        self.state, self.trouble = "waiting" if self._again else "connecting", trouble
-        self._stop.wait(self._backoff)
-        self._backoff = min(2.0 * self._backoff, BACKOFF[1])

@@ -2,22 +2,65 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import stat
 import sys
 import time
 import uuid
+from abc import abstractmethod
 from collections import deque
 from typing import Any
 
 from replant.errors import InvalidArgumentError
 from replant.live.streams.addresses import SCHEMES, Address
-from replant.live.streams.line_parser import Payloads
-from replant.live.streams.reader_thread import Wire
+from replant.live.streams.line_parser import LineSplitter, Parser, Payloads
+from replant.live.streams.reader_thread import BACKOFF, Source
 from replant.live.streams.source import UY, Columns, Signals
 from replant.logs.table import needed
 from replant.numerics.operating_system import reason_of
+
+
+class Wire(Source):
+    """A connection whose lines or payloads are parsed, opened again when it is lost."""
+
+    options: tuple[str, ...] = ("columns",)  # those of its address
+
+    def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
+        super().__init__(address.name)
+        address.allow(*self.options)
+        self._unread: Any = None  # what is open already, and closed by the reading once that has begun
+        self._parser = Parser(self._counts, columns, signals)
+        self._lines = LineSplitter(self._counts)
+
+    def close(self) -> None:
+        """Stop reading, see `Source.close`."""
+        super().close()
+        if self.state == "connecting" and self._unread is not None:
+            self._unread.close()
+
+    @abstractmethod
+    def _session(self) -> str | None:
+        """Connect, and deliver samples until the connection ends; return why, None at the end of the stream."""
+
+    def _read(self) -> None:
+        while not self._stop.requested:
+            trouble = self._session()
+            if trouble is None or self._stop.requested:
+                break
+            self._pause(trouble)
+        self._deliver(self._parser.finish(time.monotonic()))
+
+    def _deliver_lines(self, data: bytes) -> None:
+        self._deliver(self._parser.parse(self._lines.split(data), time.monotonic()))
+
+    def _pause(self, trouble: str) -> None:
+        """Pause before the next attempt to connect; each pause is twice as long as the one before."""
+        self.state, self.trouble = "waiting" if self._again else "connecting", trouble
+        self._stop.wait(self._backoff)
+        self._backoff = min(2.0 * self._backoff, BACKOFF[1])
+
 
 BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 
@@ -25,11 +68,12 @@ BLOCK = 1 << 18  # bytes taken at once at the most [bytes]
 class PipeSource(Wire):
     """Lines from an open file, by default standard input; while the queue is full nothing is read: the writer waits."""
 
+    waits = True
+
     def __init__(
         self, address: Address, columns: Columns = None, signals: Signals = UY, file: int | None = None
     ) -> None:
-        super().__init__(address.name, columns, signals, waits=True)
-        address.allow("columns")
+        super().__init__(address, columns, signals)
         try:
             self._file = sys.stdin.fileno() if file is None else file
         except (AttributeError, OSError, ValueError):
@@ -51,6 +95,12 @@ class PipeSource(Wire):
 
 BAUD = 115_200  # usual rate of a serial line [bit/s]
 WAIT = 0.1  # the longest wait of one read; a closed source ends within this time [s]
+#: The errors that a lost port raises: pyserial passes on some of the system's own.
+PORT_ERRORS: tuple[type[Exception], ...] = (OSError, TypeError, ValueError)
+with contextlib.suppress(ImportError):  # Windows has no such module
+    from termios import error as termios_error
+
+    PORT_ERRORS = (*PORT_ERRORS, termios_error)
 
 
 class SerialSource(Wire):
@@ -60,15 +110,17 @@ class SerialSource(Wire):
     samples.  A board sends nothing again, and many restart when the port is opened: numbers tell only what was lost.
     """
 
+    replays = False
+    options = "baud", "columns"
+
     def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
-        super().__init__(address.name, columns, signals, waits=False, replays=False)
-        address.allow("baud", "columns")
+        super().__init__(address, columns, signals)
         port = address.path or address.host.upper()  # a host is COM3
         address.check(port, "port")
         self._port_and_baud = port, address.whole("baud", BAUD, least=1)
         try:
             self._unread = self._open()
-        except port_errors() as error:
+        except PORT_ERRORS as error:
             raise InvalidArgumentError(
                 f"{address.name}: cannot be opened ({port_reason(error)}); {remedy(port)}"
             ) from None
@@ -91,19 +143,10 @@ class SerialSource(Wire):
                     data = port.read(1)
                     if data:
                         self._deliver_lines(data + port.read(port.in_waiting))
-        except port_errors() as error:
+        except PORT_ERRORS as error:
             self._lines.restart()
             return port_reason(error)
         return None
-
-
-def port_errors() -> tuple[type[Exception], ...]:
-    """Return the errors that a lost port raises: pyserial passes on some of the system's own."""
-    try:
-        import termios
-    except ImportError:  # Windows
-        return OSError, TypeError, ValueError
-    return OSError, TypeError, ValueError, termios.error
 
 
 def port_reason(error: Exception) -> str:
@@ -132,9 +175,10 @@ class TcpSource(Wire):
     its samples continues with N + 1, and what it sends again is dropped by its number.
     """
 
-    def __init__(self, address: Address, columns: Columns = None, signals: Signals = UY) -> None:
-        super().__init__(address.name, columns, signals, waits=True)
-        address.allow("columns")
+    waits = True
+
+    def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
+        super().__init__(address, columns, signals)
         self._place = address.place
 
     def _session(self) -> str:
@@ -178,9 +222,11 @@ LARGEST_DATAGRAM = 1 << 16  # room for one datagram, more than UDP allows [bytes
 class UdpSource(Wire):
     """Datagrams with lines or packed numbers, received at ``udp://address:port``."""
 
+    replays = False
+    options = "columns", "format"
+
     def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
-        super().__init__(address.name, columns, signals, waits=False, replays=False)
-        address.allow("columns", "format")
+        super().__init__(address, columns, signals)
         bare = address.one_of("format", ("lines", "doubles"), "lines") == "doubles"
         if bare and columns is None:
             raise InvalidArgumentError(
@@ -240,9 +286,10 @@ MQTT_TOGETHER = 256  # largest number of messages parsed together [count]
 class MqttSource(Wire):
     """Messages of a topic with lines, JSON or packed numbers, ``mqtt://user:password@host:port/topic?qos=0``."""
 
+    options = "columns", "qos"
+
     def __init__(self, address: Address, columns: Columns, signals: Signals) -> None:
-        super().__init__(address.name, columns, signals, waits=False)
-        address.allow("columns", "qos")
+        super().__init__(address, columns, signals)
         address.check(address.host, "broker")
         address.check(address.path, "topic")
         *above, last = address.path.split("/")
