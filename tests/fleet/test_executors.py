@@ -9,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,7 +19,7 @@ import pytest
 
 import replant as rp
 from replant.errors import InvalidArgumentError, MissingDependencyError, SystemRefusedError
-from replant.fleet.executors import MOST_LOST, InThisThread, Workers, carried_out, parsed, processes, workers
+from replant.fleet.executors import MOST_LOST, Workers, carried_out, parsed, processes, workers
 from support.cases import every
 from support.dying import die_first
 from support.fleets import small_fleet
@@ -143,15 +143,17 @@ def test_workers_of_the_caller_that_died_are_not_made_anew(tmp_path: Path) -> No
 
 
 def test_an_error_of_a_task_cancels_those_that_wait() -> None:
-    class Patient(InThisThread):
+    class Patient(Executor):
         def __init__(self) -> None:
             self.waiting: list[Future] = []
 
         def submit(self, fn: Callable, /, *args: object, **kwargs: object) -> Future:
+            future: Future = Future()
             if args[0] == 0:
-                return super().submit(fn, "no number")
-            self.waiting.append(Future())
-            return self.waiting[-1]
+                future.set_exception(ValueError("invalid literal"))
+            else:
+                self.waiting.append(future)
+            return future
 
     patient = Patient()
     with pytest.raises(ValueError, match="invalid literal"):

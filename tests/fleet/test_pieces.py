@@ -11,7 +11,7 @@ import pytest
 
 from replant.errors import InvalidArgumentError
 from replant.fleet.catalogue import find_rigs, is_log
-from replant.fleet.executors import InThisThread, carried_out, parsed, workers
+from replant.fleet.executors import carried_out, parsed, workers
 from replant.fleet.job import Job, Piece, Rig, Shape, digest, planned, printable, report_path, work_of
 from replant.fleet.odd_rigs import _least_fit
 from replant.fleet.statistics import Deviation, Quantity, _nearest, _ratio, located, quantities_of
@@ -84,7 +84,6 @@ def test_tasks_are_of_equal_work() -> None:
 
 
 def test_work_in_this_thread_and_in_others() -> None:
-    assert InThisThread().submit(pow, 2, 3).result() == 8
     for where in (None, "threads:2"):
         with workers(where) as found:
             assert sorted(carried_out(found, abs, [-1, -2])) == [(0, 1), (1, 2)]

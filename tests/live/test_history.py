@@ -18,6 +18,4 @@ def test_the_history_covers_the_whole_run_in_bounded_memory() -> None:
     apart = np.diff(rows.t)[:-1]  # the newest is shown wherever it stands
     assert set(apart) == {16.0}
     np.testing.assert_array_equal(rows.parameters[:, 0], rows.t + 0.5)
-    restored = EstimateHistory(1)
-    restored.restore(rows)
-    np.testing.assert_array_equal(restored.rows().t, rows.t)
+    np.testing.assert_array_equal(EstimateHistory.of(rows).rows().t, rows.t)

@@ -113,7 +113,7 @@ def test_the_report_is_made_of_the_newest_estimate(observer: Observer) -> None:
 def pid(observer: Observer) -> int | None:
     """The number of the process that is at work; None while there is none."""
     observer.poll()
-    return observer._process.pid if observer._alive else None
+    return observer._process.process.pid if observer._alive else None
 
 
 @pytest.mark.parametrize("times", [2, pytest.param(10, marks=pytest.mark.slow)])
@@ -183,7 +183,7 @@ def test_a_start_that_fails_is_tried_again(
 def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, capfd: pytest.CaptureFixture) -> None:
     """In the process itself: a state that cannot be read, twice, between two that can."""
     seen(mortal, identifier(1000))
-    process = mortal._process.pid
+    process = mortal._process.process.pid
     for _ in range(2):
         mortal._process.outbox.put(Handover(SessionInfo(at=7.0), (), b"no state at all"))
     doubted = wait_for(lambda: mortal.poll() == [] and mortal.last.at == 7.0 and mortal.last)
@@ -192,7 +192,7 @@ def test_a_look_that_fails_is_one_notice_and_the_next_goes_on(mortal: Observer, 
     # the view of the second one may come first
     again = wait_for(lambda: (view := seen(mortal, identifier(1500))).samples == 1500 and view)
     assert again.verdict == identifier(1500).assess().status
-    assert (mortal._process.pid, mortal._restarts) == (process, 0)
+    assert (mortal._process.process.pid, mortal._restarts) == (process, 0)
     said = capfd.readouterr().err
     assert said.count("the estimate could not be judged") == 1
     assert "Traceback" not in said
@@ -288,7 +288,7 @@ from replant.live.judge_client import Observer
 from replant.live.judge_process import ObserverOptions
 if __name__ == "__main__":
     observer = Observer(ObserverOptions())
-    print(observer._process.pid, flush=True)
+    print(observer._process.process.pid, flush=True)
     {end}
 """
     for end, code in (("raise SystemExit(3)", 3), ("import os; os._exit(4)", 4)):

@@ -20,7 +20,7 @@ from concurrent.futures import (
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import active_children, get_context, parent_process
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from replant.errors import InvalidArgumentError, SystemRefusedError, needs, shown
 from replant.numerics.operating_system import THREADS, refusal, signals_blocked
@@ -37,15 +37,18 @@ R = TypeVar("R")
 
 def carried_out(workers: Workers, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[tuple[int, R]]:
     """Yield number and result of each task as they end; a pool whose worker died is made anew, and goes on."""
+    if workers.executor is None:
+        yield from enumerate(map(function, tasks))
+        return
     waiting = list(enumerate(tasks))[::-1]
     running: dict[Future[R], tuple[int, T]] = {}
-    lost = 0
+    executor, lost = workers.executor, 0
     try:
         while waiting or running:
             death: BaseException | None = None
             try:
-                while waiting and len(running) < workers.at_a_time:
-                    running[workers.executor.submit(function, waiting[-1][1])] = waiting[-1]
+                while waiting and len(running) < MOST_WAITING:
+                    running[executor.submit(function, waiting[-1][1])] = waiting[-1]
                     waiting.pop()
             except BrokenExecutor as error:
                 death = error
@@ -60,13 +63,13 @@ def carried_out(workers: Workers, function: Callable[[T], R], tasks: Iterable[T]
             if death is not None:
                 waiting += running.values()
                 running.clear()
-                workers, lost = _renewed(workers, death, lost), lost + 1
+                executor, lost = _renewed(workers, death, lost), lost + 1
     finally:
         for future in running:
             future.cancel()
 
 
-def _renewed(workers: Workers, error: BaseException, lost: int) -> Workers:
+def _renewed(workers: Workers, error: BaseException, lost: int) -> Executor:
     if workers.renew is None:
         raise SystemRefusedError(
             f"the workers died ({type(error).__name__}): start them again, with more memory each if they lacked "
@@ -100,29 +103,15 @@ _FORMS = "threads:N, processes:N or dask://HOST:PORT"
 class Workers:
     """An executor, and how to make it anew when its workers died."""
 
-    executor: Executor
-    renew: Callable[[], Workers] | None = None  # returns the same with a new executor; None where that is the caller's
-    at_a_time: int = MOST_WAITING  # tasks that are with the executor
-
-
-class InThisThread(Executor):
-    """Runs each task at once where it is submitted."""
-
-    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Run a function, and return its result as a future."""
-        future: Future[Any] = Future()
-        try:
-            future.set_result(fn(*args, **kwargs))
-        except Exception as error:  # as other executors do: the future raises it
-            future.set_exception(error)
-        return future
+    executor: Executor | None  # None: this thread
+    renew: Callable[[], Executor] | None = None  # None where the executor is the caller's
 
 
 @contextmanager
 def workers(on: Executor | str | None) -> Iterator[Workers]:
     """Open an executor for the ``with`` block; one that the caller gives stays open."""
     if on is None:
-        yield Workers(InThisThread(), at_a_time=1)
+        yield Workers(None)
         return
     if not isinstance(on, str):
         if not callable(getattr(on, "submit", None)):
@@ -141,12 +130,12 @@ def workers(on: Executor | str | None) -> Iterator[Workers]:
             others = set(active_children())
             pools: list[ProcessPoolExecutor] = []
 
-            def made() -> Workers:
+            def made() -> Executor:
                 pools.append(stack.enter_context(processes(int(rest))))
-                return Workers(pools[-1], made)
+                return pools[-1]
 
             try:
-                yield made()
+                yield Workers(made(), made)
             except KeyboardInterrupt:  # what is being done is not waited for, and not written
                 for started in pools:  # first, as a pool that breaks reports to tasks that are cancelled, and fails
                     started.shutdown(wait=False, cancel_futures=True)

@@ -32,33 +32,24 @@ class ObserverProcess:
         with contextlib.ExitStack() as undo:  # a start that the system refuses half-way leaves nothing behind
             undo.callback(self.connection.close)
             with theirs:
-                self._process = context.Process(
+                self.process = context.Process(
                     target=observe, args=(theirs, options), name="replant observer", daemon=True
                 )  # fmt: skip
                 with signals_blocked(*ENDING):  # the session needs it for its last view
-                    self._process.start()
+                    self.process.start()
             undo.callback(self._kill)
             # at an exit without `end`, multiprocessing would ask the process to end and wait for it without limit
-            atexit.register(self._process.kill)
-            self._sender = Worker(partial(_send_all, self.connection, self.outbox))
-            self._sender.start()
+            atexit.register(self.process.kill)
+            # of one that has ended nothing in the outbox is sent any more
+            self.sender = Worker(partial(_send_all, self.connection, self.outbox))
+            self.sender.start()
             self.start = time.monotonic()
             undo.pop_all()
 
     @property
-    def sends(self) -> bool:
-        """Whether messages in the outbox are still sent."""
-        return self._sender.is_alive()
-
-    @property
-    def pid(self) -> int | None:
-        """The process's number."""
-        return self._process.pid
-
-    @property
     def exit_reason(self) -> str:
         """Why the process ended, in words."""
-        code = self._process.exitcode
+        code = self.process.exitcode
         if code is None:
             return "its connection was closed"
         return f"signal {-code}" if code < 0 else f"exit code {code}"
@@ -67,20 +58,20 @@ class ObserverProcess:
         """Close the connection to a process that has closed its own; if the process still runs, kill it."""
         self.connection.close()
         self.outbox.put(None)
-        self._process.join(0.2)
+        self.process.join(0.2)
         self._kill()
 
     def end(self, *, wait: float) -> None:
         """Ask the process to end, and kill it if it has not ended after ``wait`` s."""
         self.outbox.put(None)
-        self._process.join(wait)
+        self.process.join(wait)
         self.clean_up()
 
     def _kill(self) -> None:
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join(GOODBYE)
-        atexit.unregister(self._process.kill)
+        if self.process.is_alive():
+            self.process.kill()
+            self.process.join(GOODBYE)
+        atexit.unregister(self.process.kill)
 
 
 def _send_all(connection: Connection, outbox: queue.Queue[Handover | None]) -> None:
@@ -168,7 +159,7 @@ class Observer:
         try:
             while self._process.connection.poll(0):
                 self._receive(self._process.connection.recv(), first=first)
-            if not self._process.sends:  # no answer follows to a message that was not sent
+            if not self._process.sender.is_alive():  # no answer follows to a message that was not sent
                 raise EOFError
         except (EOFError, OSError, MemoryError):  # a message may have been read in part: the connection is unusable
             self._handle_exit()

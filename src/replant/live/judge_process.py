@@ -95,7 +95,6 @@ class _Observing:
         self._options = options
         self._notices = Notices(lambda line: self._send(Told("notice", line)))
         self._history: EstimateHistory | None = None
-        self._earlier: Rows | None = None  # history of the process that this one replaces
         self._identifier: Identification | None = None
         self._view: View | None = None
         self._hub: Hub | None = None
@@ -150,12 +149,11 @@ class _Observing:
             if self._view is not None:
                 self._view = dataclasses.replace(self._view, **vars(handover.info))
             return
-        self._earlier = self._earlier if handover.history is None else handover.history
+        if handover.history is not None:
+            self._history = EstimateHistory.of(handover.history)
         identifier: Identification = Identifier.from_bytes(handover.identifier)
         if self._history is None:
             self._history = EstimateHistory(len(identifier.names))
-            if self._earlier is not None:
-                self._history.restore(self._earlier)
         elif self._view is not None and identifier.samples < self._view.samples:  # the identifier was reset
             self._history.clear()
         self._view = make_view(

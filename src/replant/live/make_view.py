@@ -34,37 +34,37 @@ class EstimateHistory:
     """Rows of (t, parameters, std), one for each view; when there are too many, every second row is dropped."""
 
     def __init__(self, size: int) -> None:
-        self._table = np.empty((MOST_ROWS, 1 + 2 * size))
         self._size = size
         self.clear()
 
+    @classmethod
+    def of(cls, rows: Rows) -> EstimateHistory:
+        """Return a history that continues an earlier one."""
+        history = cls(rows.parameters.shape[1])
+        for t, parameters, std in zip(rows.t.tolist(), rows.parameters, rows.std, strict=True):
+            history.append(t, parameters, std)
+        return history
+
     def clear(self) -> None:
         """Drop every row."""
-        self._rows = self._appended = 0
-        self._stride = 1  # of the rows appended, one in so many stays
+        self._rows: list[FloatArray] = []
+        self._appended, self._stride = 0, 1  # of the rows appended, one in so many stays
         self._newest_stays = True
-
-    def restore(self, rows: Rows) -> None:
-        """Append the rows of an earlier history."""
-        for t, parameters, std in zip(rows.t.tolist(), rows.parameters, rows.std, strict=True):
-            self.append(t, parameters, std)
 
     def append(self, t: float, parameters: FloatArray, std: FloatArray) -> None:
         """Append the newest row.  It stays if its number is a multiple of the stride; else the next row replaces it."""
-        if self._rows and not self._newest_stays:
-            self._rows -= 1
-        if self._rows == MOST_ROWS:
-            self._table[: MOST_ROWS // 2] = self._table[::2].copy()
-            self._rows = MOST_ROWS // 2
+        if not self._newest_stays:
+            self._rows.pop()
+        if len(self._rows) == MOST_ROWS:
+            self._rows = self._rows[::2]
             self._stride *= 2
-        self._table[self._rows] = np.concatenate([[t], parameters, std])
-        self._rows += 1
+        self._rows.append(np.concatenate([[t], parameters, std]))
         self._newest_stays = self._appended % self._stride == 0
         self._appended += 1
 
     def rows(self) -> Rows:
         """Return the rows, the newest among them."""
-        rows = self._table[: self._rows].copy()
+        rows = np.reshape(self._rows, (-1, 1 + 2 * self._size))
         return Rows(rows[:, 0], rows[:, 1 : 1 + self._size], rows[:, 1 + self._size :])
 
 

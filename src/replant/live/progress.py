@@ -32,6 +32,7 @@ Asked = Request | RowSettings
 BACK = 1.0  # step back of the stamps below which they are late samples, which the identifier rejects one by one [s]
 
 
+@dataclass
 class RigClock:
     """Converts time stamps to rig time: the stamp plus an offset, by the rules of the identifier of one input.
 
@@ -41,19 +42,15 @@ class RigClock:
     ``leaps`` tells which stamps (K,) of the last call are not confirmed.
     """
 
-    leaps: BoolArray
+    dt: float
+    last: float = -np.inf  # rig time of the newest stamp that counts [s]
+    offset: float = 0.0  # of rig time from the stamps [s]
+    candidate: float | None = None  # a stamp that the next one may confirm
+    alone: bool = False  # whether the last one is the very first, and not confirmed yet
+    leaps: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
 
-    def __init__(
-        self,
-        dt: float,
-        last: float = -np.inf,
-        offset: float = 0.0,
-        candidate: float | None = None,
-        *,
-        alone: bool = False,
-    ) -> None:
-        self._gap, self._leap, self._farthest = 2.0 * GAP * dt, LEAP * dt, FARTHEST * dt
-        self.last, self.offset, self.candidate, self.alone = last, offset, candidate, alone
+    def __post_init__(self) -> None:
+        self._gap, self._leap, self._farthest = 2.0 * GAP * self.dt, LEAP * self.dt, FARTHEST * self.dt
 
     def follow(self, t: FloatArray) -> FloatArray:
         """Return rig time (K,) of the stamps of K samples."""
@@ -145,7 +142,7 @@ class Progress:
     def clock(self, dt: float) -> RigClock:
         """Return a clock that continues from the stored state."""
         last = self.at if self.taken else -np.inf
-        return RigClock(dt, last, self.offset, self.candidate, alone=self.alone)
+        return RigClock(dt, last, self.offset, self.candidate, self.alone)
 
     def counted(self, counters: Mapping[str, int]) -> dict[str, int]:
         """Return all counters: those of earlier sources plus ``counters`` of the present one."""

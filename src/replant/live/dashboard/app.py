@@ -55,9 +55,8 @@ class Hub:
         report: Callable[[], bytes] = bytes,
         notice: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self._command = command
+        self.command, self.notice = command, notice  # the former sends a name of `COMMANDS` to the identification
         self._report = report
-        self.notice = notice
         self.ended = False
         self.browsers = 0  # number of browsers with an open websocket
         self._newest: tuple[int, dict[str, Any] | None] = (0, None)
@@ -116,17 +115,6 @@ class Hub:
                 number, _text({"view": shown}), _text({"history": history, **({"slow": slow} if slow else {})})
             )
         return self._frame
-
-    @property
-    def watching(self) -> int:
-        """Number of browsers that are subscribed to views."""
-        return len(self._waiting)
-
-    def command(self, name: str) -> None:
-        """Send a command to the identification."""
-        if name not in COMMANDS:
-            raise ValueError(f"command must be one of {', '.join(COMMANDS)}, got {name!r}")
-        self._command(name)
 
     def model(self) -> dict[str, Any]:
         """Return the newest model with all its digits; empty before there is one."""
