@@ -172,7 +172,7 @@ def test_a_hundred_browsers_all_see_the_newest(bare: Hub) -> None:
         ready = asyncio.Barrier(101)
         watchers = [asyncio.create_task(one(port, ready)) for _ in range(100)]
         await ready.wait()
-        assert len(bare._waiting) == 100
+        assert bare.browsers == 100
         for number in range(1, 51):
             bare.publish(numbered(number, 20_000))
             await asyncio.sleep(0)

@@ -84,29 +84,33 @@ class Hub:
             with contextlib.suppress(RuntimeError):  # the event loop has just been closed
                 loop.call_soon_threadsafe(event.set)
 
-    async def subscribe(self) -> AsyncGenerator[Frame, None]:
-        """Yield the newest frame at once, then each newer one, until the end; no frame twice."""
-        entry = (asyncio.get_running_loop(), asyncio.Event())
-        self._waiting.add(entry)
-        seen = 0
+    async def subscribe(self, period: float = 0.0) -> AsyncGenerator[Frame, None]:
+        """Yield the newest frame at once, then newer ones, no frame twice, at least ``period`` s apart but the last."""
+        loop, news = asyncio.get_running_loop(), asyncio.Event()
+        self._waiting.add((loop, news))
+        seen, due = 0, 0.0
         try:
             while True:
-                entry[1].clear()
-                frame = self._written()
-                if frame is None or frame.number == seen:
-                    if self.ended:
-                        return
-                    await entry[1].wait()
+                news.clear()
+                ended, is_newer, pause = self.ended, self._newest[0] != seen, due - loop.time()
+                if ended and not is_newer:
+                    return
+                if is_newer and (ended or pause <= 0.0):
+                    frame = self._written()
+                    seen, due = frame.number, loop.time() + period
+                    yield frame
                     continue
-                seen = frame.number
-                yield frame
+                with contextlib.suppress(TimeoutError):
+                    async with asyncio.timeout(pause if is_newer else None):
+                        await news.wait()
         finally:
-            self._waiting.discard(entry)
+            self._waiting.discard((loop, news))
 
-    def _written(self) -> Frame | None:
+    def _written(self) -> Frame:
         """Return the newest view as a frame, which is serialized when the first browser asks for it."""
         number, view = self._newest
-        if view is not None and (self._frame is None or self._frame.number != number):
+        if self._frame is None or self._frame.number != number:
+            assert view is not None
             shown = {key: _rounded(value) if key in _DRAWN else value for key, value in view.items()}
             history = shown.pop("history", None)
             shown.pop("model", None)  # only for whoever downloads it
@@ -263,34 +267,17 @@ async def _converse(hub: Hub, socket: WebSocket) -> None:
 
 
 async def _send(hub: Hub, socket: WebSocket) -> None:
-    """Send the newest view, wait until it is sent, and repeat; what changes slowly once in `HISTORY_PERIOD`."""
-    clock = asyncio.get_running_loop().time
-    frames = hub.subscribe()
-    coming = asyncio.ensure_future(anext(frames, None))
-    history_due, unsent = 0.0, ""
-    try:
-        while True:
-            await asyncio.wait({coming}, timeout=max(history_due - clock(), 0.0) if unsent else None)
-            frame = coming.result() if coming.done() else None
-            due = clock() + PERIOD
-            if frame is not None:
-                await socket.send_text(frame.view)
-                unsent = frame.history
-            over = coming.done() and frame is None
-            if unsent and (over or clock() >= history_due):
-                await socket.send_text(unsent)
-                history_due, unsent = clock() + HISTORY_PERIOD, ""
-            if over:
-                return
-            if frame is not None:
-                await asyncio.sleep(due - clock())
-                coming = asyncio.ensure_future(anext(frames, None))
-    except (WebSocketDisconnect, RuntimeError):  # the browser has closed the websocket
-        return
-    finally:
-        coming.cancel()
-        await asyncio.gather(coming, return_exceptions=True)
-        await frames.aclose()
+    """Send views to the last one, and less often what is long and changes slowly."""
+
+    async def send(part: str, period: float) -> None:
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):  # the browser has closed the websocket
+            async with contextlib.aclosing(hub.subscribe(period)) as frames:
+                async for frame in frames:
+                    await socket.send_text(getattr(frame, part))
+
+    async with asyncio.TaskGroup() as both:
+        both.create_task(send("view", PERIOD))
+        both.create_task(send("history", HISTORY_PERIOD))
 
 
 def file_answer(content: bytes, kind: str, name: str) -> Response:
