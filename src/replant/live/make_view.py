@@ -162,10 +162,8 @@ NEWEST = 10.0  # time at the end of a long window that may be looked at alone, a
 class _Seen(NamedTuple):
     """What a view says of an identifier of one input, or of several."""
 
-    labels: tuple[str, ...]  # of the inputs
-    structures: tuple[Structure, ...]
-    models: tuple[TransferFunction, ...]
-    uncertainties: tuple[Uncertainty, ...]
+    # of each input its label, and what leads from there to the output
+    branches: tuple[tuple[str, Structure, TransferFunction, Uncertainty], ...]
     newest: NewestSamples
     output: FloatArray  # (K,): simulated over the newest samples; NaN where unknown
     fit: float
@@ -185,10 +183,7 @@ def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> 
             )  # fmt: skip
         output, fit = run.output, run.fit
     return _Seen(
-        (mapped_label(signals.inputs[0], preprocess.input_map),),
-        (identifier.structure,),
-        (model,),
-        (identifier.uncertainty,),
+        ((mapped_label(signals.inputs[0], preprocess.input_map), identifier.structure, model, identifier.uncertainty),),
         newest,
         output,
         fit,
@@ -200,14 +195,12 @@ def _seen(identifier: Identifier, finite: bool, at: float, signals: Signals) -> 
 
 def _seen_row(identifier: RowIdentifier, finite: bool, signals: Signals) -> _Seen:
     found, labels = identifier.fit_of_newest() if finite else None, identifier.request.input_names
-    newest, of_each = newest_of_row(identifier, found), (identifier.transfer_functions, identifier.uncertainty)
+    newest, models = newest_of_row(identifier, found), identifier.transfer_functions
+    branches = tuple(zip(labels, identifier.structures, models, identifier.uncertainty, strict=True))
     if found is None:
-        unknown = np.full(newest.output.size, np.nan)
-        return _Seen(labels, identifier.structures, *of_each, newest, unknown, math.nan, identifier.assess(), {})
+        return _Seen(branches, newest, np.full(newest.output.size, np.nan), math.nan, identifier.assess(), {})
     model = found.model.of_log(labels, signals.output, "")
-    return _Seen(
-        labels, identifier.structures, *of_each, newest, found.output, found.fit, found.verdict, as_object(model)
-    )
+    return _Seen(branches, newest, found.output, found.fit, found.verdict, as_object(model))
 
 
 def make_view(
@@ -227,10 +220,9 @@ def make_view(
     else:
         seen = _seen(identifier, finite, info.at, signals)
     noise, verdict = identifier.noise, seen.verdict
-    std = np.concatenate([each.std for each in seen.uncertainties])
+    std = np.concatenate([uncertainty.std for *_, uncertainty in seen.branches])
     history.append(info.at, parameters, std)
-    each = zip(seen.labels, seen.structures, seen.models, seen.uncertainties, strict=True)
-    first, *others = (_from_input(*one, truth, identifier.dt, finite=finite) for one in each)
+    first, *others = (_from_input(*branch, truth, identifier.dt, finite=finite) for branch in seen.branches)
     window, inputs = _window(seen.newest, seen.output, info.at)
     return View(
         **vars(first),
@@ -322,12 +314,11 @@ def _thinned(t: FloatArray, signals: Sequence[FloatArray]) -> tuple[FloatArray, 
     if t.size <= POINTS:
         return t, list(signals)
     begin = int(np.searchsorted(t, t[-1] - NEWEST))
-    parts = [slice(0, t.size)]
+    parts = [(slice(0, t.size), POINTS)]
     if begin > t.size // 2:
-        parts = [slice(0, begin), slice(begin, t.size)]
-    points = [POINTS] if len(parts) == 1 else [2 * POINTS // 3, POINTS // 3]
+        parts = [(slice(0, begin), 2 * POINTS // 3), (slice(begin, t.size), POINTS // 3)]
     times, drawn = [], []
-    for part, count in zip(parts, points, strict=True):
+    for part, count in parts:
         thinned = [thin(signal[part], count) for signal in signals]
         times.append(t[part][thinned[0].indices(t[part].size)])
         drawn.append([signal.values for signal in thinned])

@@ -167,17 +167,11 @@ class ParquetRecorder:
     def __init__(self, folder: Path, disk_writer: DiskWriter, signals: Signals = UY, *, go_on: bool = False) -> None:
         if importlib.util.find_spec("pyarrow") is None:
             raise MissingDependencyError("--record needs pyarrow: pip install 'replant[live]'")
-        self._disk_writer, self._signals = disk_writer, signals
-        self._samples = _Parts(folder / "samples", go_on=go_on)
-        self._estimates = _Parts(folder / "estimates", go_on=go_on)
+        self._signals = signals
+        self._samples = _Parts(folder / "samples", _samples_table, disk_writer, go_on=go_on)
+        self._estimates = _Parts(folder / "estimates", _estimates_table, disk_writer, go_on=go_on)
         self._last = self._samples.last_number()
-        self._clear()
-
-    def _clear(self) -> None:
-        self._samples_waiting: list[Samples] = []
-        self._rows = 0
-        self._estimates_waiting: list[EstimateMessage] = []
-        self._start = time.monotonic()
+        self._rows, self._start = 0, time.monotonic()
 
     def add_samples(
         self, n: npt.NDArray[np.int64] | None, t: FloatArray, u: FloatArray, y: FloatArray, r: FloatArray | None = None
@@ -187,35 +181,34 @@ class ParquetRecorder:
             new = int(np.searchsorted(n, self._last, side="right"))
             n, t, u, y, r = n[new:], t[new:], u[new:], y[new:], None if r is None else r[new:]
         signals = zip(self._signals.names, [*np.atleast_2d(u.T), y], strict=True)
-        self._samples_waiting.append((n, {"t": t, **dict(signals)} | ({} if r is None else {"r": r})))
+        self._samples.waiting.append((n, {"t": t, **dict(signals)} | ({} if r is None else {"r": r})))
         self._rows += y.size
         if self._rows >= ROWS or time.monotonic() - self._start >= SECONDS:
             self.flush()
 
     def send(self, estimate: EstimateMessage) -> None:
         """Record an estimate."""
-        self._estimates_waiting.append(estimate)
+        self._estimates.waiting.append(estimate)
 
     def close(self) -> None:
         """Have the last part written, in the background."""
         self.flush()
 
     def flush(self) -> None:
-        """Have the samples and estimates so far written as a part, in the background."""
-        samples, estimates = self._samples_waiting, self._estimates_waiting
-        self._clear()
-        if samples:
-            number = self._samples.next_number()
-            self._disk_writer.submit("record", lambda: self._samples.write(number, _samples_table(samples)))
-        if estimates:
-            place = self._estimates.next_number()
-            self._disk_writer.submit("record", lambda: self._estimates.write(place, _estimates_table(estimates)))
+        """Have the samples and estimates so far written as a part of each, in the background."""
+        self._samples.flush()
+        self._estimates.flush()
+        self._rows, self._start = 0, time.monotonic()
 
 
 class _Parts:
-    """A folder of Parquet files, numbered in their order."""
+    """A folder of Parquet files, numbered in their order, and what waits for the next one."""
 
-    def __init__(self, folder: Path, *, go_on: bool) -> None:
+    def __init__(
+        self, folder: Path, table_of: Callable[[list[Any]], Any], disk_writer: DiskWriter, *, go_on: bool
+    ) -> None:
+        self.waiting: list[Any] = []
+        self._table_of, self._disk_writer = table_of, disk_writer
         self._folder = folder
         try:
             folder.mkdir(parents=True, exist_ok=True)
@@ -242,17 +235,19 @@ class _Parts:
             last = pyarrow.compute.max(numbers).as_py()
         return int(np.iinfo(np.int64).min) if last is None else int(last)
 
-    def next_number(self) -> int:
-        """Return the number of a new part."""
-        self._number += 1
-        return self._number
+    def flush(self) -> None:
+        """Have what waits written as a part, which has its name once it is whole and on the disk."""
+        waiting, self.waiting = self.waiting, []
+        if waiting:
+            self._number += 1
+            path = self._folder / PART.format(self._number)
+            self._disk_writer.submit("record", lambda: self._write(path, waiting))
 
-    def write(self, number: int, table: Any) -> None:
-        """Write a part, which has its name once it is whole and on the disk."""
+    def _write(self, path: Path, waiting: list[Any]) -> None:
         import pyarrow.parquet
 
-        with replacing(self._folder / PART.format(number)) as new:
-            pyarrow.parquet.write_table(table, new, **CHECKED)
+        with replacing(path) as new:
+            pyarrow.parquet.write_table(self._table_of(waiting), new, **CHECKED)
 
 
 def _samples_table(samples: list[Samples]) -> Any:
