@@ -11,9 +11,8 @@ from pyarrow import parquet
 
 from replant.errors import LogError
 from replant.fleet.catalogue import find_rigs
-from replant.fleet.job import Job, planned, work_of
+from replant.fleet.job import planned, work_of
 from replant.logs import arrow as reader
-from replant.model.structure import Structure
 from support.fleets import as_csv, as_parquet, as_table, recorded
 
 
@@ -149,12 +148,12 @@ def test_tasks_are_of_about_equal_work_and_each_rig_is_in_one(tmp_path: Path) ->
     for k in range(300):
         (tmp_path / f"{k}.csv").write_bytes(b"x" * int(rng.integers(1, 2_000_000)))
     rigs = find_rigs(tmp_path, "file")
-    tasks = planned(Job("u", "y", Structure(1)), rigs)
-    assert sorted(rig.name for task in tasks for rig in task.rigs) == names(rigs)
-    share = sum(map(work_of, rigs)) / len(tasks)
+    tasks = planned(rigs)
+    assert sorted(rig.name for task in tasks for rig in task) == names(rigs)
+    works = [sum(map(work_of, task)) for task in tasks]
     assert len(tasks) >= 60
-    assert all(task.work < 2 * share for task in tasks)
-    assert [task.work for task in tasks] == sorted((task.work for task in tasks), reverse=True)
+    assert max(works) < 2 * sum(works) / len(tasks)
+    assert works == sorted(works, reverse=True)
 
 
 def test_ten_thousand_files_are_planned_without_opening_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -162,6 +161,6 @@ def test_ten_thousand_files_are_planned_without_opening_one(tmp_path: Path, monk
     monkeypatch.setattr("builtins.open", None)
     for k in range(10_000):
         (tmp_path / f"{k}.parquet").touch()
-    tasks = planned(Job("u", "y", Structure(1)), find_rigs(tmp_path, "file"))
-    assert sum(len(task.rigs) for task in tasks) == 10_000
+    tasks = planned(find_rigs(tmp_path, "file"))
+    assert sum(len(task) for task in tasks) == 10_000
     assert len(tasks) < 200

@@ -27,7 +27,7 @@ from support.cases import every
 
 TWO = rp.Structure(2)
 SHAPE = Shape((TWO,))
-MOVES = Movement(1.0, 1.0, 0.01)
+MOVES = Movement((1.0,), 1.0, 0.01)
 
 
 def table_of(rows, shape):
@@ -136,8 +136,8 @@ def test_signals_of_untrusted_rigs_say_why() -> None:
         *fleet(0, 60),
         row("column", 0.3, 3.0, 0.9, 0.5 + SURE, rng, verdict="inconsistent", fit=3.0),
         row("chance", 0.3, 3.0, 0.9, 0.5 + SURE, rng, verdict="converging", fit=60.0),
-        row("stuck", 1.0, 12.0, 0.4, SURE, rng, verdict="inconsistent", movement=Movement(1.0, 0.5, 0.6)),
-        row("still", 1.0, 12.0, 0.4, SURE, rng, verdict="not excited", movement=Movement(0.0, 0.5, 0.01)),
+        row("stuck", 1.0, 12.0, 0.4, SURE, rng, verdict="inconsistent", movement=Movement((1.0,), 0.5, 0.6)),
+        row("still", 1.0, 12.0, 0.4, SURE, rng, verdict="not excited", movement=Movement((0.0,), 0.5, 0.01)),
         row("young", 2.0, 12.0, 0.4, 20.0 * SURE, rng, verdict="converging", fit=94.0),
         Row("broken", FAILED, ("broken.csv: it is empty",), "broken.csv", 1),
     ]

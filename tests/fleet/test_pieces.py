@@ -59,7 +59,7 @@ def test_the_tasks_with_the_most_work_are_first() -> None:
     """Else the last worker would be alone with the largest one."""
     sizes = [100, 3, 40, 500, 7]
     rigs = [Rig(str(k), (Piece("a.csv", "a.csv", size=1_000_000 * size, modified=0),)) for k, size in enumerate(sizes)]
-    works = [task.work for task in planned(Job("u", "y", Structure(1)), rigs)]
+    works = [sum(map(work_of, task)) for task in planned(rigs)]
     assert works == sorted(map(work_of, rigs), reverse=True)
     assert work_of(Rig("of two", rigs[0].pieces + rigs[1].pieces)) == work_of(rigs[0]) + work_of(rigs[1]) - work_of(
         Rig("empty", ())
@@ -78,9 +78,9 @@ def test_rigs_of_a_folder(tmp_path: Path) -> None:
 
 def test_tasks_are_of_equal_work() -> None:
     assert work_of(Rig("a", (PIECE,))) == 200_000
-    tasks = planned(Job("u", "y", Structure(1)), [Rig(f"{k:03}", ()) for k in range(128)])
+    tasks = planned([Rig(f"{k:03}", ()) for k in range(128)])
     assert len(tasks) == 64
-    assert [rig.name for rig in tasks[0].rigs] == ["000", "001"]
+    assert [rig.name for rig in tasks[0]] == ["000", "001"]
 
 
 def test_work_in_this_thread_and_in_others() -> None:

@@ -21,6 +21,7 @@ class Parts:
     u: np.ndarray
     y: np.ndarray
     ends: list[int]
+    held: None = None
 
     def batches(self) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         for begin, end in zip([0, *self.ends], [*self.ends, self.u.size], strict=True):
@@ -45,7 +46,7 @@ def test_it_is_that_of_the_whole_record(ends: list[int], seed: int) -> None:
     u[generator.random(SAMPLES) < 0.1] = math.nan
     y[generator.random(SAMPLES) < 0.05 * (seed % 2)] = math.nan
     movement = movement_of(Parts(u, y, ends))
-    np.testing.assert_allclose(movement.input_std, np.nanstd(u), rtol=1e-9)
+    np.testing.assert_allclose(movement.input_stds, [np.nanstd(u)], rtol=1e-9)
     np.testing.assert_allclose(movement.output_std, np.nanstd(y), rtol=1e-12)
     assert movement.output_held == longest_stretch(y) / SAMPLES
 
@@ -55,14 +56,14 @@ def test_it_is_that_of_the_whole_record(ends: list[int], seed: int) -> None:
 def test_a_constant_stands_still_throughout_and_does_not_move(ends: list[int], value: float) -> None:
     signal = np.full(SAMPLES, value)
     movement = movement_of(Parts(signal, signal, ends))
-    assert (movement.input_std, movement.output_std, movement.output_held) == (0.0, 0.0, 1.0)
+    assert (movement.input_stds, movement.output_std, movement.output_held) == ((0.0,), 0.0, 1.0)
 
 
 def test_without_a_sample_nothing_is_known() -> None:
     nothing = np.zeros(0)
     movement = movement_of(Parts(nothing, nothing, []))
-    assert all(math.isnan(value) for value in (movement.input_std, movement.output_std, movement.output_held))
+    assert all(math.isnan(value) for value in (*movement.input_stds, movement.output_std, movement.output_held))
     missing = np.full(SAMPLES, math.nan)
     movement = movement_of(Parts(missing, missing, [9]))
-    assert math.isnan(movement.input_std)
+    assert np.isnan(movement.input_stds).all()
     assert movement.output_held == 1 / SAMPLES

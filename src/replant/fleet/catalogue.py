@@ -131,27 +131,25 @@ def find_rigs(logs: str | os.PathLike[str], by: str, leave_out: Path | None = No
         raise LogError(f"{logs}: no log in it; a log is one of {known}, perhaps with {' '.join(PACKED)}")
     if by == FILE:
         return sorted((Rig(piece.name, (piece,), piece.problem) for piece in pieces), key=lambda rig: rig.name)
-    grouped: dict[str, list[Piece]] = defaultdict(list)
-    problems: dict[str, str] = {}
-
-    def add(name: str, piece: Piece, problem: str) -> None:
-        grouped[name].append(piece)
-        problems[name] = problems.get(name) or problem
-
-    inside = []
-    own = _own_name(pieces)
+    named: list[tuple[str, Piece, str]] = []
+    inside, own = [], _own_name(pieces)
     for piece in pieces:
         key = (_folder(piece.name) or own) if by == FOLDER else _hive_key(piece.name, by)
         if key is not None:
-            add(key, piece, piece.problem or (NOBODY.format(piece.path, by) if key == NAMELESS else ""))
+            named.append((key, piece, piece.problem or (NOBODY.format(piece.path, by) if key == NAMELESS else "")))
         elif piece.problem:
-            add(piece.name, piece, piece.problem)
+            named.append((piece.name, piece, piece.problem))
         else:
             inside.append(piece)
-    for key, piece, problem in rigs_in_columns(inside, by):
-        add(key, piece, problem)
+    grouped: dict[str, list[tuple[Piece, str]]] = defaultdict(list)
+    for name, piece, problem in named + rigs_in_columns(inside, by):
+        grouped[name].append((piece, problem))
     return [
-        Rig(name, tuple(sorted(of, key=lambda piece: piece.name)), problems[name])
+        Rig(
+            name,
+            tuple(sorted((piece for piece, _ in of), key=lambda piece: piece.name)),
+            next((problem for _, problem in of if problem), ""),
+        )
         for name, of in sorted(grouped.items())
     ]
 

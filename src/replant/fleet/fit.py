@@ -25,7 +25,7 @@ from replant.fitting.model import Model
 from replant.fitting.model_json import STRUCTURE
 from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
-from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, planned, wanted
+from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, planned, wanted, work_of
 from replant.fleet.store import Store, column, read_table
 from replant.fleet.worker import carry_out, one_thread
 from replant.model.structure import Structure
@@ -352,18 +352,19 @@ def fit(
 def _identify_all(
     store: Store, missing: list[Any], rigs: int, on: Executor | str | None, progress: Callable[[Progress], None]
 ) -> None:
-    tasks = planned(store.job, missing) if missing else []
-    work, ended, failed, samples = sum(task.work for task in tasks), 0, 0, 0
+    tasks = planned(missing)
+    work = [sum(map(work_of, task)) for task in tasks]
+    ended = failed = samples = 0
     count = rigs - len(missing)
     progress(Progress(rigs, count, 0, 0, 0.0 if tasks else 1.0))
     if not tasks:
         return
     with workers(on) as found, one_thread():
-        for number, done in carried_out(found, carry_out, tasks):
-            ended += tasks[number].work
-            store.add(tasks[number].rigs, done.cells)
+        for number, done in carried_out(found, partial(carry_out, store.job), tasks):
+            ended += work[number]
+            store.add(tasks[number], done.cells)
             count, failed, samples = count + len(done.cells), failed + done.failed, samples + done.samples
-            progress(Progress(rigs, count, failed, samples, ended / work))
+            progress(Progress(rigs, count, failed, samples, ended / sum(work)))
 
 
 def _about(fleet: Fleet, job: Job) -> dict[str, Any]:

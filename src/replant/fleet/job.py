@@ -276,19 +276,6 @@ TEXT_ROW, BINARY_ROW = 24, 12  # usual size of a row of time, input and output i
 FEWEST, LARGEST = 64, 20_000_000  # least number of tasks, and most work of one: about a minute [count, samples]
 
 
-@dataclass(frozen=True)
-class Task:
-    """A group of rigs that one worker identifies one after the other."""
-
-    job: Job
-    rigs: tuple[Rig, ...]
-
-    @property
-    def work(self) -> int:
-        """How long it takes, in samples that take as long."""
-        return sum(map(work_of, self.rigs))
-
-
 def work_of(rig: Rig) -> int:
     """Return how long a rig takes, in samples that take as long."""
     rows = 0
@@ -299,12 +286,12 @@ def work_of(rig: Rig) -> int:
     return FIXED + rows
 
 
-def planned(job: Job, rigs: Sequence[Rig]) -> list[Task]:
-    """Return the tasks for rigs, which are sorted by name; those with the most work first."""
+def planned(rigs: Sequence[Rig]) -> list[tuple[Rig, ...]]:
+    """Return the tasks for rigs, which are sorted by name: groups of them, those with the most work first."""
     share, before = min(LARGEST, sum(map(work_of, rigs)) / FEWEST), 0
     groups: dict[int, list[Rig]] = {}
     for rig in rigs:
         work = work_of(rig)
         groups.setdefault(int((before + work / 2) // share), []).append(rig)
         before += work
-    return sorted((Task(job, tuple(group)) for group in groups.values()), key=lambda task: -task.work)
+    return sorted(map(tuple, groups.values()), key=lambda group: -sum(map(work_of, group)))

@@ -6,7 +6,7 @@ import html
 import json
 from collections.abc import Iterable
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -253,15 +253,6 @@ def _data(fleet: Fleet, table: Any, found: Oddness) -> dict[str, Any]:
 MOST_REPORTS = 100  # reports that are made at most: each takes some seconds [count]
 
 
-@dataclass(frozen=True)
-class ReportTask:
-    """The report of one rig, to be made by a worker."""
-
-    job: Job
-    rig: Rig
-    folder: str  # of the fleet
-
-
 def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = None) -> int:
     """Write the reports of the first rigs by rank, but for those that cannot be identified; return how many."""
     if fleet.job is None:
@@ -271,14 +262,13 @@ def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = No
     first = {names[row] for row in oddness_of(table, fleet.shape).order[: min(count, MOST_REPORTS)].tolist()}
     rigs = [rig for rig in find_rigs(fleet.logs, fleet.by, leave_out=fleet.folder) if rig.name in first]
     (fleet.folder / REPORTS).mkdir(exist_ok=True)
-    tasks = [ReportTask(fleet.job, rig, str(fleet.folder.absolute())) for rig in rigs]
+    write = partial(_write_report, fleet.job, fleet.folder.absolute())
     with workers(executor) as found:
-        return sum(done for _, done in carried_out(found, write_one, tasks))
+        return sum(done for _, done in carried_out(found, write, rigs))
 
 
-def write_one(task: ReportTask) -> int:
+def _write_report(job: Job, folder: Path, rig: Rig) -> int:
     """Write the report of a rig; return how many that are: 1, or 0 for a rig that cannot be identified."""
-    rig, job = task.rig, task.job
     with one_thread():
         try:
             recording = opened(rig, job)
@@ -289,8 +279,8 @@ def write_one(task: ReportTask) -> int:
         if shown is not None:
             log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
         assert log is not None
-        about: dict[str, Any] = {"title": rig.name, "python": _program(task)}
-        with replacing(Path(task.folder, report_path(rig.name))) as new:
+        about: dict[str, Any] = {"title": rig.name, "python": _program(rig.name, folder)}
+        with replacing(folder / report_path(rig.name)) as new:
             if isinstance(result, RowFit):
                 write_rows(new, [Output(result, log)], **about)
             else:
@@ -299,9 +289,9 @@ def write_one(task: ReportTask) -> int:
     return 1
 
 
-def _program(task: ReportTask) -> str:
+def _program(rig: str, folder: Path) -> str:
     """Return the Python program that loads the rig's model from the results of the fleet."""
     return (
-        f"import replant as rp\n\nfleet = rp.fleet.load({task.folder!r})\n"
-        f"model = fleet.model({json.dumps(task.rig.name, ensure_ascii=False)})\nprint(model)"
+        f"import replant as rp\n\nfleet = rp.fleet.load({str(folder)!r})\n"
+        f"model = fleet.model({json.dumps(rig, ensure_ascii=False)})\nprint(model)"
     )

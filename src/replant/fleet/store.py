@@ -38,7 +38,6 @@ from replant.fleet.job import (
     report_path,
 )
 from replant.logs.arrow import CHECKED
-from replant.model.transfer_function import TransferFunction
 from replant.numerics.operating_system import refusal
 
 CHUNK_ROWS = 1 << 14  # rows of a row group of the table [rows]
@@ -224,10 +223,11 @@ FAILED = "failed"  # what stands in place of the verdict where a rig could not b
 class Movement:
     """How far the signals of a record move."""
 
-    input_std: float = math.nan  # input_std, output_std: standard deviations of the raw signals; NaN without a sample
+    input_stds: tuple[
+        float, ...
+    ] = ()  # of each input; both: standard deviation of the raw signal, NaN without a sample
     output_std: float = math.nan
     output_held: float = math.nan  # longest stretch over which the output is constant to the bit [part of the record]
-    more_input_stds: tuple[float, ...] = ()  # of further inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,11 +249,6 @@ class Row:
     seconds: float = 0.0  # how long it took
 
 
-def cells_of(row: Row, shape: Shape) -> str:
-    """Return a row as an object of JSON: a cell by column, the model's JSON, and the seconds that it took."""
-    return json.dumps(_cells(row, shape), allow_nan=False)
-
-
 def schema(shape: Shape) -> Any:
     """Return the columns of the table of results as a `pyarrow.Schema`."""
     import pyarrow
@@ -272,10 +267,9 @@ def schema(shape: Shape) -> Any:
     return pyarrow.schema(fields)
 
 
-def _cells(row: Row, shape: Shape) -> dict[str, Any]:
-    """Return the cells of a row by column; a figure that is not known is left out."""
-    stds = row.movement.input_std, *row.movement.more_input_stds
-    moved = zip(shape.branches, stds, strict=False)  # a rig that failed has none
+def cells_of(row: Row, shape: Shape) -> str:
+    """Return a row as an object of JSON: its cells by column, the model's JSON, the seconds; none that is not known."""
+    moved = zip(shape.branches, row.movement.input_stds, strict=False)  # a rig that failed has none
     numbers = {"begin": row.begin, "end": row.end, **{f"input_std{end}": std for (_, end, _), std in moved}}
     numbers |= {"output_std": row.movement.output_std, "output_held": row.movement.output_held}
     cells: dict[str, Any] = {
@@ -289,7 +283,8 @@ def _cells(row: Row, shape: Shape) -> dict[str, Any]:
         cells["model"] = json.dumps(json.loads(row.model.to_json()), ensure_ascii=False)  # in one line
         cells["covariance"] = None if covariance is None else covariance.ravel().tolist()
         numbers |= _figures(row.model, shape)
-    return cells | {name: value for name, value in numbers.items() if math.isfinite(value)}
+    cells |= {name: value for name, value in numbers.items() if math.isfinite(value)}
+    return json.dumps(cells, allow_nan=False)
 
 
 def _figures(model: Model | RowModel, shape: Shape) -> dict[str, float]:
@@ -302,20 +297,14 @@ def _figures(model: Model | RowModel, shape: Shape) -> dict[str, float]:
     if known is not None:
         stds = np.concatenate([each.std for each in known]).tolist()
         found |= {f"{name}_std": std for name, std in zip(shape.names, stds, strict=True)}
-    for k, (transfer, (_, end, _)) in enumerate(zip(plants, shape.branches, strict=True)):
-        found |= {f"{name}{end}": value for name, value in _of_plant(transfer).items()}
-        if known is not None:
-            found[f"dc_gain_std{end}"] = known[k].dc_gain_std
+        found |= {
+            f"dc_gain_std{end}": each.dc_gain_std for (_, end, _), each in zip(shape.branches, known, strict=True)
+        }
+    for plant, (_, end, _) in zip(plants, shape.branches, strict=True):
+        poles = sorted(plant.poles.tolist(), key=lambda pole: (abs(pole), pole.real, pole.imag))
+        for k, pole in enumerate(map(complex, poles), 1):
+            found |= {f"pole{k}_real{end}": pole.real, f"pole{k}_imag{end}": pole.imag}
+        with np.errstate(all="ignore"):
+            found[f"dc_gain{end}"] = float(plant.dc_gain)
+        found[f"damping{end}"] = min(mode.damping for mode in plant.modes)
     return found | {"fit": model.simulated_fit, "fit_one_step": model.one_step_fit, "dt": model.dt}
-
-
-def _of_plant(transfer: TransferFunction) -> dict[str, float]:
-    """Return poles, damping and gain of a transfer function."""
-    found: dict[str, float] = {}
-    poles = sorted(transfer.poles.tolist(), key=lambda pole: (abs(pole), pole.real, pole.imag))
-    for k, pole in enumerate(poles, 1):
-        found |= {f"pole{k}_real": complex(pole).real, f"pole{k}_imag": complex(pole).imag}
-    with np.errstate(all="ignore"):
-        found["dc_gain"] = float(transfer.dc_gain)
-    found["damping"] = min(mode.damping for mode in transfer.modes)
-    return found

@@ -8,7 +8,7 @@ import math
 import sys
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,9 +25,9 @@ from replant.fitting.miso_model import RowModel
 from replant.fitting.model import Model
 from replant.fitting.samples import Samples
 from replant.fleet.catalogue import is_parquet
-from replant.fleet.job import Job, Rig, Task, printable
+from replant.fleet.job import Job, Rig, printable
 from replant.fleet.store import FAILED, Movement, Row, cells_of
-from replant.logs import Log, Recording, Table, open_recording, read_columns
+from replant.logs import Recording, Table, open_recording, read_columns
 from replant.logs.arrow import first_stamp, read_row_groups
 from replant.logs.recording import MOST_HELD, joined
 from replant.logs.sampling_time import time_columns
@@ -77,7 +77,7 @@ def _identified(rig: Rig, job: Job) -> Row:
         tuple(result.rejected.items()),
         begin,
         begin + stretch,
-        dataclasses.replace(movement_of(recording), more_input_stds=_further_stds(recording.held)),
+        movement_of(recording),
         tuple(" ".join(note.replace(f"{Path(of[0].path).parent}/", "").split()) for note in notes),
     )
 
@@ -105,13 +105,11 @@ def result_of(recording: Recording, job: Job, *, with_history: bool = False) -> 
 
 def _named(model: Model | RowModel, recording: Recording) -> Model | RowModel:
     """Return a model with the names of its signals, and without a date: the same files give the same bytes."""
+    entered: Any
     entered, given = (recording.table.names[column] for column in recording.columns[:2])
-    source = printable(recording.path.name)
-    if isinstance(model, RowModel):
-        assert recording.held is not None
-        model = model.of_log(recording.held.input_names, given, source)
-    else:
-        model = model.of_log(entered, given, source)
+    if isinstance(model, RowModel) and recording.held is not None:
+        entered = recording.held.input_names
+    model = model.of_log(entered, given, printable(recording.path.name))
     return dataclasses.replace(model, provenance=dataclasses.replace(model.provenance, date=""))
 
 
@@ -124,12 +122,12 @@ class Done:
     samples: int
 
 
-def carry_out(task: Task) -> Done:
+def carry_out(job: Job, rigs: Sequence[Rig]) -> Done:
     """Identify the rigs of a task; this is what an executor calls."""
     with one_thread():
-        rows = [identify(rig, task.job) for rig in task.rigs]
+        rows = [identify(rig, job) for rig in rigs]
     return Done(
-        tuple(cells_of(row, task.job.shape) for row in rows),
+        tuple(cells_of(row, job.shape) for row in rows),
         sum(row.verdict == FAILED for row in rows),
         sum(row.samples for row in rows),
     )
@@ -148,10 +146,12 @@ def one_thread() -> Iterator[None]:
 
 def movement_of(recording: Recording) -> Movement:
     """Return how the signals of a record move; moments of its batches are combined as Chan, Golub and LeVeque do."""
-    count, mean, sums, last = np.zeros(2), np.zeros(2), np.zeros(2), math.nan
+    log, last = recording.held, math.nan  # a log of several inputs is held, and comes in one batch
+    more = [] if log is None else [log.others[name] for name in log.more_inputs]
+    count, mean, sums = np.zeros((3, 2 + len(more)))
     rows = longest = now = 0  # samples; the longest stretch of equal outputs, and that which is going on
     for u, y, *_ in recording.batches():
-        for i, signal in enumerate((u, y)):
+        for i, signal in enumerate((y, u, *more)):
             known = signal[np.isfinite(signal)]
             if known.size:
                 off, before = float(known.mean()) - mean[i], count[i]
@@ -163,14 +163,8 @@ def movement_of(recording: Recording) -> Movement:
             stretches = np.diff([-now, *changes, y.size])
             rows, last, now = rows + y.size, float(y[-1]), int(stretches[-1])
             longest = max(longest, *stretches.tolist())
-    of_input, of_output = np.sqrt(sums / np.where(count > 0.0, count, np.nan)).tolist()
-    return Movement(of_input, of_output, longest / rows if rows else math.nan)
-
-
-def _further_stds(log: Log | None) -> tuple[float, ...]:
-    """Return the standard deviation of each input behind the first; NaN of one without a finite sample."""
-    known = [] if log is None else [log.others[name][np.isfinite(log.others[name])] for name in log.more_inputs]
-    return tuple(float(each.std()) if each.size else math.nan for each in known)
+    of_output, *of_inputs = np.sqrt(sums / np.where(count > 0.0, count, np.nan)).tolist()
+    return Movement(tuple(of_inputs), of_output, longest / rows if rows else math.nan)
 
 
 def opened(rig: Rig, job: Job) -> Recording:
