@@ -32,8 +32,7 @@ FATES = {
     "os.kill(os.getpid(), signal.SIGXCPU)": "reading it takes more processor time than its samples justify",
     "sys.exit(3)": r"the process that reads it was ended \(code 3\)",
     "print('[1'); os.abort()": r"the file is damaged",
-    "print(json.dumps({'error': '', 'text': 'why'}))": r"not readable as a MATLAB file \(why\); save it again",
-    "print(json.dumps({'error': 'LogError', 'text': sys.argv[2] + ': so'}))": "so$",
+    "print('garbage'); sys.exit(0)": r"the process that reads it was ended \(code 0\); free some memory",
 }
 
 
@@ -41,7 +40,29 @@ FATES = {
 def test_however_the_process_ends_it_is_one_line(
     path: Path, monkeypatch: pytest.MonkeyPatch, fate: str, message: str
 ) -> None:
-    monkeypatch.setattr(parser_process, "BEGIN", f"import json, os, signal, sys\n{fate}")
+    monkeypatch.setattr(parser_process, "BEGIN", f"import os, signal, sys\n{fate}")
+    with pytest.raises(LogError, match=message) as caught:
+        read_columns(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+ERRORS = {
+    "KeyError('why')": r"not readable as a MATLAB file \('?why'?\); save it again in MATLAB",
+    "LogError(f'{path}: so')": "so$",
+    "OSError(errno.EIO, 'an error of the disk')": r"cannot be read \(.*disk.*\); check the path",
+}
+
+
+@every(("error", "message"), ERRORS.items(), ids=ERRORS)
+def test_an_error_of_the_process_is_one_line(
+    path: Path, monkeypatch: pytest.MonkeyPatch, error: str, message: str
+) -> None:
+    fails = f"import errno\nfrom replant.errors import LogError\ndef fails(path): raise {error}"
+    begin = parser_process.BEGIN.removesuffix("main()")
+    monkeypatch.setattr(
+        parser_process, "BEGIN", f"{begin}\n{fails}\nfrom replant.logs import hdf5\nhdf5.read_matlab = fails\nmain()"
+    )
     with pytest.raises(LogError, match=message) as caught:
         read_columns(path)
     assert str(caught.value).startswith(f"{path}: ")

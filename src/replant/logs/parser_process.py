@@ -1,18 +1,19 @@
 """A second Python in which a parser reads a file: on damaged bytes it may crash, hang, or take memory without end.
 
 `read` starts it without running the user's script again.  It serves one table, and ends with it, or with a pass over it
-that is not finished: requests are lines of JSON on standard input; an answer is a line of JSON, and the bytes of the
-arrays that it lists.  It begins with an allowance of memory and time that is the same for every file; a reader that
-holds samples asks for more when it has found them (`allow`); what a file merely claims gives none.
+that is not finished.  Requests and answers are pickled, as between the processes of `multiprocessing`; of arrays the
+lengths are, and their bytes follow, which takes no copy.  The process begins with an allowance of memory and time that
+is the same for every file; a reader that holds samples asks for more when it has found them (`allow`); what a file
+merely claims gives none.
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib
-import json
 import math
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -27,7 +28,6 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from replant import errors
 from replant.errors import LogError, ReplantError
 from replant.logs.table import Arrays, Table
 from replant.numerics.arguments import FloatArray
@@ -118,22 +118,19 @@ def read(path: Path, reader: str) -> Table:
 
     def blocks(columns: Sequence[int]) -> Iterator[Arrays]:
         with process() as one:
-            yield from one.arrays({"columns": list(columns)})
+            yield from one.answers("blocks", list(columns))
 
     def stamps(number: int) -> FloatArray:
         with process() as one:
-            ((found,),) = one.arrays({"stamps": number})
-        return found
+            (((found,)),) = one.answers("stamps", number)
+        return np.asarray(found)
 
     def describe_row(row: int) -> str:
         with process() as one:
-            return str(one.ask({"row": row})["row"])
+            (words,) = one.answers("describe_row", row)
+        return str(words)
 
-    return Table(
-        path, tuple(about["names"]), blocks, describe_row, in_seconds=frozenset(about["in_seconds"]),
-        origins=dict(about["origins"]), approximate_rows=about["approximate_rows"], notes=tuple(about["notes"]),
-        dt=about["dt"], left_out=about["left_out"], stamps=stamps if about["stamped"] else None,
-    )  # fmt: skip
+    return Table(**{"stamps": stamps} | about, blocks=blocks, describe_row=describe_row)
 
 
 class _Process:
@@ -159,60 +156,22 @@ class _Process:
             ) from error
         self.end = weakref.finalize(self, end_process, self._process, os.getpid())
         try:
-            self.about = self._answer()
+            self.about: dict[str, Any] = self._answer()
         except BaseException:
             self.end()
             raise
 
-    def ask(self, request: dict[str, Any]) -> dict[str, Any]:
-        """Return the answer to a request."""
-        self._send(request)
-        return self._answer()
-
-    def arrays(self, request: dict[str, Any]) -> Iterator[Arrays]:
-        """Yield the blocks of arrays that answer a request."""
-        self._send(request)
-        while "lengths" in (message := self._answer()):
-            yield [self._array(length) for length in message["lengths"]]
-
-    def _send(self, request: dict[str, Any]) -> None:
+    def answers(self, name: str, argument: Any) -> Iterator[Any]:
+        """Yield the answers to a request: a function of the table, and its argument."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):  # it has ended, which the answer says
-            self._process.stdin.write(json.dumps(request).encode() + b"\n")
+            pickle.dump((name, argument), self._process.stdin)
             self._process.stdin.flush()
+        while (answer := self._answer()) is not None:
+            yield answer
 
-    def _answer(self) -> dict[str, Any]:
-        assert self._process.stdout is not None
-        with self._in_time():
-            line = self._process.stdout.readline()
-        try:
-            message: dict[str, Any] = json.loads(line)
-        except ValueError:
-            raise self._ended() from None
-        if "error" not in message:
-            return message
-        kind, text = message["error"], message["text"]
-        if kind == "OSError":
-            raise OSError(message["code"], text)
-        if not kind:
-            raise LogError(f"{self._path}: not readable as {self._parser.kind} ({text}); {self._parser.remedy}")
-        raise getattr(errors, kind)(text)
-
-    def _array(self, length: int) -> FloatArray:
-        assert self._process.stdout is not None
-        array = np.empty(length)
-        left = array.data.cast("B") if length else memoryview(b"")
-        with self._in_time():
-            while left:
-                got = self._process.stdout.readinto(left)  # type: ignore[attr-defined]
-                if not got:
-                    raise self._ended()
-                left = left[got:]
-        return array
-
-    @contextmanager
-    def _in_time(self) -> Iterator[None]:
-        late, process = threading.Event(), self._process
+    def _answer(self) -> Any:
+        late, process, has_ended = threading.Event(), self._process, False
 
         def stop() -> None:  # holds the process alone, as its thread may outlive this object
             late.set()
@@ -222,13 +181,20 @@ class _Process:
         timer.daemon = True
         timer.start()
         try:
-            yield
+            answer = _received(process.stdout)
+        except Exception:  # it has ended, or written something else, of which unpickling raises nearly any exception
+            has_ended = True
         finally:
             timer.cancel()
         if late.is_set():
             raise LogError(
                 f"{self._path}: the file is damaged: reading it takes over {self._seconds:.0f} s; {self._parser.remedy}"
             )
+        if has_ended:
+            raise self._ended()
+        if isinstance(answer, Exception):
+            raise answer
+        return answer
 
     def _ended(self) -> LogError:
         """Return the error for a process that ended before it had read the file."""
@@ -260,13 +226,17 @@ def main() -> None:
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # some libraries print what they cannot read
     sys.meta_path.insert(0, _Without(absent.split(",")))
-    read, path = reader(function), Path(name)
+    read, parser, path = reader(function), PARSERS[function], Path(name)
     for library in libraries.split(","):
         with contextlib.suppress(ImportError):  # which the reader says
             importlib.import_module(library)
     begin(path.stat().st_size if path.is_file() else 0)
     with contextlib.suppress(BrokenPipeError):
-        _serve(read, path, out)
+        try:
+            for answer in _answers(read(path)):
+                _send(answer, out)
+        except Exception as error:
+            _send(_failure(path, parser, error), out)
     os._exit(0)  # nothing of a damaged file is to be put in order
 
 
@@ -282,64 +252,52 @@ class _Without(MetaPathFinder):
             raise ModuleNotFoundError(f"{name} is not imported here", name=name)
 
 
-def _serve(read: Reader, path: Path, out: BinaryIO) -> None:
-    def answer(message: dict[str, Any], arrays: Arrays) -> None:
-        out.write(json.dumps(message).encode() + b"\n")
-        for array in arrays:
-            out.write(np.ascontiguousarray(array, np.float64).data.cast("B") if array.size else b"")
-        out.flush()
-
-    try:
-        table = read(path)
-        answer(_about(table), [])
-    except Exception as error:
-        answer(_failure(error), [])
-        return
-    for line in sys.stdin.buffer:
-        try:
-            for message, arrays in _answers(table, json.loads(line)):
-                answer(message, arrays)
-        except BrokenPipeError:
-            raise
-        except Exception as error:
-            answer(_failure(error), [])
+def _answers(table: Table) -> Iterator[Any]:
+    """Yield what a table tells of itself; then the answers to each request, which None ends."""
+    yield {name: each for name, each in vars(table).items() if not callable(each)}
+    requests: Any = sys.stdin.buffer
+    while requests.peek(1):
+        name, argument = pickle.load(requests)
+        if name == "describe_row":
+            yield table.describe_row(argument)
+        else:
+            stamps: Any = table.stamps
+            for block in table.blocks(argument) if name == "blocks" else [[stamps(argument)]]:
+                allow(found=sum(int(np.count_nonzero(np.isfinite(array))) for array in block))
+                yield block
+        yield None
 
 
-def _about(table: Table) -> dict[str, Any]:
-    """Return what a table tells of itself."""
-    told = ("names", "approximate_rows", "notes", "dt")
-    return {name: getattr(table, name) for name in told} | {
-        "in_seconds": sorted(table.in_seconds),
-        "origins": list(table.origins.items()),
-        "left_out": dict(table.left_out),
-        "stamped": table.stamps is not None,
-    }
-
-
-def _answers(table: Table, request: dict[str, Any]) -> Iterator[tuple[dict[str, Any], Arrays]]:
-    """Yield what answers a request: blocks of rows, stamps of a column, or the words for a row."""
-    if "row" in request:
-        yield {"row": table.describe_row(request["row"])}, []
-        return
-    blocks: Any
-    if "stamps" in request:
-        assert table.stamps is not None
-        blocks = iter([[table.stamps(request["stamps"])]])
-    else:
-        blocks = table.blocks(request["columns"])
-    for block in blocks:
-        allow(found=sum(int(np.count_nonzero(np.isfinite(array))) for array in block))
-        yield {"lengths": [array.size for array in block]}, block
-    yield {"end": True}, []
-
-
-def _failure(error: Exception) -> dict[str, Any]:
+def _failure(path: Path, parser: Parser, error: Exception) -> Exception:
+    """Return the error for the caller, with the words of an exception that only the libraries know."""
     allow(held=_TO_ANSWER)  # what the error still holds may be all that was allowed
     if isinstance(error, ReplantError):
-        return {"error": type(error).__name__, "text": str(error)}
+        return error
     if isinstance(error, OSError) and error.errno is not None:
-        return {"error": "OSError", "code": error.errno, "text": error.strerror}
-    return {"error": "", "text": reason_of(error)[:120]}
+        return OSError(error.errno, error.strerror)
+    return LogError(f"{path}: not readable as {parser.kind} ({reason_of(error)[:120]}); {parser.remedy}")
+
+
+# --- between the two
+
+
+def _send(answer: Any, out: BinaryIO) -> None:
+    """Write an answer: a list is one of arrays, anything else is pickled."""
+    is_arrays = isinstance(answer, list)
+    pickle.dump([array.size for array in answer] if is_arrays else answer, out)
+    for array in answer if is_arrays else ():
+        out.write(np.ascontiguousarray(array, np.float64).data.cast("B") if array.size else b"")
+    out.flush()
+
+
+def _received(file: Any) -> Any:
+    """Read an answer that `_send` has written."""
+    answer = pickle.load(file)
+    if isinstance(answer, list):
+        answer = [np.empty(length) for length in answer]
+        if any(file.readinto(array) < array.nbytes for array in answer):
+            raise EOFError
+    return answer
 
 
 # --- its limits
