@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from replant.logs.npz import array_table, is_sampling_time, no_signal_error, places_of, stated_dt
+from replant.logs.npz import Signal, is_sampling_time, signals_in, table_of_arrays
 from replant.logs.parser_process import allow
 from replant.logs.sampling_time import unit_of_stamps
 from replant.logs.table import MOST_COLUMNS, Arrays, Table, at_most, damage_as_log_error, needed, too_many_error
@@ -36,14 +36,14 @@ _NUMERIC = {"double", "single", "logical", *(f"{sign}int{bits}" for sign in ("",
 
 
 @dataclass(frozen=True)
-class _Signal:
-    """Where a column lies: the path of its data set, its field if that is a table, and its index there."""
+class _Array:
+    """A data set, or a field of one that is a table."""
 
-    name: str
     dataset: str
     field: str | None
-    index: tuple[int | slice, ...]  # as the file has it: MATLAB's dimensions are reversed there
-    rows: int
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    is_reversed: bool  # whether the file has its dimensions the other way round, as MATLAB writes them
 
 
 def read_hdf5(path: Path) -> Table:
@@ -66,38 +66,33 @@ def reasons(objects: Mapping[str, str]) -> dict[str, str]:
 
 
 def _table(path: Path, *, matlab: bool) -> Table:
-    signals: list[_Signal] = []
-    scalars: list[tuple[str, float]] = []
-    objects: dict[str, str] = {}
     left_out: dict[str, str] = {}
     with _opened(path, matlab=matlab) as file:
-        for place, dataset in _datasets(path, file):
-            name = place.replace("/", ".") if matlab else place
-            reason = _reason_not_to_read(path, name, dataset)
-            if reason:
-                left_out[name] = reason
-                continue
-            given = dataset.attrs.get(_CLASS)
-            kind = given.decode(errors="replace") if isinstance(given, bytes) else ""
-            if matlab and _DECODED in dataset.attrs:
-                objects[name] = kind
-            elif not matlab or kind in _NUMERIC:
-                signals += _signals_in(name, place, dataset, matlab=matlab)
-                if is_sampling_time(name, dataset.shape or (), dataset.dtype.kind):
-                    scalars.append((name, float(np.asarray(dataset[()]).reshape(-1)[0])))
-            if len(signals) > MOST_COLUMNS:
-                raise too_many_error(path, "columns")
+        arrays = _arrays(path, file, left_out, matlab=matlab)
+        return table_of_arrays(path, arrays, partial(_blocks, path, matlab=matlab), partial(_number, file), left_out)
+
+
+def _arrays(path: Path, file: Any, left_out: dict[str, str], *, matlab: bool) -> Iterator[tuple[str, _Array]]:
+    """Yield the arrays of numbers with their names; ``left_out`` is filled with what cannot be read."""
+    objects: dict[str, str] = {}
+    for place, dataset in _datasets(path, file):
+        name = place.replace("/", ".") if matlab else place
+        if reason := _reason_not_to_read(path, name, dataset):
+            left_out[name] = reason
+            continue
+        given = dataset.attrs.get(_CLASS)
+        kind = given.decode(errors="replace") if isinstance(given, bytes) else ""
+        if matlab and _DECODED in dataset.attrs:
+            objects[name] = kind
+        elif dataset.shape is not None and (not matlab or kind in _NUMERIC):
+            shape = dataset.shape[::-1] if matlab else dataset.shape
+            fields: dict[str | None, Any] = {None: dataset.dtype}
+            if dataset.dtype.names is not None:  # a number in a table of one row is no sampling time
+                fields = {field: dataset.dtype[field] for field in dataset.dtype.names if dataset.size > 1}
+            for field, dtype in fields.items():
+                if dtype.kind in "biuf" and dtype.shape == ():
+                    yield name if field is None else f"{name}.{field}", _Array(place, field, shape, dtype, matlab)
     left_out |= reasons(objects)
-    if not signals:
-        raise no_signal_error(path, left_out)
-    return Table(
-        path,
-        tuple(signal.name for signal in signals),
-        partial(_blocks, path, signals, matlab=matlab),
-        approximate_rows=max(signal.rows for signal in signals),
-        dt=stated_dt(path, scalars),
-        left_out=left_out,
-    )
 
 
 @contextmanager
@@ -147,48 +142,41 @@ def _reason_not_to_read(path: Path, name: str, dataset: Any) -> str:
     return ""
 
 
-def _signals_in(name: str, place: str, dataset: Any, *, matlab: bool) -> Iterator[_Signal]:
-    if dataset.shape is None:
-        return
-    if dataset.dtype.names:
-        parts = [(f"{name}.{field}", field, dataset.dtype[field]) for field in dataset.dtype.names]
-    else:
-        parts = [(name, None, dataset.dtype)]
-    shape = dataset.shape[::-1] if matlab else dataset.shape
-    for of_part, field, kind in parts:
-        if kind.kind in "biuf" and kind.shape == ():
-            for of_column, index in places_of(of_part, shape):
-                rows = next(length for length, one in zip(shape, index, strict=True) if isinstance(one, slice))
-                yield _Signal(of_column, place, field, index[::-1] if matlab else index, rows)
-
-
-def _blocks(path: Path, signals: Sequence[_Signal], columns: Sequence[int], *, matlab: bool) -> Iterator[Arrays]:
-    chosen = [signals[number] for number in columns]
+def _blocks(path: Path, signals: Sequence[Signal], *, matlab: bool) -> Iterator[Arrays]:
     with _opened(path, matlab=matlab) as file:
-        rows = {signal.rows for signal in chosen}
-        step = max((_block_rows(file[signal.dataset], signal) for signal in chosen), default=1)
+        rows = {signal.rows for signal in signals}
+        step = max((_block_rows(file[signal.array.dataset], signal) for signal in signals), default=1)
         if len(rows) != 1:  # which the caller says; none can be cut into blocks
-            allow(held=8 * sum(signal.rows for signal in chosen))
+            allow(held=8 * sum(signal.rows for signal in signals))
             step = max(rows, default=0)
         for begin in range(0, max(rows, default=0), max(1, step)):
-            yield [_values(file, signal, slice(begin, begin + step)) for signal in chosen]
+            yield [_values(file, signal, slice(begin, begin + step)) for signal in signals]
 
 
-def _block_rows(dataset: Any, signal: _Signal) -> int:
+def _block_rows(dataset: Any, signal: Signal) -> int:
     """Return the rows to read at a time: whole chunks, which are unpacked as a whole."""
     if dataset.chunks is None:
         return BLOCK_ROWS
-    rows = next(length for length, one in zip(dataset.chunks, signal.index, strict=True) if isinstance(one, slice))
+    rows = next(length for length, one in zip(dataset.chunks, _index(signal), strict=True) if isinstance(one, slice))
     chunk, whole = math.prod(dataset.chunks), math.prod(dataset.shape)
     allow(held=8 * (min(chunk, whole) + min(rows, signal.rows)))
     return int(rows * max(1, BLOCK_ROWS // rows))
 
 
-def _values(file: Any, signal: _Signal, rows: slice) -> FloatArray:
-    values = file[signal.dataset][tuple(rows if isinstance(one, slice) else one for one in signal.index)]
-    if signal.field is not None:
-        values = values[signal.field]
+def _values(file: Any, signal: Signal, rows: slice) -> FloatArray:
+    index = tuple(rows if isinstance(one, slice) else one for one in _index(signal))
+    values = file[signal.array.dataset][index]
+    if signal.array.field is not None:
+        values = values[signal.array.field]
     return np.array(values, np.float64).reshape(-1)
+
+
+def _index(signal: Signal) -> tuple[int | slice, ...]:
+    return signal.index[::-1] if signal.array.is_reversed else signal.index
+
+
+def _number(file: Any, array: _Array) -> float:
+    return float(np.asarray(file[array.dataset][()]).reshape(-1)[0])
 
 
 _HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -208,7 +196,12 @@ def read_matlab(path: Path) -> Table:
         return _table(path, matlab=True)
     with damage_as_log_error(path, "MATLAB file", _SAVE_AGAIN):
         contents = _load(path, head)
-        return array_table(path, list(_signals(contents)), reasons(_objects(contents)))
+        blocks, left_out = _blocks_in_memory, reasons(_objects(contents))
+        return table_of_arrays(path, _arrays_in(contents), blocks, lambda array: float(array.reshape(-1)[0]), left_out)
+
+
+def _blocks_in_memory(signals: Sequence[Signal]) -> Iterator[Arrays]:
+    yield [np.array(signal.array[signal.index], np.float64).reshape(-1) for signal in signals]
 
 
 def _load(path: Path, head: bytes) -> dict[str, Any]:
@@ -233,7 +226,8 @@ def _load(path: Path, head: bytes) -> dict[str, Any]:
 
 def _may_be_signal(name: str, shape: tuple[int, ...], kind: str) -> bool:
     if kind in _NUMERIC:
-        return any(True for _ in places_of(name, shape)) or is_sampling_time(name, shape, "f")
+        array = np.broadcast_to(0.0, shape)
+        return any(True for _ in signals_in(name, array)) or is_sampling_time(name, array)
     return kind not in _NO_SIGNALS
 
 
@@ -262,20 +256,16 @@ def _unpacked_size(file: Any, length: int) -> int:
     return size
 
 
-def _signals(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
+def _arrays_in(contents: dict[str, Any]) -> Iterator[tuple[str, NDArray[Any]]]:
     """Yield the numeric arrays among variables with their names, those in a struct as ``logs.time``."""
     for deep in (False, True):  # structs within structs are looked into where nothing lies above them
-        found = [(name, value) for name, value in _arrays(contents, deep=deep) if value.dtype.kind in "biuf"]
+        found = [(name, value) for name, value in _in_variables(contents, deep=deep) if value.dtype.kind in "biuf"]
         if any(value.size > 1 for _, value in found):
-            yield from (
-                (name, value)
-                for name, value in found
-                if value.size > 1 or is_sampling_time(name, value.shape, value.dtype.kind)
-            )
+            yield from found
             return
 
 
-def _arrays(contents: dict[str, Any], *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:
+def _in_variables(contents: dict[str, Any], *, deep: bool) -> Iterator[tuple[str, NDArray[Any]]]:
     for name, value in contents.items():
         if name.startswith("__") or not isinstance(value, np.ndarray):
             continue
@@ -295,7 +285,7 @@ def _in_struct(name: str, value: NDArray[Any], *, deep: bool) -> Iterator[tuple[
                     yield from _simulink_signals(place, held)
                 elif deep and held.dtype.names is not None and not _is_opaque(held):
                     yield from _in_struct(place, held, deep=deep)
-                elif not is_sampling_time(place, held.shape, held.dtype.kind):
+                elif not is_sampling_time(place, held):
                     yield place, held
                 elif unit is not None:
                     yield place, held * unit

@@ -1,11 +1,11 @@
-"""Named arrays as the columns of a table, and NumPy archives (.npz), read block by block."""
+"""Arrays as the columns of a table; and NumPy archives (.npz), read block by block."""
 
 from __future__ import annotations
 
 import math
 import warnings
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -14,7 +14,6 @@ from typing import IO, Any
 
 import numpy as np
 from numpy.lib import format as npy
-from numpy.typing import NDArray
 
 from replant.errors import LogError
 from replant.logs.table import Arrays, Table, at_most, damage_as_log_error, open_zip
@@ -23,21 +22,73 @@ from replant.numerics.arguments import FloatArray
 SAMPLING_TIME = "Ts"  # name of a scalar, perhaps in a struct, that is the sampling time in s
 
 
-def places_of(name: str, shape: Sequence[int]) -> Iterator[tuple[str, tuple[int | slice, ...]]]:
-    """Yield name and index of each signal in an array of a shape: a vector itself, a matrix along its longer side."""
-    every = slice(None)
+@dataclass(frozen=True)
+class Signal:
+    """A column: its name, the array that it lies in, its index there, and its length."""
+
+    name: str
+    array: Any
+    index: tuple[int | slice, ...]
+    rows: int
+
+
+def signals_in(name: str, array: Any) -> Iterator[Signal]:
+    """Yield the signals in an array, by its shape: a vector itself, a matrix along its longer side."""
+    every, shape = slice(None), array.shape
     long = [axis for axis, length in enumerate(shape) if length != 1]
     if len(long) == 1 and shape[long[0]] > 1:
-        yield name, tuple(every if axis == long[0] else 0 for axis in range(len(shape)))
+        index = tuple(every if axis == long[0] else 0 for axis in range(len(shape)))
+        yield Signal(name, array, index, shape[long[0]])
     elif len(long) == 2 == len(shape) and min(shape) > 0:
         rows, columns = shape
         if rows >= columns:
-            yield from ((f"{name}[:,{index}]", (every, index)) for index in range(columns))
+            yield from (Signal(f"{name}[:,{at}]", array, (every, at), rows) for at in range(columns))
         else:
-            yield from ((f"{name}[{index},:]", (index, every)) for index in range(rows))
+            yield from (Signal(f"{name}[{at},:]", array, (at, every), columns) for at in range(rows))
 
 
-def stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None:
+def is_sampling_time(name: str, array: Any) -> bool:
+    """Return whether an array is a number that states the sampling time."""
+    own = name.replace("/", ".").rpartition(".")[2].partition("{")[0]  # Ts{2}: in a cell
+    return own == SAMPLING_TIME and array.dtype.kind in "iuf" and int(np.prod(array.shape)) == 1
+
+
+def table_of_arrays(
+    path: Path,
+    found: Iterable[tuple[str, Any]],
+    blocks: Callable[[Sequence[Signal]], Iterator[Arrays]],
+    number: Callable[[Any], float],
+    left_out: Mapping[str, str],
+) -> Table:
+    """Make a table from named arrays of numbers, which have a shape and a dtype; one number called Ts is dt.
+
+    ``blocks`` reads signals, and ``number`` an array of one number; ``left_out`` says why something is no signal.
+    """
+    scalars: list[tuple[str, float]] = []
+
+    def each() -> Iterator[Signal]:
+        for name, array in found:
+            yield from signals_in(name, array)
+            if is_sampling_time(name, array):
+                scalars.append((name, number(array)))
+
+    signals = list(at_most(path, each(), "columns"))
+    if not signals:
+        reason = next(iter(left_out.values()), "") or (
+            "no numeric array of two samples or more in the file; save the signals as vectors"
+        )
+        raise LogError(f"{path}: {reason}")
+    return Table(
+        path,
+        tuple(signal.name for signal in signals),
+        lambda columns: blocks([signals[number] for number in columns]),
+        approximate_rows=max(signal.rows for signal in signals),
+        dt=_stated_dt(path, scalars),
+        left_out=left_out,
+    )
+
+
+def _stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None:
     """Return the sampling time that scalars called Ts state; None if there is none, or they differ."""
     if len({value for _, value in scalars}) != 1:
         return None
@@ -45,41 +96,6 @@ def stated_dt(path: Path, scalars: Sequence[tuple[str, float]]) -> float | None:
     if not 0.0 < value < np.inf:
         raise LogError(f"{path}: {name} is the sampling time, and must be finite and positive; it is {value}")
     return value
-
-
-def is_sampling_time(name: str, shape: Sequence[int], kind: str) -> bool:
-    """Return whether a variable is a number that states the sampling time."""
-    own = name.replace("/", ".").rpartition(".")[2].partition("{")[0]  # Ts{2}: in a cell
-    return own == SAMPLING_TIME and kind in "iuf" and int(np.prod(shape)) == 1
-
-
-def array_table(path: Path, found: Sequence[tuple[str, NDArray[Any]]], left_out: Mapping[str, str]) -> Table:
-    """Make a table from named arrays of numbers; one number called Ts is the sampling time."""
-    places = [(name, array[index]) for of, array in found for name, index in places_of(of, array.shape)]
-    if not places:
-        raise no_signal_error(path, left_out)
-    values = [value.reshape(-1) for _, value in places]
-    scalars = [
-        (name, float(array.reshape(-1)[0]))
-        for name, array in found
-        if is_sampling_time(name, array.shape, array.dtype.kind)
-    ]
-    return Table(
-        path,
-        tuple(name for name, _ in places),
-        lambda numbers: iter([[np.array(values[number], dtype=np.float64) for number in numbers]]),
-        approximate_rows=max(map(len, values)),
-        dt=stated_dt(path, scalars),
-        left_out=left_out,
-    )
-
-
-def no_signal_error(path: Path, left_out: Mapping[str, str]) -> LogError:
-    """Return the error for a file without a signal; it says why the first of what cannot be read is none."""
-    reason = next(iter(left_out.values()), "")
-    if reason:
-        return LogError(f"{path}: {reason}")
-    return LogError(f"{path}: no numeric array of two samples or more in the file; save the signals as vectors")
 
 
 BLOCK_BYTES = 1 << 19  # part of an array that is read at a time [bytes]
@@ -95,41 +111,11 @@ class _Array:
     is_fortran: bool
     dtype: np.dtype[Any]
 
-    @property
-    def name(self) -> str:
-        return self.member.removesuffix(_SUFFIX)
-
-
-@dataclass(frozen=True)
-class _Signal:
-    """A column: its array, where its first item lies in it, how far apart its items are, and how many there are."""
-
-    array: _Array
-    first: int
-    step: int
-    rows: int
-
 
 def read(path: Path) -> Table:
     """Open a NumPy archive."""
-    signals: dict[str, _Signal] = {}
-    scalars: list[tuple[str, float]] = []
     with _opened(path) as file:
-        for array in _arrays(file):
-            columns = ((name, _signal(array, index)) for name, index in places_of(array.name, array.shape))
-            signals.update(at_most(path, columns, "columns"))
-            if is_sampling_time(array.name, array.shape, array.dtype.kind):
-                (values,) = _blocks_of(file, _Signal(array, 0, 1, 1))
-                scalars.append((array.name, float(values[0])))
-    if not signals:
-        raise no_signal_error(path, {})
-    return Table(
-        path,
-        tuple(signals),
-        partial(_blocks, path, list(signals.values())),
-        approximate_rows=max(signal.rows for signal in signals.values()),
-        dt=stated_dt(path, scalars),
-    )
+        return table_of_arrays(path, _arrays(file), partial(_blocks, path), partial(_number, file), {})
 
 
 @contextmanager
@@ -138,9 +124,9 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
         yield file
 
 
-def _arrays(file: zipfile.ZipFile) -> Iterator[_Array]:
+def _arrays(file: zipfile.ZipFile) -> Iterator[tuple[str, _Array]]:
     """Yield the arrays of numbers; Python objects are no signals, and unsafe to load."""
-    for member in file.infolist():
+    for member in {each.filename: each for each in file.infolist()}.values():
         if not member.filename.endswith(_SUFFIX):
             continue
         with file.open(member) as content:
@@ -149,7 +135,7 @@ def _arrays(file: zipfile.ZipFile) -> Iterator[_Array]:
             claimed = math.prod(shape) * dtype.itemsize
             if claimed > member.file_size:
                 raise ValueError(f"{member.filename} claims {claimed:,} bytes and holds {member.file_size:,}")
-            yield _Array(member.filename, shape, is_fortran, dtype)
+            yield member.filename.removesuffix(_SUFFIX), _Array(member.filename, shape, is_fortran, dtype)
 
 
 def _header(content: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
@@ -159,43 +145,47 @@ def _header(content: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
         return read(content)
 
 
-def _signal(array: _Array, index: tuple[int | slice, ...]) -> _Signal:
-    """Return where the items of a column lie in the array as its file has it."""
-    order = range(len(array.shape)) if array.is_fortran else reversed(range(len(array.shape)))
-    first, step, size, rows = 0, 1, 1, 1
-    for axis in order:
-        at = index[axis]
+def _number(file: zipfile.ZipFile, array: _Array) -> float:
+    (values,) = _parts(file, Signal("", array, (), 1), 1)
+    return float(values[0])
+
+
+def _blocks(path: Path, signals: Sequence[Signal]) -> Iterator[Arrays]:
+    widest = max((_place(signal)[1] * signal.array.dtype.itemsize for signal in signals), default=1)
+    with _opened(path) as file:
+        parts = [_parts(file, signal, max(1, BLOCK_BYTES // widest)) for signal in signals]
+        if len({signal.rows for signal in signals}) == 1:
+            yield from map(list, zip(*parts, strict=True))
+        else:  # which the caller says; none can be cut into blocks
+            yield [np.concatenate(list(each)) for each in parts]
+
+
+def _place(signal: Signal) -> tuple[int, int]:
+    """Return where the first item of a column lies in the array as its file has it, and how far apart its items are."""
+    shape, first, step, size = signal.array.shape, 0, 1, 1
+    axes = list(enumerate(signal.index))
+    for axis, at in axes if signal.array.is_fortran else reversed(axes):
         if isinstance(at, slice):
-            step, rows = size, array.shape[axis]
+            step = size
         else:
             first += at * size
-        size *= array.shape[axis]
-    return _Signal(array, first, step, rows)
+        size *= shape[axis]
+    return first, step
 
 
-def _blocks(path: Path, signals: Sequence[_Signal], columns: Sequence[int]) -> Iterator[Arrays]:
-    chosen = [signals[number] for number in columns]
-    with _opened(path) as file:
-        if len({(signal.rows, signal.step, signal.array.dtype.itemsize) for signal in chosen}) == 1:
-            yield from map(list, zip(*(_blocks_of(file, signal) for signal in chosen), strict=True))
-        else:
-            yield [np.concatenate(list(_blocks_of(file, signal))) for signal in chosen]
-
-
-def _blocks_of(file: zipfile.ZipFile, signal: _Signal) -> Iterator[FloatArray]:
-    """Yield the values of a column, block by block."""
-    width = signal.array.dtype.itemsize
-    rows = max(1, BLOCK_BYTES // (signal.step * width))
+def _parts(file: zipfile.ZipFile, signal: Signal, rows: int) -> Iterator[FloatArray]:
+    """Yield the values of a column, some rows at a time."""
+    (first, step), width = _place(signal), signal.array.dtype.itemsize
     with file.open(signal.array.member) as content:
         _header(content)
-        content.seek(signal.first * width, 1)
+        content.seek(first * width, 1)
         for begin in range(0, signal.rows, rows):
             count = min(rows, signal.rows - begin)
-            length = ((count - 1) * signal.step + 1) * width
+            length = ((count - 1) * step + 1) * width
             read = content.read(length)
             if len(read) != length:
                 raise ValueError(f"it ends {length - len(read):,} bytes before its array")
             items = np.frombuffer(read, signal.array.dtype)
             if begin + count < signal.rows:
-                content.seek((signal.step - 1) * width, 1)
-            yield np.array(items[:: signal.step], np.float64)
+                content.seek((step - 1) * width, 1)
+            yield np.array(items[::step], np.float64)
