@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from replant.errors import LogError
-from replant.logs import Table, doubtful_unit, read_columns
+from replant.logs import Table, open_recording
 from replant.logs.merged_channels import Channel, Signal, channel_table, side_by_side
 from replant.logs.recording import joined
 from replant.logs.table import at_most
@@ -75,13 +75,12 @@ def test_channels_are_looked_at_side_by_side_at_the_stamps_of_the_finest() -> No
 
 def test_a_unit_of_time_that_is_guessed_is_said(write: Write) -> None:
     rows = "0,1,0\n20,1,0.5\n40,1,0.75\n"
-    name, unit = doubtful_unit(write(f"t,u,y\n{rows}")) or ("", None)
-    assert name == "t"
-    assert unit is not None
-    assert unit.doubt.endswith("its steps of 20 are taken as seconds, and may be milliseconds or less")
-    assert doubtful_unit(write(f"t [ms],u,y\n{rows}")) is None
-    assert doubtful_unit(write(f"a,u,y\n{rows}")) is None
-    assert doubtful_unit(read_columns(write(f"a,u,y\n{rows}")), "a") is not None
+    taken = "its name states no unit; its steps of 20 are taken as seconds, and may be milliseconds or less"
+    for name in "ta":
+        doubt = open_recording(write(f"{name},u,y\n{rows}"), input="u", output="y", time=name).doubt
+        assert doubt.startswith(f"column {name!r}: {taken}; if they are, name the column {name}_ms")
+    for name, clock in (("t [ms]", {}), ("a", {"dt": 1.0}), ("t", {"dt": 20.0})):
+        assert open_recording(write(f"{name},u,y\n{rows}"), input="u", output="y", **clock).doubt == ""
 
 
 def test_more_parts_of_a_file_than_a_log_has_are_refused() -> None:

@@ -32,7 +32,7 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.estimation.settings import AUTO, Request, filter_for
 from replant.fitting.log_inspection import with_others
-from replant.logs import Log, Recording, doubtful_unit, open_recording, stamped_interval
+from replant.logs import Log, Recording, open_recording, stamped_interval
 from replant.logs.log import check_one_reference
 from replant.logs.sampling_time import COARSE
 from replant.model.preprocess import Preprocess
@@ -263,10 +263,8 @@ def _note(options: dict[str, Any], recording: Recording) -> None:
         name, usual = interval
         contradiction = f"{options['log']}: column {name!r} steps by {usual:.4g} s, but --dt is {dt:.4g} s"
         note(f"{contradiction}; --dt is used")
-    found = None if dt is not None or recording.dt < COARSE else doubtful_unit(recording.table, options["time_column"])
-    if found is not None:
-        name, unit = found
-        note(f"{options['log']}: column {name!r}: {unit.doubt}; {unit.remedy}")
+    if recording.doubt and recording.dt >= COARSE:
+        note(f"{options['log']}: {recording.doubt}")
 
 
 def columns_of(options: dict[str, Any]) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 from replant.logs.file_formats import read_columns
 from replant.logs.log import Log
-from replant.logs.read import doubtful_unit, open_recording, read_log, stamped_interval
+from replant.logs.read import open_recording, read_log, stamped_interval
 from replant.logs.recording import Recording
 from replant.logs.table import Table
 
@@ -10,7 +10,6 @@ __all__ = [
     "Log",
     "Recording",
     "Table",
-    "doubtful_unit",
     "open_recording",
     "read_columns",
     "read_log",

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from replant.errors import LogError, shown
 from replant.logs.columns import LOST
+from replant.logs.sampling_time import checked_unit
 from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
 from replant.numerics.robust import last_known
@@ -141,34 +142,38 @@ def on_one_clock(table: Table, roles: dict[str, int], *, is_timed: bool) -> tupl
     return table, roles
 
 
-def written_apart(
-    table: Table, roles: Mapping[str, int], stamps_of: Callable[[FloatArray], FloatArray]
-) -> Table | None:
-    """Return the columns as channels where most outputs come without an input, and inputs alone; None elsewhere.
+def written_apart(table: Table, roles: Mapping[str, int], dt: float | None) -> tuple[Table, dict[str, int]] | None:
+    """Return columns of one clock where most outputs come without an input, and inputs alone; None elsewhere.
 
-    ``stamps_of`` gives the stamps in s of the column of the time, or of any column where there is none.
+    Without a column of time the rows are ``dt`` apart, in s.
     """
     numbers = list(roles.values())
-    if not _some_apart(roles, table.head(numbers, 1)):
+    if table.stamps is not None or not _some_apart(roles, table.head(numbers, 1)):
         return None
     read = table.columns(numbers)
     empty = _some_apart(roles, read)
     if not empty:
         return None
     columns = dict(zip(numbers, read, strict=True))
-    t = stamps_of(columns[roles.get("time", roles["output"])])
+    if "time" in roles:
+        stamps = columns[roles["time"]]
+        t = stamps * checked_unit(table, roles["time"], stamps).seconds
+    else:
+        assert dt is not None
+        t = np.asarray(dt * np.arange(columns[roles["output"]].size), np.float64)
     notes = [
         f"{table.path}: column {shown(table.names[number])} is empty in {rows:,} of {t.size:,} rows, and taken to hold "
         "from each value to the next"
         for number, rows in empty.items()
     ]
     columns |= {number: last_known(columns[number]) for number in empty}
-    return replace(
+    apart = replace(
         table,
         blocks=lambda keys: iter([[columns[key][np.isfinite(columns[key])] for key in keys]]),
         stamps=lambda key: t[np.isfinite(columns[key])],
         notes=(*table.notes, *notes),
     )
+    return on_one_clock(apart, {role: number for role, number in roles.items() if role != "time"}, is_timed=False)
 
 
 def _some_apart(roles: Mapping[str, int], columns: Sequence[FloatArray]) -> dict[int, int]:

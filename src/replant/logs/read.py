@@ -8,7 +8,6 @@ import sys
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,7 @@ from replant.logs.sampling_time import (
     Clock,
     StampUnit,
     check_dt,
-    check_unit,
+    checked_unit,
     clock_of,
     time_columns,
     unit_in_seconds,
@@ -32,7 +31,6 @@ from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
 from replant.numerics.arguments import FloatArray, iterable
 from replant.numerics.limits import file_path
 
-FIRST = 1 << 16  # stamps of a log that its unit of time is told from [samples]
 _ROLES = {"input": "an input", "output": "the output", "reference": "a reference"}
 _GIVE_TIME = "name the time column (time, --time) or give the sampling time (dt, --dt)"
 
@@ -146,10 +144,9 @@ def open_recording(
             step = table.dt
         else:
             roles["time"] = _find_time(table, roles)
-    apart = None if table.stamps else written_apart(table, roles, partial(stamps_of, table, roles.get("time"), step))
-    if apart is not None:
-        signals = {role: number for role, number in roles.items() if role != "time"}
-        (table, roles), step = on_one_clock(apart, signals, is_timed=False), None
+    merged = written_apart(table, roles, step)
+    if merged is not None:
+        (table, roles), step = merged, None
     if begin is not None or end is not None:
         table = _part(table, roles.get("time"), step, check_range(begin, end))
     arrays = table.arrays(list(roles.values()), most_held, progress)
@@ -163,21 +160,20 @@ def open_recording(
                 f"{table.path}: column {shown(table.names[number])} has no number in {rows:,} rows; "
                 f"choose another column as the {role.split()[0]}, or record the log again"
             )
-    clock, unit = Clock(math.nan), 1.0
+    clock, unit, doubt = Clock(math.nan), StampUnit(1.0), ""
     if stamped := "time" in roles:
-        number, stamps = roles["time"], arrays[-1]
-        clock = clock_of(table.path, table.names[number], stamps, table.describe_row)
-        if number not in table.in_seconds:
-            check_unit(table.path, table.names[number], stamps[:FIRST])
-            unit = unit_in_seconds(table.names[number])
-        step = float(f"{clock.interval * unit:.12g}")
+        name, stamps = table.names[roles["time"]], arrays[-1]
+        clock = clock_of(table.path, name, stamps, table.describe_row)
+        unit = checked_unit(table, roles["time"], stamps)
+        doubt = f"column {name!r}: {unit.doubt}; {unit.remedy}" if unit.doubt else ""
+        step = float(f"{clock.interval * unit.seconds:.12g}")
     assert step is not None
     columns = tuple(roles[role] for role in keys if role in _ROLES)
     others = dict(zip([role for role in keys if role not in _ROLES], arrays[len(columns) : len(keys)], strict=True))
     arrays = [*arrays[: len(columns)], *arrays[len(keys) :]]
     complete = all(np.isfinite(part).all() for parts in in_parts(arrays[: len(columns)]) for part in parts)
     recording = Recording(
-        table, columns, arrays, step, stamped, rows, complete, None, begin, end, clock.irregularity, unit
+        table, columns, arrays, step, stamped, rows, complete, None, begin, end, clock.irregularity, unit.seconds, doubt
     )
     if rows > most_held and not others:
         return recording
@@ -209,17 +205,6 @@ def _without_repeats(table: Table, arrays: Arrays) -> tuple[Table, Arrays]:
     return replace(table, notes=(*table.notes, note)), [np.delete(column, repeated) for column in arrays]
 
 
-def stamps_of(table: Table, time: int | None, step: float | None, column: FloatArray) -> FloatArray:
-    """Return the stamps in s of a column of times, or where there is none of one with a sampling time."""
-    if time is None:
-        assert step is not None
-        return np.asarray(step * np.arange(column.size), np.float64)
-    if time in table.in_seconds:
-        return column
-    check_unit(table.path, table.names[time], column[:FIRST])
-    return column * unit_in_seconds(table.names[time])
-
-
 def _part(table: Table, time: int | None, dt: float | None, between: tuple[float, float]) -> Table:
     stated = time is not None and time not in table.in_seconds
     unit = unit_in_seconds(table.names[time]) if time is not None and stated else 1.0
@@ -230,33 +215,17 @@ def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] |
     """Return the name of the time column, and the median interval of its first block in s; None where none is sure."""
     table = log if isinstance(log, Table) else read_columns(log)
     candidates = time_columns(table)
-    stamps = _first_stamps(table, candidates[0]) if len(candidates) == 1 else None
-    if stamps is None:
+    if len(candidates) != 1:
+        return None
+    try:
+        (stamps,) = table.head(candidates, 1)
+    except LogError:  # it holds no numbers
         return None
     name = table.names[candidates[0]]
     unit = 1.0 if candidates[0] in table.in_seconds else unit_of_stamps(name, stamps).seconds
     with np.errstate(invalid="ignore", over="ignore"):
         interval = float(np.median(np.diff(stamps))) * unit if stamps.size > 1 else math.nan
     return (name, interval) if interval > 0.0 else None
-
-
-def doubtful_unit(log: str | os.PathLike[str] | Table, time: str | None = None) -> tuple[str, StampUnit] | None:
-    """Return the name of the time column and its unit, if that is guessed; None if it is stated."""
-    table = log if isinstance(log, Table) else read_columns(log)
-    found = time_columns(table) if time is None else [table.find(time)]
-    stamps = None if not found or found[0] in table.in_seconds else _first_stamps(table, found[0])
-    if stamps is None:
-        return None
-    unit = unit_of_stamps(table.names[found[0]], stamps)
-    return (table.names[found[0]], unit) if unit.doubt else None
-
-
-def _first_stamps(table: Table, number: int) -> FloatArray | None:
-    """Return the first block of a column; None where it holds no numbers."""
-    try:
-        return table.head([number], 1)[0]
-    except LogError:
-        return None
 
 
 def _check_rows(table: Table, roles: dict[str, int], arrays: Sequence[FloatArray]) -> None:

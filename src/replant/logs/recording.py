@@ -34,7 +34,8 @@ class Recording:
     begin: float | None = None
     end: float | None = None
     irregularity: str = ""
-    unit: float = 1.0
+    unit: float = 1.0  # one unit of the stamps in s
+    doubt: str = ""  # why it may be another one; empty if it is stated
 
     def of_log(self, log: Log) -> Recording:
         """Return a recording whose samples are those of a log, which is held in memory."""

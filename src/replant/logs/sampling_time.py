@@ -157,6 +157,7 @@ LATEST = 1e11  # stamp beyond which the unit cannot be the one taken: in seconds
 COARSE = 1.0  # interval of stamps without a unit from which on they may be counts of ms, us or ns [their unit]
 # Excel counts from 1900 on, MATLAB from the year 0
 _DATES = (36_526.0, 73_051.0), (730_486.0, 767_011.0)  # numbers of the days of the years 2000 to 2100 [days]
+FIRST = 1 << 16  # stamps of a log that its unit of time is told from [samples]
 ROUND = 1e-3  # difference of a step from one of two digits that is rounding [part of it]
 _COUNTS = ((1e-3, "milliseconds", "ms"), (1e-6, "microseconds", "us"), (1e-9, "nanoseconds", "ns"))
 _GIVE_DT = "or give the sampling time (dt, --dt) instead of a time column"
@@ -214,11 +215,14 @@ def _is_round(value: float) -> bool:
     return abs(value / float(f"{value:.2g}") - 1.0) <= ROUND
 
 
-def check_unit(path: Path, name: str, stamps: FloatArray) -> None:
-    """Check that the unit of time stamps (K,) can be the one taken."""
-    unit = unit_of_stamps(name, stamps)
+def checked_unit(table: Table, number: int, stamps: FloatArray) -> StampUnit:
+    """Return the unit of a column of time stamps (K,) by the first of them, checked that it can be the one taken."""
+    if number in table.in_seconds:
+        return StampUnit(1.0)
+    unit = unit_of_stamps(table.names[number], stamps[:FIRST])
     if unit.refused:
-        raise LogError(f"{path}: column {shown(name)}: {unit.doubt}; {unit.remedy}")
+        raise LogError(f"{table.path}: column {shown(table.names[number])}: {unit.doubt}; {unit.remedy}")
+    return unit
 
 
 def _core(name: str) -> str:

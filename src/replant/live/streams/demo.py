@@ -8,7 +8,6 @@ import time
 from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,6 @@ from replant.live.streams.reader_thread import Source
 from replant.live.streams.source import UY, Batch, Columns, Signals, together
 from replant.logs import read_columns
 from replant.logs.merged_channels import on_one_clock, written_apart
-from replant.logs.read import stamps_of
 from replant.logs.sampling_time import time_candidates, unit_in_seconds
 from replant.model import state_space
 from replant.model.state_space import Response
@@ -100,11 +98,11 @@ def open_replay(address: Address, columns: Columns, signals: Signals) -> ReplayS
     names = ["input", *(f"input {number}" for number in range(2, inputs + 1)), "output", "reference"]
     roles, is_timed = dict(zip(names, map(table.find, keys), strict=False)), dt is not None or "time" in options
     if table.stamps is None and (stamps is not None or dt is not None):
-        timed = roles if stamps is None else roles | {"time": stamps}
-        apart = written_apart(table, timed, partial(stamps_of, table, stamps, dt))
-        table, is_timed = (table, is_timed) if apart is None else (apart, False)
-    if table.stamps is not None:
-        table, roles = on_one_clock(table, roles, is_timed=is_timed)
+        merged = written_apart(table, roles if stamps is None else roles | {"time": stamps}, dt)
+    else:
+        merged = on_one_clock(table, roles, is_timed=is_timed)
+    if merged is not None:
+        table, roles = merged
         stamps = roles.pop("time", stamps)
         keys = list(roles.values())
     if stamps is not None:
