@@ -14,7 +14,7 @@ from replant.cli.messages import note
 from replant.cli.option_types import Choice, Parsed
 from replant.errors import InvalidArgumentError
 from replant.logs.conditioning import STEPS, from_rest
-from replant.logs.log import Log
+from replant.logs.log import Log, changed
 from replant.numerics.arguments import BoolArray
 
 Edges = tuple[float | None, float | None]
@@ -91,8 +91,6 @@ def has_stretches(options: dict[str, Any]) -> bool:
 
 def stretched(log: Log, options: dict[str, Any]) -> Log:
     """Return a log up to the last output that the options leave in, and without those that they leave out."""
-    from dataclasses import replace
-
     clock = log.dt * np.arange(log.input.size) if log.time is None else log.time - log.time[0]
     clock = clock + (options.get("begin") or 0.0)
     used, kept, held = (_within(clock, name, options) for name in NAMES)
@@ -101,12 +99,8 @@ def stretched(log: Log, options: dict[str, Any]) -> Log:
         raise InvalidArgumentError("--use, --leave-out, --validate-on: no output is left to make a model of")
     note(f"{int((~left).sum()):,} of {clock.size:,} outputs are left out, as --use, --leave-out or --validate-on say")
     end = int(np.flatnonzero(left)[-1]) + 1  # an output that is missing from there on would be a sensor that has failed
-    return replace(
-        log, input=log.input[:end], output=np.where(left, log.output, np.nan)[:end],
-        time=None if log.time is None else log.time[:end],
-        reference=None if log.reference is None else log.reference[:end],
-        others={name: signal[:end] for name, signal in log.others.items()},
-    )  # fmt: skip
+    time = None if log.time is None else log.time[:end]
+    return changed(log, lambda signal: signal[:end], np.where(left, log.output, np.nan)[:end], time=time)
 
 
 def _within(clock: Any, name: str, options: dict[str, Any]) -> BoolArray:

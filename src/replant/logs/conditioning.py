@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from replant.errors import InvalidArgumentError, shown
-from replant.logs.frequency_band import bandpass, changed
-from replant.logs.log import Log
+from replant.logs.frequency_band import bandpass
+from replant.logs.log import Log, changed
 from replant.model.preprocess import accepted
 from replant.numerics.arguments import FloatArray, instance, whole
 from replant.numerics.limits import duration, increasing

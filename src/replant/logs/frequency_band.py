@@ -8,15 +8,13 @@ a drift along a straight line nothing is left.  Until it has forgotten its begin
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from replant.errors import InvalidArgumentError
-from replant.logs.log import Log
+from replant.logs.log import Log, changed
 from replant.model.preprocess import accepted
 from replant.numerics.arguments import BoolArray, FloatArray, instance, positive
 
@@ -81,15 +79,6 @@ def bandpass(log: Log, low: float | None = None, high: float | None = None) -> L
     forgets = _calm(unknown, count) & (np.arange(unknown.size) >= count)
     output = _filtered(log.output, sections)
     return changed(log, lambda signal: _filtered(signal, sections), np.where(forgets & ~unknown, output, np.nan))
-
-
-def changed(log: Log, change: Callable[[FloatArray], FloatArray], output: FloatArray, **others: Any) -> Log:
-    """Return a log whose signals but the output are changed by a function."""
-    return dataclasses.replace(
-        log, input=change(log.input), output=output,
-        reference=None if log.reference is None else change(log.reference),
-        others={name: change(signal) for name, signal in log.others.items()}, **others,
-    )  # fmt: skip
 
 
 def _sections(log: Log, low: float | None, high: float | None) -> Any:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -233,6 +233,17 @@ class Log:
         if self.reference is not None:
             signals |= {"reference": (self.reference_name, self.reference)}
         return signals | {f"reference_{i}": (name, self.others[name]) for i, name in enumerate(self.more_references, 2)}
+
+
+def changed(
+    log: Log, change: Callable[[NDArray[np.float64]], NDArray[np.float64]], output: NDArray[np.float64], **others: Any
+) -> Log:
+    """Return a log whose signals but the output are changed by a function."""
+    return replace(
+        log, input=change(log.input), output=output,
+        reference=None if log.reference is None else change(log.reference),
+        others={name: change(signal) for name, signal in log.others.items()}, **others,
+    )  # fmt: skip
 
 
 def unused(others: Mapping[str, NDArray[np.float64]], *used: tuple[str, ...]) -> dict[str, NDArray[np.float64]]:
