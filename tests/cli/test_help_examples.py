@@ -13,9 +13,8 @@ import pytest
 import replant as rp
 from replant.cli import COMMANDS, EXAMPLES, cli
 from replant.model.transfer_function import TransferFunction
-from replant.paper import figures, reproduction
-from replant.paper.reproduction import TableResult
-from replant.paper.tables import Table
+from replant.paper import figures, tables
+from replant.paper.tables import Table, TableResult
 from replant.signals import prbs
 from support.cases import every
 from support.command import call
@@ -89,7 +88,7 @@ def test_examples_run(capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, l
 @cache
 def table(wanted: Table) -> TableResult:
     """A table of the article: two examples show it."""
-    return reproduction.reproduce(wanted)
+    return tables.reproduce(wanted)
 
 
 @pytest.mark.slow

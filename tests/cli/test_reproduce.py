@@ -7,7 +7,7 @@ from functools import cache
 import pytest
 
 from replant.cli import main
-from replant.paper import actuator, figures, reproduction
+from replant.paper import actuator, figures, tables
 from replant.paper.figures import NAMES
 from support.cases import every
 
@@ -26,7 +26,7 @@ def short_run():
 @cache
 def table(wanted):
     """A table of the article: the tests that show it share its runs."""
-    return reproduction.reproduce(wanted)
+    return tables.reproduce(wanted)
 
 
 def shorten(patch):

@@ -10,8 +10,7 @@ import pytest
 
 import replant as rp
 from replant.errors import ArgumentTypeError, InvalidArgumentError
-from replant.paper.reproduction import reproduce
-from replant.paper.tables import TABLES
+from replant.paper.tables import TABLES, reproduce
 from support.cases import every
 from support.dying import refuse
 from support.fleets import DT, recorded

@@ -3,8 +3,7 @@
 import pytest
 
 from replant.paper.actuator import Actuator, measure_rig, reproduce_actuator
-from replant.paper.reproduction import TableResult, reproduce
-from replant.paper.tables import TABLES
+from replant.paper.tables import TABLES, TableResult, reproduce
 
 
 @pytest.fixture(scope="session")

@@ -10,8 +10,7 @@ import pytest
 from replant.paper.actuator import Course, measure, measure_rig
 from replant.paper.figures import FIGURES, compute
 from replant.paper.rendering import _listed, _short, typeset
-from replant.paper.reproduction import Cell, reproduce
-from replant.paper.tables import TABLES, Plant, run_seeds, thin
+from replant.paper.tables import TABLES, Cell, Plant, reproduce, run_seeds, thin
 
 
 def test_measures_of_a_course() -> None:

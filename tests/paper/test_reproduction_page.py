@@ -12,8 +12,7 @@ from replant.cli.demo import deliver, reproduce_command
 from replant.paper import rendering
 from replant.paper.actuator import NOTES
 from replant.paper.figures import FIGURES, Outcome, run, save
-from replant.paper.rendering import CAPTIONS, as_element, typeset, write_report
-from replant.paper.reproduction import summary
+from replant.paper.rendering import CAPTIONS, as_element, summary, typeset, write_report
 from replant.plotting.numbers import number, uncertain
 
 DRAWN = ("fig1", "fig2", "fig3", "fig4", "fig6", "fig7", "fig7-exact", "fig8", "fig8-exact")

@@ -23,11 +23,9 @@ from replant.numerics.arguments import FloatArray
 from replant.online.runs.result import Result
 from replant.online.runs.run import run_online
 from replant.paper import rendering
-from replant.paper.actuator import NOTES
 from replant.paper.figures import ACTUATOR, ACTUATOR_FIGURES, NAMES, Outcome, is_figure, run, save, steps
 from replant.paper.rendering import as_element
 from replant.paper.rendering import write_report as write_reproduction
-from replant.paper.reproduction import SOURCE, as_json, as_markdown, as_rich, notes, summary
 from replant.plotting.numbers import off_by, true_parameters
 from replant.report.figures import save_figures
 from replant.report.result_page import write_report
@@ -81,9 +79,7 @@ def deliver(
     """Reproduce tables and figures, print the tables, and write everything into a folder."""
     make_folder(out)
     outcome, written, pictures = _run(names, out, report=report, on=on)
-    results = as_json(list(outcome.tables.values()))
-    of_actuator = {ACTUATOR: rendering.as_json(outcome.actuator)} if outcome.actuator else {}
-    text = json.dumps({**results, **of_actuator}, indent=2, allow_nan=False)
+    text = json.dumps(rendering.as_json(outcome), indent=2, allow_nan=False)
     if out is not None and (outcome.tables or outcome.actuator):
         written += _write_tables(out, text, outcome)
     if out is not None and report:
@@ -119,9 +115,7 @@ def _run(
 
 
 def _write_tables(out: Path, text: str, outcome: Outcome) -> list[Path]:
-    pages = [as_markdown(list(outcome.tables.values()))] if outcome.tables else []
-    pages += [rendering.as_markdown(outcome.actuator)] if outcome.actuator else []
-    contents = {out / "tables.md": "\n".join(pages), out / "tables.json": text + "\n"}
+    contents = {out / "tables.md": rendering.as_markdown(outcome), out / "tables.json": text + "\n"}
     with write_errors_reported(out):
         for path, content in contents.items():
             path.write_text(content, encoding="utf-8")
@@ -133,27 +127,17 @@ def _show(outcome: Outcome, written: Sequence[Path]) -> None:
     from rich.padding import Padding
 
     console = Console(highlight=False, markup=False)
-    results = list(outcome.tables.values())
-    if results:
-        console.print(SOURCE)
-    for result in results:
+    if outcome.tables:
+        console.print(rendering.SOURCE)
+    for title, shown, notes, conclusions in rendering.for_terminal(outcome):
         console.print()
-        console.print(result.table.title, style="bold")
-        console.print(as_rich(result))
-        for note in notes(result):
-            console.print(Padding(note, (0, 0, 0, 2), expand=False), style="dim")
-    if results:
-        console.print()
-    for line in summary(results):
-        console.print(line)
-    if outcome.actuator is not None:
-        console.print()
-        console.print(rendering.ACTUATOR_TITLE, style="bold")
-        console.print(rendering.as_rich(outcome.actuator))
-        for line in (*rendering.LEGEND, *NOTES):
+        console.print(title, style="bold")
+        console.print(shown)
+        for line in notes:
             console.print(Padding(line, (0, 0, 0, 2), expand=False), style="dim")
-        console.print()
-        for line in rendering.actuator_summary(outcome.actuator):
+        if conclusions:
+            console.print()
+        for line in conclusions:
             console.print(line)
     for path in written:
         if path.suffix != ".svg":

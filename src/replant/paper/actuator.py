@@ -12,7 +12,8 @@ roughness
 
 The article's record is not published.  The rig of Table 6 is simulated instead, with the laser's noise and the
 membrane's creep.  Its voltage has steps of 10 ms to 20 s, which excite both the slow mode (0.1 rad/s) and the fast,
-lightly damped one (76.7 rad/s).  `NOTES` lists the settings that the article does not print.
+lightly damped one (76.7 rad/s).  `NOTES` lists the settings that the article does not print, `LEGEND` what the
+columns of the table are.
 """
 
 from __future__ import annotations
@@ -158,6 +159,20 @@ NOTES = (
     "as long as the slow mode's time constant; Lambda(s) is (s + 50)^3.",
     "Gains in the article's units: 0.05 g_n for Gradient (1/s) and IntegralCost (1/s^2), multiplied by the sampling "
     "time, 5e-5 g_n for AMSGrad and Adam.",
+)
+
+LEGEND = (
+    "a2 to b0: error of the last estimate, in percent of the true value.",
+    "filter: gbt is the article's, Tustin's rule and one sample late; exact has no discretisation error; own is the "
+    "default's.",
+    "normalised: each row of the regression is divided by m of (13), as in the online runs.",
+    "J_sum: the article's index (21), summed over the coefficients; a1, the largest coefficient, dominates the sum.",
+    "replant's default begins to learn with a model of the first tenth of the record; until then provisional models of "
+    "fewer samples count in its J, and 0 before the first of them.",
+    "in 10%: time in s from which on every coefficient stays within 10 % of its true value.",
+    "rough: standard deviation over the last tenth of the record about the best straight line, in percent of the true "
+    "value; the largest of the coefficients.",
+    "free: fit in percent of the last model, simulated from the input alone.",
 )
 
 

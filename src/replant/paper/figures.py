@@ -18,8 +18,7 @@ import numpy as np
 from replant.fitting.fit_result import FitResult
 from replant.paper import actuator as rig
 from replant.paper.actuator import GAINS, Actuator, Record
-from replant.paper.reproduction import TableResult, reproduce
-from replant.paper.tables import TABLES, Curve, Table, curve, transients
+from replant.paper.tables import TABLES, Curve, Table, TableResult, curve, reproduce, transients
 from replant.plotting.numbers import symbol
 from replant.plotting.style import BLUE, FONT, GREY, NAVY, ORANGE, SKY, TRUE, VERMILION, blank_figure, tidy
 

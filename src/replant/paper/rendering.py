@@ -1,19 +1,19 @@
-"""The actuator's table as JSON, Markdown and text, and the report of `replant reproduce`."""
+"""What `replant reproduce` gives: tables as JSON, Markdown and text, and the report."""
 
 from __future__ import annotations
 
 import html
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from replant.fitting.model_json import finite
-from replant.paper.actuator import DEFAULT, NORMALISED, NOTES, OFFLINE, Actuator, Row
-from replant.paper.figures import ACTUATOR_FIGURES, FIGURES, Outcome
-from replant.paper.reproduction import SOURCE, Cell, TableResult, markdown_table, notes, summary
+from replant.paper.actuator import DEFAULT, LEGEND, NORMALISED, NOTES, OFFLINE, Actuator, Row
+from replant.paper.figures import ACTUATOR, ACTUATOR_FIGURES, FIGURES, Outcome
+from replant.paper.tables import LIMIT, Cell, RowResult, TableResult, three_digits
 from replant.plotting.numbers import number, uncertain
 from replant.report.contents import versions
 from replant.report.page_figures import svg
@@ -23,45 +23,121 @@ if TYPE_CHECKING:
     from rich.table import Table as RichTable
 
 
+SOURCE = (
+    "Bernat and Kolota (2023), doi 10.24425/acs.2023.146960: the performance index J of each parameter, "
+    "the sum over all samples of its squared error, (21)."
+)
 Texts = tuple[str, ...]
 ACTUATOR_TITLE = "The actuator: twelve online runs, least squares, and replant's default"
-LEGEND = (
-    "a2 to b0: error of the last estimate, in percent of the true value.",
-    "filter: gbt is the article's, Tustin's rule and one sample late; exact has no discretisation error; own is the "
-    "default's.",
-    "normalised: each row of the regression is divided by m of (13), as in the online runs.",
-    "J_sum: the article's index (21), summed over the coefficients; a1, the largest coefficient, dominates the sum.",
-    "replant's default begins to learn with a model of the first tenth of the record; until then provisional models of "
-    "fewer samples count in its J, and 0 before the first of them.",
-    "in 10%: time in s from which on every coefficient stays within 10 % of its true value.",
-    "rough: standard deviation over the last tenth of the record about the best straight line, in percent of the true "
-    "value; the largest of the coefficients.",
-    "free: fit in percent of the last model, simulated from the input alone.",
-)
 
 
-def as_json(actuator: Actuator) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Return {row: {index: {ours, published}}}; ``published`` is None, as the article has no such table.
+def as_json(outcome: Outcome) -> dict[str, dict[str, dict[str, dict[str, Any]]]]:
+    """Return {table: {row: {index: {ours, published, agrees}}}}; a row with buffer has ours, a mean, std and seeds.
 
-    Indices: J_* (21), error_* [%], settled_* [s], roughness_* [%] by coefficient, J_sum, settled, roughness, and
-    free_run [%].
+    Of the actuator, whose table the article does not have, ``published`` is None.  Its indices: J_* (21), error_* [%],
+    settled_* [s], roughness_* [%] by coefficient, J_sum, settled, roughness, and free_run [%].
     """
-    return {
-        row.label: {
-            name: {"ours": None if value is None else finite(value), "published": None}
-            for name, value in _figures(row).items()
-        }
-        for row in actuator.rows
+    tables: dict[str, Any] = {
+        name: {row.row.label: {cell.index: _cell_as_json(cell, row.seeds) for cell in row.cells} for row in result.rows}
+        for name, result in outcome.tables.items()
     }
+    if outcome.actuator is not None:
+        tables[ACTUATOR] = {
+            row.label: {
+                name: {"ours": None if value is None else finite(value), "published": None}
+                for name, value in _figures(row).items()
+            }
+            for row in outcome.actuator.rows
+        }
+    return tables
 
 
-def as_markdown(actuator: Actuator) -> str:
-    """Return the tables as a Markdown section: the summary table, then every measure by coefficient."""
-    parts = [f"## {ACTUATOR_TITLE}", markdown_table(*summary_table(actuator))]
-    parts.append("\n".join(f"* {line}" for line in (*LEGEND, *NOTES, *actuator_summary(actuator))))
-    for title, headings, rows in measure_tables(actuator):
-        parts += [f"### {title}", markdown_table(headings, rows)]
+def as_markdown(outcome: Outcome) -> str:
+    """Return the tables as a Markdown page: the article's with a summary, then the actuator's with every measure."""
+    parts, results = [], list(outcome.tables.values())
+    if results:
+        parts += ["# The article's tables, reproduced", SOURCE]
+    for result in results:
+        headings, rows = _as_text(result)
+        lines = [(label, *line) for label, cells in rows.items() for line in cells]
+        parts += [f"## {result.table.title}", markdown_table(headings, lines, left=("index", "match"))]
+        parts.append(_bullets(notes(result)))
+    if results:
+        parts += ["## Summary", _bullets(summary(results))]
+    if (actuator := outcome.actuator) is not None:
+        parts += [f"## {ACTUATOR_TITLE}", markdown_table(*summary_table(actuator))]
+        parts.append(_bullets([*LEGEND, *NOTES, *actuator_summary(actuator)]))
+        for title, names, shown in measure_tables(actuator):
+            parts += [f"### {title}", markdown_table(names, shown)]
     return "\n\n".join(parts) + "\n"
+
+
+def _bullets(lines: Iterable[str]) -> str:
+    return "\n".join(f"* {line}" for line in lines)
+
+
+def _as_text(result: TableResult) -> tuple[Texts, dict[str, list[Texts]]]:
+    """Return the headings of a table, and the lines of each row, one for each figure, without the row's label."""
+    buffered = any(row.batch is not None for row in result.rows)
+
+    def line(cell: Cell) -> Texts:
+        std = () if not buffered else ("",) if cell.std is None else (f"{cell.std:.1e}",)
+        return (cell.index, three_digits(cell.ours), *std, three_digits(cell.published), cell.verdict)
+
+    headings = (result.table.heading, "index", "ours", *(("std",) if buffered else ()), "published", "match")
+    return headings, {row.row.label: [line(cell) for cell in row.cells] for row in result.rows}
+
+
+def for_terminal(outcome: Outcome) -> Iterator[tuple[str, RichTable, Sequence[str], Sequence[str]]]:
+    """Yield title, table, notes and conclusions of each table; those of the article's tables come with the last."""
+    results = list(outcome.tables.values())
+    for result in results:
+        yield result.table.title, _rich(result), notes(result), summary(results) if result is results[-1] else ()
+    if outcome.actuator is not None:
+        told = actuator_summary(outcome.actuator)
+        yield ACTUATOR_TITLE, _rich_of_actuator(outcome.actuator), (*LEGEND, *NOTES), told
+
+
+def _rich(result: TableResult) -> RichTable:
+    """Return a table with a section for each row, and a line in it for each figure."""
+    from rich.text import Text
+
+    (heading, *headings), texts = _as_text(result)
+    rows = []
+    for row in result.rows:
+        *figures, _ = ("\n".join(column) for column in zip(*texts[row.row.label], strict=True))
+        match = Text("\n").join(Text(cell.verdict, "green" if cell.agrees else "yellow") for cell in row.cells)
+        rows.append((row.row.label, *figures, match))
+    return _sections((heading, *headings), rows, left=("index", "match"), wrap=heading)
+
+
+def _rich_of_actuator(actuator: Actuator) -> RichTable:
+    """Return a table, 80 columns wide, with a section for each run, and a line in it for each filter."""
+    from rich.text import Text
+
+    rows = []
+    for (method, variant), group in groupby(actuator.rows, lambda row: (row.method, row.variant)):
+        columns = zip(*((row.filters, *_fields(row)) for row in group), strict=True)
+        style = "bold" if method == DEFAULT else ""
+        name = f"{method}\n{variant}" if variant else method
+        rows.append((Text(name, style), *(Text("\n".join(column), style) for column in columns)))
+    return _sections(("method", "filter", *_headings(actuator)), rows, left=("method", "filter"), padding=0)
+
+
+def _sections(
+    headings: Sequence[str], rows: Iterable[Sequence[Any]], *, left: Collection[str], wrap: str = "", padding: int = 1
+) -> RichTable:
+    """Return a table with a line between rows; the column ``wrap`` may be broken on a narrow terminal."""
+    from rich import box
+    from rich.table import Table
+
+    table = Table(box=box.SIMPLE_HEAD, show_lines=True, pad_edge=False, padding=(0, padding))
+    for heading in headings:
+        is_left = heading in left or heading == wrap
+        table.add_column(heading, justify="left" if is_left else "right", no_wrap=heading != wrap)
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def summary_table(actuator: Actuator) -> tuple[Texts, list[Texts]]:
@@ -83,26 +159,6 @@ def measure_tables(actuator: Actuator) -> Iterator[tuple[str, Texts, list[Texts]
             if row.measures is not None
         ]
         yield title, ("method", *names), rows
-
-
-def as_rich(actuator: Actuator) -> RichTable:
-    """Return a table for the terminal, 80 columns wide: a section for each run, a line for each filter."""
-    from rich import box
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(box=box.SIMPLE_HEAD, show_lines=True, pad_edge=False, padding=0)
-    for heading in ("method", "filter"):
-        table.add_column(heading, no_wrap=True)
-    for heading in _headings(actuator):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for (method, variant), group in groupby(actuator.rows, lambda row: (row.method, row.variant)):
-        rows = list(group)
-        columns = zip(*((row.filters, *_fields(row)) for row in rows), strict=True)
-        style = "bold" if method == DEFAULT else ""
-        name = f"{method}\n{variant}" if variant else method
-        table.add_row(Text(name, style), *(Text("\n".join(column), style) for column in columns))
-    return table
 
 
 def actuator_summary(actuator: Actuator) -> list[str]:
@@ -134,8 +190,8 @@ def _fields(row: Row) -> tuple[str, ...]:
     if row.measures is None:
         return ("", *errors, "", "", _short(row.free_run))
     measures = row.measures
-    settled = "never" if measures.all_settled is None else _short(measures.all_settled)
-    return (_scientific(measures.index_sum), *errors, settled, _short(measures.roughest), _short(row.free_run))
+    told = _short(measures.all_settled), _short(measures.roughest)
+    return (_scientific(measures.index_sum), *errors, *told, _short(row.free_run))
 
 
 def _figures(row: Row) -> dict[str, float | None]:
@@ -169,6 +225,52 @@ def _listed(errors: Mapping[str, float]) -> str:
     """Return errors by name, each with two digits."""
     sizes = {name: abs(error) for name, error in errors.items()}
     return ", ".join(f"{name} {size:.0f} %" if size >= 10.0 else f"{name} {size:.2g} %" for name, size in sizes.items())
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Iterable[str]], left: Collection[str] = ()) -> str:
+    """Return a table in Markdown; its columns are flush right, but for the first one and those in ``left``."""
+    below = ["---" if heading in left else "--:" for heading in headings[1:]]
+    return "\n".join("| " + " | ".join(row) + " |" for row in (headings, ["---", *below], *rows))
+
+
+def notes(result: TableResult) -> list[str]:
+    """Return the notes to a table."""
+    lines = list(result.table.notes)
+    seeds = max(row.seeds for row in result.rows)
+    if seeds > 1:
+        lines.append(f"With buffer: mean and standard deviation (std) over {seeds} seeds; the article prints one run.")
+    if result.improvement is not None and result.table.improvement is not None:
+        printed, ours = result.improvement
+        lines.append(
+            f"The article's text gives the improvement of J_sum as {result.table.improvement.published} %. "
+            f"By its own table the improvement is {printed:.1f} %, by ours {ours:.1f} %."
+        )
+    return lines
+
+
+def summary(results: Sequence[TableResult]) -> list[str]:
+    """Return how many figures agree: for the rows without buffer, then for those with a buffer, by batch size."""
+    rows = [row for result in results for row in result.rows]
+    lines = []
+    for batch in sorted({row.batch for row in rows}, key=lambda batch: batch or 0):
+        chosen = [row for row in rows if row.batch == batch]
+        if batch is None:
+            lines.append(f"Without buffer: {_count(chosen)} equal in all printed digits.")
+        else:
+            said = " as the article prints it" if any("as printed" in row.row.label for row in chosen) else ""
+            lines.append(f"With buffer, batch {batch}{said}: {_count(chosen)} within {LIMIT:g} standard deviations.")
+    return lines
+
+
+def _count(rows: Sequence[RowResult]) -> str:
+    parameters = [cell.agrees for row in rows for cell in row.cells if cell.index != "J_sum"]
+    sums = [row["J_sum"].agrees for row in rows]
+    return f"{sum(parameters)} of {len(parameters)} figures and {sum(sums)} of {len(sums)} sums"
+
+
+def _cell_as_json(cell: Cell, seeds: int) -> dict[str, Any]:
+    chance = {} if cell.std is None else {"std": cell.std, "seeds": seeds}
+    return {"ours": cell.ours, **chance, "published": cell.published, "agrees": cell.agrees}
 
 
 TITLE = "The buffered optimization methods, reproduced"

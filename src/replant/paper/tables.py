@@ -1,14 +1,17 @@
-"""Tables 1-4 of the article as data, the experiment behind a row, and its estimates as curves.
+"""Tables 1-4 of the article as data, and computed again: the experiment behind a row, its figures and its curves.
 
 Where the article does not print a setting, or its text contradicts its figures, the setting is one that reproduces the
-figures; the notes of each table name it.
+figures; the notes of each table name it.  A row without a buffer is deterministic and is run once.  A row with a buffer
+is run with many seeds; its figure is the mean, and the standard deviation is that of a single run, as the article's is.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from statistics import fmean, stdev
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +20,7 @@ from replant.estimation.filters import StateVariableFilter
 from replant.estimation.optimizers import AMSGrad, Gradient, Optimizer
 from replant.estimation.optimizers.optimizer import Replay
 from replant.estimation.settings import Scaling
+from replant.fleet.fit import sweep
 from replant.model import state_space
 from replant.model.structure import Structure
 from replant.numerics.arguments import FloatArray
@@ -87,7 +91,7 @@ class Experiment:
             filter=self.filter,
             scaling=self.scaling,
             optimizer=self.optimizer,
-            replay=None if self.replay is None else dataclasses.replace(self.replay, seed=seed),
+            replay=None if self.replay is None else replace(self.replay, seed=seed),
         )
 
     def indices(self, trace: Trace) -> dict[str, float]:
@@ -279,3 +283,109 @@ TABLE_4 = Table(
 
 #: The article's tables by name.
 TABLES = {table.name: table for table in (TABLE_1, TABLE_2, TABLE_3, TABLE_4)}
+
+
+SEEDS = 20  # runs of a row with a replay buffer: seeds 0 to 19 [count]
+LIMIT = 3.0  # distance from the mean of our runs up to which a published figure agrees [standard deviations]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A figure of a table, ours and the published one."""
+
+    index: str  # the name of the index, such as "J_a0"
+    ours: float  # for a row with buffer, the mean over the seeds
+    published: float
+    std: float | None = None  # standard deviation over the seeds; None for a row without buffer
+
+    @property
+    def distance(self) -> float | None:
+        """How many standard deviations the published figure lies from ours; None without a buffer."""
+        if self.std is None:
+            return None
+        gap = abs(self.ours - self.published)
+        return gap / self.std if self.std > 0 else math.inf if gap else 0.0
+
+    @property
+    def agrees(self) -> bool:
+        """Whether ours rounds to the published digits or, with a buffer, lies within 3 standard deviations."""
+        distance = self.distance
+        return three_digits(self.ours) == three_digits(self.published) if distance is None else distance <= LIMIT
+
+    @property
+    def verdict(self) -> str:
+        """The result of the comparison: "equal", "differs", "within 3 std", or how many std away."""
+        if self.distance is None:
+            return "equal" if self.agrees else "differs"
+        if self.agrees:
+            return f"within {LIMIT:g} std"
+        return f"{self.distance:.{0 if self.distance >= 10 else 1}f} std away"
+
+
+@dataclass(frozen=True)
+class RowResult:
+    """A row of a table with our figures; ``seeds`` is the number of runs: 1 without a buffer."""
+
+    row: Row
+    cells: tuple[Cell, ...]
+    seeds: int
+
+    @property
+    def batch(self) -> int | None:
+        """The batch size of a row with buffer; None without a buffer."""
+        replay = self.row.experiment.replay
+        return None if replay is None else replay.batch_size
+
+    def __getitem__(self, index: str) -> Cell:
+        return next(cell for cell in self.cells if cell.index == index)
+
+
+@dataclass(frozen=True)
+class TableResult:
+    """A table with our figures."""
+
+    table: Table
+    rows: tuple[RowResult, ...]
+
+    def __getitem__(self, label: str) -> RowResult:
+        return next(result for result in self.rows if result.row.label == label)
+
+    @property
+    def improvement(self) -> tuple[float, float] | None:
+        """The improvement of J_sum in percent, by the article's table and by ours; None if the article claims none."""
+        claim = self.table.improvement
+        if claim is None:
+            return None
+        over, of = self[claim.over]["J_sum"], self[claim.of]["J_sum"]
+        return 100 * (1 - of.published / over.published), 100 * (1 - of.ours / over.ours)
+
+
+def reproduce(
+    table: Table, seeds: int = SEEDS, on_row: Callable[[], None] = lambda: None, executor: Executor | str | None = None
+) -> TableResult:
+    """Run every experiment of a table; call ``on_row`` after each row."""
+    tasks = [(row, 1 if row.experiment.replay is None else seeds) for row in table.rows]
+    found = sweep(_run_row, tasks, executor, lambda done, of: on_row())
+    return TableResult(
+        table, tuple(_row_result(table, row, results) for row, results in zip(table.rows, found, strict=True))
+    )
+
+
+def three_digits(value: float) -> str:
+    """Return a figure with three digits, as the article prints it."""
+    return f"{value:.2e}"
+
+
+def _run_row(task: tuple[Row, int]) -> list[dict[str, float]]:
+    """Return the performance indices of each seed of a row; what an executor calls."""
+    row, seeds = task
+    return run_seeds(row.experiment, range(seeds), row.experiment.plant.record())
+
+
+def _row_result(table: Table, row: Row, results: list[dict[str, float]]) -> RowResult:
+    cells = []
+    for index, published in zip(table.indices, row.published, strict=True):
+        values = [result[index] for result in results]
+        std = None if row.experiment.replay is None else stdev(values)
+        cells.append(Cell(index, fmean(values), published, std))
+    return RowResult(row, tuple(cells), len(results))

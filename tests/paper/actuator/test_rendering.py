@@ -7,13 +7,14 @@ import re
 import pytest
 
 from replant.paper.actuator import DEFAULT
-from replant.paper.rendering import actuator_summary, as_json, as_markdown, as_rich
+from replant.paper.figures import ACTUATOR, Outcome
+from replant.paper.rendering import actuator_summary, as_json, as_markdown, for_terminal
 
 NAMES = ("a2", "a1", "a0", "b1", "b0")
 
 
 def test_json_has_every_measure(actuator):
-    table = json.loads(json.dumps(as_json(actuator), allow_nan=False))
+    table = json.loads(json.dumps(as_json(Outcome(actuator=actuator)), allow_nan=False))[ACTUATOR]
     assert list(table) == [row.label for row in actuator.rows]
     for row in actuator.rows:
         cells = table[row.label]
@@ -31,7 +32,8 @@ def test_the_terminal_table_fits_and_hides_nothing(actuator, width):
     from rich.console import Console
 
     console = Console(file=io.StringIO(), width=width, color_system=None)
-    console.print(as_rich(actuator))
+    ((_, table, *_),) = for_terminal(Outcome(actuator=actuator))
+    console.print(table)
     text = console.file.getvalue()
     assert "…" not in text
     assert max(map(len, text.splitlines())) <= width
@@ -41,7 +43,7 @@ def test_the_terminal_table_fits_and_hides_nothing(actuator, width):
 
 
 def test_markdown_has_a_line_for_every_run_and_square_tables(actuator):
-    page = as_markdown(actuator)
+    page = as_markdown(Outcome(actuator=actuator))
     for row in actuator.rows:
         assert page.count(f"| {row.label} |") == (1 if row.measures is None else 4)
     for block in page.split("\n\n"):

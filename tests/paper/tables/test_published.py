@@ -6,8 +6,7 @@ import math
 import pytest
 
 from replant import Scaling
-from replant.paper.reproduction import SEEDS, three_digits
-from replant.paper.tables import TABLES, run_seeds
+from replant.paper.tables import SEEDS, TABLES, run_seeds, three_digits
 from support.cases import every
 
 ROWS = [(table.name, row.label) for table in TABLES.values() for row in table.rows]

@@ -5,12 +5,13 @@ import json
 
 import pytest
 
-from replant.paper.reproduction import as_json, as_markdown, as_rich, notes, summary
+from replant.paper.figures import Outcome
+from replant.paper.rendering import as_json, as_markdown, for_terminal, notes, summary
 from replant.paper.tables import TABLES
 
 
 def test_json_has_every_figure_beside_the_published_one(results):
-    tables = json.loads(json.dumps(as_json(list(results.values()))))
+    tables = json.loads(json.dumps(as_json(Outcome(results))))
     assert list(tables) == list(TABLES)
     for name, table in TABLES.items():
         assert list(tables[name]) == [row.label for row in table.rows]
@@ -26,9 +27,9 @@ def test_json_has_every_figure_beside_the_published_one(results):
 def test_the_terminal_table_fits_and_hides_nothing(results, width):
     from rich.console import Console
 
-    for result in results.values():
+    for result, (_, table, *_) in zip(results.values(), for_terminal(Outcome(results)), strict=True):
         console = Console(file=io.StringIO(), width=width, color_system=None)
-        console.print(as_rich(result))
+        console.print(table)
         text = console.file.getvalue()
         assert "…" not in text
         assert max(map(len, text.splitlines())) <= width
@@ -37,7 +38,7 @@ def test_the_terminal_table_fits_and_hides_nothing(results, width):
 
 
 def test_markdown_has_a_line_for_every_figure(results):
-    page = as_markdown(list(results.values()))
+    page = as_markdown(Outcome(results))
     figures = [line for line in page.splitlines() if line.startswith("| ") and "J_" in line]
     assert len(figures) == sum(len(row.cells) for result in results.values() for row in result.rows)
     for block in page.split("\n\n"):

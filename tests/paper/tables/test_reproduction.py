@@ -2,8 +2,7 @@
 
 import math
 
-from replant.paper.reproduction import Cell, reproduce
-from replant.paper.tables import TABLES
+from replant.paper.tables import TABLES, Cell, reproduce
 from support.cases import every
 
 
