@@ -14,31 +14,31 @@ from numpy.typing import NDArray
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, LogError
 from replant.logs import open_recording, read_log
-from replant.logs.sampling_time import Clock, check_dt, clock_of, time_candidates, unit_in_seconds, unit_of_stamps
+from replant.logs.sampling_time import check_dt, interval_of, time_candidates, unit_in_seconds, unit_of_stamps
 from replant.numerics.time_stamps import StampResolution, is_regular
 from support.cases import every
 
 Write = Callable[..., Path]
 
 
-def judged(stamps: NDArray[np.float64]) -> tuple[Clock, str]:
-    """What is found of stamps, and in words."""
-    clock = clock_of(Path("log.csv"), "t", stamps, "row {}".format)
-    assert is_regular(stamps) == (not clock.irregularity)
-    return clock, clock.irregularity
+def judged(stamps: NDArray[np.float64]) -> tuple[float, str]:
+    """The interval of stamps, and where it is irregular."""
+    interval, irregularity = interval_of(Path("log.csv"), "t", stamps, "row {}".format)
+    assert is_regular(stamps) == (not irregularity)
+    return interval, irregularity
 
 
 def step_of(stamps: NDArray[np.float64]) -> float:
     """The interval of a clock that is regular."""
-    clock, irregularity = judged(stamps)
+    interval, irregularity = judged(stamps)
     assert not irregularity
-    return clock.interval
+    return interval
 
 
 def step_of_irregular(stamps: NDArray[np.float64]) -> float:
-    clock, irregularity = judged(stamps)
+    interval, irregularity = judged(stamps)
     assert irregularity
-    return clock.interval
+    return interval
 
 
 def log_text(stamps: list[str], name: str = "t") -> str:
@@ -91,9 +91,9 @@ def test_a_missing_sample_is_found_where_it_is(dt: float, decimals: int, count: 
         decimals = 9
     gap = data.draw(st.integers(1, count - 1))
     stamps = np.delete(np.round(dt * np.arange(count + 1), decimals), gap)
-    clock, irregularity = judged(stamps)
+    interval, irregularity = judged(stamps)
     assert f"row {gap}, column 't': irregular time stamps" in irregularity
-    assert clock.interval == pytest.approx(dt, abs=1.01 * 10.0**-decimals)
+    assert interval == pytest.approx(dt, abs=1.01 * 10.0**-decimals)
 
 
 @given(dt=st.sampled_from([1e-3, 0.02, 1.0]), count=st.integers(20, 400), data=st.data())

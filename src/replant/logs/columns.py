@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 
 from replant.errors import LogError
-from replant.logs.sampling_time import StampUnit, clock_of, time_columns, unit_of_stamps
+from replant.logs.sampling_time import StampUnit, interval_of, time_columns, unit_of_stamps
 from replant.logs.table import Table, listed
 from replant.numerics.arguments import FloatArray
 
@@ -250,7 +250,7 @@ def _refusal(table: Table, name: str, stamps: FloatArray) -> str:
     if stamps.size < 2:
         return "fewer than two stamps"
     try:
-        clock_of(table.path, name, stamps, table.describe_row)
+        interval_of(table.path, name, stamps, table.describe_row)
     except LogError as problem:
         return str(problem).removeprefix(f"{table.path}: ")
     return ""

@@ -18,11 +18,10 @@ from replant.logs.log import Log
 from replant.logs.merged_channels import on_one_clock, written_apart
 from replant.logs.recording import MOST_HELD, Recording, check_range, digest, part_of
 from replant.logs.sampling_time import (
-    Clock,
     StampUnit,
     check_dt,
     checked_unit,
-    clock_of,
+    interval_of,
     time_columns,
     unit_in_seconds,
     unit_of_stamps,
@@ -160,20 +159,20 @@ def open_recording(
                 f"{table.path}: column {shown(table.names[number])} has no number in {rows:,} rows; "
                 f"choose another column as the {role.split()[0]}, or record the log again"
             )
-    clock, unit, doubt = Clock(math.nan), StampUnit(1.0), ""
+    irregularity, unit, doubt = "", StampUnit(1.0), ""
     if stamped := "time" in roles:
         name, stamps = table.names[roles["time"]], arrays[-1]
-        clock = clock_of(table.path, name, stamps, table.describe_row)
+        interval, irregularity = interval_of(table.path, name, stamps, table.describe_row)
         unit = checked_unit(table, roles["time"], stamps)
         doubt = f"column {name!r}: {unit.doubt}; {unit.remedy}" if unit.doubt else ""
-        step = float(f"{clock.interval * unit.seconds:.12g}")
+        step = float(f"{interval * unit.seconds:.12g}")
     assert step is not None
     columns = tuple(roles[role] for role in keys if role in _ROLES)
     others = dict(zip([role for role in keys if role not in _ROLES], arrays[len(columns) : len(keys)], strict=True))
     arrays = [*arrays[: len(columns)], *arrays[len(keys) :]]
     complete = all(np.isfinite(part).all() for parts in in_parts(arrays[: len(columns)]) for part in parts)
     recording = Recording(
-        table, columns, arrays, step, stamped, rows, complete, None, begin, end, clock.irregularity, unit.seconds, doubt
+        table, columns, arrays, step, stamped, rows, complete, None, begin, end, irregularity, unit.seconds, doubt
     )
     if rows > most_held and not others:
         return recording

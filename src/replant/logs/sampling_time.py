@@ -67,16 +67,11 @@ def check_dt(dt: object) -> float:
     return duration("the sampling time (dt, --dt)", step)
 
 
-@dataclass(frozen=True)
-class Clock:
-    """What the time stamps of a record say about its clock, in the stamps' unit."""
+def interval_of(path: Path, name: str, stamps: FloatArray, describe_row: Callable[[int], str]) -> tuple[float, str]:
+    """Return the interval of time stamps (K,), which must increase, and where the clock is first irregular, in words.
 
-    interval: float  # the sampling time: the mean interval of a regular clock, the median of an irregular one
-    irregularity: str = ""  # where it is first irregular, in words; empty for a regular clock
-
-
-def clock_of(path: Path, name: str, stamps: FloatArray, describe_row: Callable[[int], str]) -> Clock:
-    """Return what time stamps (K,) say, two of them at least; they must increase."""
+    Of a regular clock it is the mean, and there are no words; of an irregular one it is the median.
+    """
     resolution, median, least, most = StampResolution(), math.nan, math.inf, -math.inf
     for first, part in _parts(stamps):
         _check_increasing(path, name, part, first, describe_row)
@@ -88,17 +83,14 @@ def clock_of(path: Path, name: str, stamps: FloatArray, describe_row: Callable[[
     # regular: each interval within 1 % of the median (of the first 2^18), or as far off as rounding to printed digits
     # makes it; rounding cancels in the mean, and gaps do not move the median
     if is_regular_interval(least, most, median, digits):
-        return Clock(_rounded(float(stamps[-1] - stamps[0]) / (stamps.size - 1)))
+        return _rounded(float(stamps[-1] - stamps[0]) / (stamps.size - 1)), ""
     deviation = max(most - median, median - least)
     allowed = TOLERANCE * median + (digits if digits < 0.25 * median else 0.0)
     allowed *= 1.001  # the sum of both is often met exactly
     row, step = _first_beyond(stamps, median, allowed if deviation > allowed else TOLERANCE * median)
     interval = _without_noise(median, max(abs(float(stamps[0])), abs(float(stamps[-1]))))
-    return Clock(
-        interval,
-        f"{path}: {describe_row(row)}, column {shown(name)}: irregular time stamps, {step:.6g} after the one before "
-        f"where {interval:.6g} is usual",
-    )
+    irregularity = f"irregular time stamps, {step:.6g} after the one before where {interval:.6g} is usual"
+    return interval, f"{path}: {describe_row(row)}, column {shown(name)}: {irregularity}"
 
 
 def _parts(stamps: FloatArray) -> Iterator[tuple[int, FloatArray]]:
