@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import replant as rp
 from replant.errors import LogError
-from replant.logs.merged_channels import Channel, Signal, channel_table, merge, merged, on_one_clock
+from replant.logs.merged_channels import Signal, channel_table, merge, merged, on_one_clock
 from replant.logs.read import open_recording
 from replant.logs.table import Table
 from support.cases import every
@@ -127,7 +127,7 @@ def test_any_rasters_give_the_held_signals_and_each_output(
 
 
 def table(**signals: Signal) -> Table:
-    return channel_table(Path("log.ulg"), [Channel(name, lambda name=name: signals[name]) for name in signals])
+    return channel_table(Path("log.ulg"), [(name, lambda name=name: signals[name]) for name in signals])
 
 
 def test_columns_are_merged_with_the_time_first() -> None:

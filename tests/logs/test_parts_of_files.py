@@ -10,7 +10,7 @@ import pytest
 
 from replant.errors import LogError
 from replant.logs import Table, open_recording
-from replant.logs.merged_channels import Channel, Signal, channel_table, side_by_side
+from replant.logs.merged_channels import Signal, channel_table, side_by_side
 from replant.logs.recording import joined
 from replant.logs.table import at_most
 
@@ -63,9 +63,9 @@ def test_stamps_of_files_that_count_from_their_own_dates_go_on_from_the_first() 
 
 
 def test_channels_are_looked_at_side_by_side_at_the_stamps_of_the_finest() -> None:
-    u = Channel("u", lambda: Signal(np.array([0.5, 2.0]), np.array([1.0, 2.0])))
-    y = Channel("y", lambda: Signal(np.arange(4.0) + 10.0, np.zeros(4)))
-    late = Channel("late", lambda: Signal(np.array([12.0, 13.0]), np.array([7.0, 8.0])))
+    u = ("u", lambda: Signal(np.array([0.5, 2.0]), np.array([1.0, 2.0])))
+    y = ("y", lambda: Signal(np.arange(4.0) + 10.0, np.zeros(4)))
+    late = ("late", lambda: Signal(np.array([12.0, 13.0]), np.array([7.0, 8.0])))
     table = side_by_side(channel_table(Path("log.mf4"), [u, y, late]))
     assert table.names == ("u", "y", "late", "time")
     np.testing.assert_array_equal(table.column("u"), [2.0, 2.0, 2.0, 2.0])

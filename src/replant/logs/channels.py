@@ -15,6 +15,7 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from replant.errors import LogError, shown
-from replant.logs.merged_channels import Channel, Signal, channel_table
+from replant.logs.merged_channels import Signal, channel_table
 from replant.logs.parser_process import allow
 from replant.logs.table import DEFLATE_RATIO, Arrays, Table, at_most, damage_as_log_error, needed
 from replant.logs.text_cells import with_units
@@ -43,9 +44,8 @@ def read_mdf(path: Path) -> Table:
         [f"{group}/{name}" if name in twice else name for _, _, group, name, _ in found], [unit for *_, unit in found]
     )
     places = [(group, number) for group, number, *_ in found]
-    return channel_table(
-        path, [Channel(name, partial(_signal, path, name, *place)) for name, place in zip(names, places, strict=True)]
-    )
+    channels = [(name, partial(_signal, path, name, *place)) for name, place in zip(names, places, strict=True)]
+    return channel_table(path, channels)
 
 
 @contextmanager
@@ -112,12 +112,9 @@ def read_tdms(path: Path) -> Table:
         known = [clock for clock in clocks if clock is not None]
         starts = [_nanoseconds(start) for start, _, _ in known if start is not None]
         origin = min(starts) if len(starts) == len(known) else None
+        each = zip(names, places, known, strict=True)
         return channel_table(
-            path,
-            [
-                Channel(name, partial(_signal_of_tdms, path, place, clock, origin))
-                for name, place, clock in zip(names, places, known, strict=True)
-            ],
+            path, [(name, partial(_signal_of_tdms, path, place, clock, origin)) for name, place, clock in each]
         )
     return Table(path, names, partial(_blocks, path, places), in_seconds=stamps)
 
@@ -180,7 +177,7 @@ def read_ulog(path: Path) -> Table:
         topics = [topic for topic in log.data_list if len(topic.data.get(_STAMP, ()))]
         instances = Counter(topic.name for topic in topics)
         channels = [
-            Channel(
+            (
                 f"{_name(topic, instances)}.{field}",
                 partial(_signal_of_ulog, topic.data[_STAMP], values, log.start_timestamp),
             )
@@ -189,8 +186,7 @@ def read_ulog(path: Path) -> Table:
             if field != _STAMP and values.dtype.kind in "biuf"
         ]
         notes = _notes(path, log)
-    table = channel_table(path, channels)
-    return Table(table.path, table.names, table.blocks, table.describe_row, notes=notes, stamps=table.stamps)
+    return replace(channel_table(path, channels), notes=notes)
 
 
 def _name(topic: Any, instances: Counter[str]) -> str:
@@ -244,7 +240,7 @@ def read_mcap(path: Path) -> Table:
     return channel_table(
         path,
         [
-            Channel(topic + _written(keys), partial(_signal_of_mcap, parts, topic, keys, origin))
+            (topic + _written(keys), partial(_signal_of_mcap, parts, topic, keys, origin))
             for topic, keys in at_most(path, fields, "columns")
         ],
     )

@@ -101,26 +101,19 @@ _KEPT = 4  # channels of a table that are held in memory [count]
 TIME = "time"  # name of the column of merged stamps
 
 
-@dataclass(frozen=True)
-class Channel:
-    """A column of a file, read when it is requested."""
-
-    name: str
-    read: Callable[[], Signal]
-
-
-def channel_table(path: Path, channels: Sequence[Channel]) -> Table:
-    """Make a table of channels."""
+def channel_table(path: Path, channels: Sequence[tuple[str, Callable[[], Signal]]]) -> Table:
+    """Make a table of channels, each a name and what reads it when it is requested."""
     if not channels:
         raise LogError(f"{path}: no channel of numbers with time stamps in the file; choose another file")
 
     @lru_cache(maxsize=_KEPT)  # values and stamps are asked for one after the other
     def signal(number: int) -> Signal:
-        return channels[number].read()
+        _, read = channels[number]
+        return read()
 
     return Table(
         path,
-        tuple(channel.name for channel in channels),
+        tuple(name for name, _ in channels),
         lambda numbers: iter([[signal(number).values for number in numbers]]),
         stamps=lambda number: signal(number).t,
     )

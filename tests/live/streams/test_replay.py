@@ -12,7 +12,7 @@ import pytest
 from replant.errors import InvalidArgumentError, LogError
 from replant.live.streams import demo, open_source
 from replant.logs import read_log
-from replant.logs.merged_channels import Channel, Signal, channel_table
+from replant.logs.merged_channels import Signal, channel_table
 from support.cases import every
 from support.wires import Reading, csv
 
@@ -126,7 +126,7 @@ def test_signals_with_stamps_of_their_own_are_merged(
 ) -> None:
     t = np.arange(40) * 0.01
     signals = {"u": Signal(t[::4], t[::4]), "y": Signal(t, 2.0 * t)}
-    table = channel_table(Path("log.ulg"), [Channel(name, lambda name=name: signals[name]) for name in signals])
+    table = channel_table(Path("log.ulg"), [(name, lambda name=name: signals[name]) for name in signals])
     monkeypatch.setattr(demo, "read_columns", lambda path: table)
     reading = read(open_source("log.csv"))
     reading.join()
