@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from fuzz.files import finding
 from replant.errors import LogError
 from replant.logs import csv, read_log
-from replant.logs.file_formats import FORMATS
+from replant.logs.parser_process import FORMATS
 from support.cases import every, examples
 from support.damage import damaged
 from support.forks import Forks

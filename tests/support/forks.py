@@ -51,9 +51,8 @@ class Outcome:
 
 def is_isolated(path: Path) -> bool:
     """Whether a user's process does not read such a file itself."""
-    from replant.logs.file_formats import FORMATS
-
-    return FORMATS.get(path.suffix.lower()) in parser_process.PARSERS
+    name = parser_process.FORMATS.get(path.suffix.lower())
+    return name is not None and parser_process.PARSERS[name].library != ""
 
 
 def read(path: Path) -> Outcome:

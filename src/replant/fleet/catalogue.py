@@ -21,8 +21,8 @@ from urllib.parse import unquote
 from replant.errors import InvalidArgumentError, LogError
 from replant.fleet.job import Piece, Rig, is_results, printable
 from replant.logs.arrow import SUFFIXES, open_parquet
-from replant.logs.file_formats import FORMATS
 from replant.logs.file_formats import SUFFIXES as PACKED
+from replant.logs.parser_process import FORMATS
 from replant.logs.table import listed
 from replant.numerics.arguments import instance, text
 from replant.numerics.operating_system import reason_of

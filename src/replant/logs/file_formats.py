@@ -22,6 +22,7 @@ from typing import Any, BinaryIO
 
 from replant.errors import LogError, MissingDependencyError
 from replant.logs import arrow, channels, parser_process
+from replant.logs.parser_process import FORMATS
 from replant.logs.table import Arrays, Table, damage_as_log_error, listed, needed, open_zip, unreadable_error
 
 STANDARD_INPUT = Path("-")  # what stands for standard input
@@ -158,24 +159,6 @@ def _only_member(path: Path, found: zipfile.ZipFile) -> zipfile.ZipInfo:
     return members[0]
 
 
-# For each function of a module here, read(path) -> Table, its suffixes; it is imported when such a file is opened
-READERS = {
-    "csv.read": ".csv .txt .tsv .dat",
-    "arrow.read_parquet": ".parquet .pq",
-    "hdf5.read_matlab": ".mat",
-    "npz.read": ".npz",
-    "jsonl.read": ".jsonl .ndjson",
-    "arrow.read_ipc": ".feather .arrow",
-    "xlsx.read": ".xlsx .xlsm",
-    "hdf5.read_hdf5": ".h5 .hdf5",
-    "channels.read_tdms": ".tdms",
-    "channels.read_mdf": ".mf4 .mdf",
-    "channels.read_ulog": ".ulg",
-    "channels.read_mcap": ".mcap",
-}
-FORMATS = {suffix: reader for reader, suffixes in READERS.items() for suffix in suffixes.split()}
-
-
 def read_columns(path: str | os.PathLike[str]) -> Table:
     r"""Open a log file of any format; the table knows its columns' names, and reads columns on request.
 
@@ -222,7 +205,7 @@ def _read_file(path: Path) -> Table:
     with _unreadable_as_log_error(path):
         for part in _parts(path, suffix):
             _check_file(part)
-        if FORMATS[suffix] in parser_process.PARSERS and parser_process.is_possible():
+        if parser_process.is_apart(FORMATS[suffix]):
             return parser_process.read(path, FORMATS[suffix])
         table: Table = parser_process.reader(FORMATS[suffix])(path)
     return table

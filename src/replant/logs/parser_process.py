@@ -56,32 +56,39 @@ Reader = Callable[[Path], Table]
 
 @dataclass(frozen=True)
 class Parser:
-    """What reads a kind of files."""
+    """What reads a kind of files, by their suffixes: without a library, Python and NumPy alone, and here."""
 
-    kind: str
-    library: str
-    imports: tuple[str, ...]  # before memory is limited
+    suffixes: str
+    kind: str = ""
+    library: str = ""
+    imports: tuple[str, ...] = ()  # before memory is limited
     remedy: str = _AGAIN
     without: tuple[str, ...] = ()  # what these would import beside, and do not need
 
 
-# For each reader that is not run here; those of text and .npz files parse with Python and NumPy alone
+# For each function of a module in this folder, read(path) -> Table; it is imported when such a file is opened
 PARSERS = {
-    "hdf5.read_matlab": Parser(
-        "a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"
-    ),
-    "hdf5.read_hdf5": Parser("an HDF5 file", "h5py", ("h5py",)),
+    "csv.read": Parser(".csv .txt .tsv .dat"),
     # pandas, which pyarrow imports to convert a column, takes 50 MB and ten times what reading a short file takes
     "arrow.read_parquet": Parser(
-        "a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute"), without=("pandas",)
+        ".parquet .pq", "a Parquet file", "pyarrow", ("pyarrow.parquet", "pyarrow.compute"), without=("pandas",)
     ),
-    "arrow.read_ipc": Parser("an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute"), without=("pandas",)),
-    "xlsx.read": Parser("an Excel workbook", "openpyxl", ("openpyxl",)),
-    "channels.read_tdms": Parser("a TDMS file", "npTDMS", ("nptdms",)),
-    "channels.read_mdf": Parser("a measurement data file", "asammdf", ("asammdf",)),
-    "channels.read_ulog": Parser("a ULog file", "pyulog", ("pyulog",)),
-    "channels.read_mcap": Parser("an MCAP file", "mcap", ("mcap.reader", "mcap_ros2.decoder")),
+    "hdf5.read_matlab": Parser(
+        ".mat", "a MATLAB file", "SciPy", ("scipy.io",), "save it again in MATLAB with save(..., '-v7')"
+    ),
+    "npz.read": Parser(".npz"),
+    "jsonl.read": Parser(".jsonl .ndjson"),
+    "arrow.read_ipc": Parser(
+        ".feather .arrow", "an Arrow file", "pyarrow", ("pyarrow.ipc", "pyarrow.compute"), without=("pandas",)
+    ),
+    "xlsx.read": Parser(".xlsx .xlsm", "an Excel workbook", "openpyxl", ("openpyxl",)),
+    "hdf5.read_hdf5": Parser(".h5 .hdf5", "an HDF5 file", "h5py", ("h5py",)),
+    "channels.read_tdms": Parser(".tdms", "a TDMS file", "npTDMS", ("nptdms",)),
+    "channels.read_mdf": Parser(".mf4 .mdf", "a measurement data file", "asammdf", ("asammdf",)),
+    "channels.read_ulog": Parser(".ulg", "a ULog file", "pyulog", ("pyulog",)),
+    "channels.read_mcap": Parser(".mcap", "an MCAP file", "mcap", ("mcap.reader", "mcap_ros2.decoder")),
 }
+FORMATS = {suffix: name for name, parser in PARSERS.items() for suffix in parser.suffixes.split()}
 
 
 def reader(name: str) -> Reader:
@@ -94,9 +101,9 @@ def reader(name: str) -> Reader:
 # --- the process that asks
 
 
-def is_possible() -> bool:
-    """Return whether there is a Python to start: not where it is part of a program."""
-    return bool(sys.executable) and not getattr(sys, "frozen", False)
+def is_apart(name: str) -> bool:
+    """Return whether a reader runs in a process of its own: where there is a Python to start, not in a program."""
+    return bool(PARSERS[name].library and sys.executable) and not getattr(sys, "frozen", False)
 
 
 def read(path: Path, reader: str) -> Table:
