@@ -23,7 +23,6 @@ from replant.logs.sampling_time import (
     checked_unit,
     interval_of,
     time_columns,
-    unit_in_seconds,
     unit_of_stamps,
 )
 from replant.logs.table import Arrays, Table, in_parts, listed, repeated_rows
@@ -106,14 +105,6 @@ def read_log(
     return replace(log, sha256=digest(recording.path))
 
 
-def _each(role: str, given: Any) -> list[Any]:
-    """Return the columns of a role: one, or those of a list."""
-    several = [given] if isinstance(given, str | int) or not iterable(given) else list(given)
-    if not several:
-        raise InvalidArgumentError(f"{role} must name a column, got an empty list")
-    return several
-
-
 def open_recording(
     path: str | os.PathLike[str] | Table,
     *,
@@ -131,7 +122,7 @@ def open_recording(
     if time is not None and dt is not None:
         raise InvalidArgumentError("give one of the time column (time, --time) and the sampling time (dt, --dt)")
     step = None if dt is None else check_dt(dt)
-    keys = _signals(_each("input", input), output, [] if reference is None else _each("reference", reference))
+    keys = _columns_by_role(input, output, reference)
     table = path if isinstance(path, Table) else read_columns(path)
     roles = {role: table.find(key) for role, key in keys.items()}
     if time is not None:
@@ -147,7 +138,7 @@ def open_recording(
     if merged is not None:
         (table, roles), step = merged, None
     if begin is not None or end is not None:
-        table = _part(table, roles.get("time"), step, check_range(begin, end))
+        table = part_of(table, *check_range(begin, end), dt=step, time=roles.get("time"))
     arrays = table.arrays(list(roles.values()), most_held, progress)
     _check_rows(table, roles, arrays)
     if "time" in roles:
@@ -186,12 +177,18 @@ def open_recording(
     return replace(recording, held=log)
 
 
-def _signals(inputs: list[Any], output: str | int, references: list[Any]) -> dict[str, Any]:
+def _columns_by_role(inputs: Any, output: str | int, references: Any) -> dict[str, Any]:
     """Return the column of each role, further inputs and references as "input 2" and so on behind the first ones."""
-    keys = {"input": inputs[0], "output": output} | dict(zip(["reference"], references, strict=False))
-    for kind, several in (("input", inputs), ("reference", references)):
-        keys |= {f"{kind} {place}": key for place, key in enumerate(several[1:], 2)}
-    return keys
+    roles = {"input": inputs} if references is None else {"input": inputs, "reference": references}
+    keys: dict[str, Any] = {"input": None, "output": output}
+    further: dict[str, Any] = {}
+    for role, given in roles.items():
+        several = [given] if isinstance(given, str | int) or not iterable(given) else list(given)
+        if not several:
+            raise InvalidArgumentError(f"{role} must name a column, got an empty list")
+        keys[role] = several[0]
+        further |= {f"{role} {place}": key for place, key in enumerate(several[1:], 2)}
+    return keys | further
 
 
 def _without_repeats(table: Table, arrays: Arrays) -> tuple[Table, Arrays]:
@@ -202,12 +199,6 @@ def _without_repeats(table: Table, arrays: Arrays) -> tuple[Table, Arrays]:
     what = "a row repeats" if repeated.size == 1 else f"{repeated.size:,} rows repeat"
     note = f"{table.path}: {what} the one before, time stamp and all: each counts once"
     return replace(table, notes=(*table.notes, note)), [np.delete(column, repeated) for column in arrays]
-
-
-def _part(table: Table, time: int | None, dt: float | None, between: tuple[float, float]) -> Table:
-    stated = time is not None and time not in table.in_seconds
-    unit = unit_in_seconds(table.names[time]) if time is not None and stated else 1.0
-    return part_of(table, *between, dt=dt, time=time, unit=unit)
 
 
 def stamped_interval(log: str | os.PathLike[str] | Table) -> tuple[str, float] | None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from replant.errors import InvalidArgumentError, LogError, shown
 from replant.logs.log import Log
+from replant.logs.sampling_time import unit_in_seconds
 from replant.logs.table import Arrays, Blocks, Table, in_parts, nth_row
 from replant.numerics.arguments import FloatArray, number
 
@@ -105,13 +106,14 @@ def check_range(begin: float | None, end: float | None) -> tuple[float, float]:
     return first, last
 
 
-def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: int | None, unit: float) -> Table:
+def part_of(table: Table, begin: float, end: float, *, dt: float | None, time: int | None) -> Table:
     """Return the table of those rows that lie between two times in s, both included."""
     if time is None:
         assert dt is not None
         first = math.ceil(begin / dt - ROUND_OFF)
         stop = math.inf if math.isinf(end) else math.floor(end / dt + ROUND_OFF) + 1
     else:
+        unit = 1.0 if time in table.in_seconds else unit_in_seconds(table.names[time])
         first, stop = _rows_between((block for (block,) in table.stream([time])), begin / unit, end / unit)
         if stop <= first:
             until = f"to {end:g} s" if math.isfinite(end) else "on"
