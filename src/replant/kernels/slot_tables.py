@@ -8,7 +8,7 @@ with these two arrays each slot is a property: it reads and writes the number, o
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import IntEnum
 from functools import lru_cache
 from typing import Any, ClassVar, Generic, Self, TypeVar, overload
@@ -18,6 +18,7 @@ import numpy as np
 # no stream is as long, a float64 tells samples apart up to it, and sums of many are inside int64
 NEVER = 2**53  # a sample that never comes [samples]
 
+Value = TypeVar("Value")
 Kind = TypeVar("Kind", bound=IntEnum)
 Inner = TypeVar("Inner", bound="Part")
 Array = np.ndarray[Any, np.dtype[np.float64]]
@@ -52,8 +53,38 @@ class Slot:
         raise NotImplementedError
 
 
-class Integer(Slot):
+class Property(Generic[Value]):
+    """What reads a slot of an instance; of the class it is the slot itself."""
+
+    @overload
+    def __get__(self, holder: None, owner: type) -> Self: ...
+    @overload
+    def __get__(self, holder: object, owner: type) -> Value: ...
+    def __get__(self, holder: Any, owner: type) -> Self | Value:
+        return self if holder is None else self._of(holder)
+
+    def _of(self, holder: Any) -> Value:
+        """Return the number, or a view of the block."""
+        raise NotImplementedError
+
+
+class Whole(Property[Value]):
+    """A number of ``ints``, as its ``kind`` makes it of an int."""
+
+    kind: Callable[[int], Value]
+    index: int
+
+    def _of(self, holder: Any) -> Value:
+        return self.kind(int(holder.ints[self.index]))
+
+    def __set__(self, holder: Any, value: Value) -> None:
+        holder.ints[self.index] = value
+
+
+class Integer(Slot, Whole[int]):
     """An integer of ``ints``, from ``least`` on and below a sum of slots and numbers, "samples + 1"; else a count."""
+
+    kind = int
 
     def __init__(self, meaning: str, writer: str, unit: str = "", *, least: int = 0, below: str = "") -> None:
         super().__init__(meaning, writer, unit)
@@ -65,90 +96,52 @@ class Integer(Slot):
         below = sum(int(term) if term.isdigit() else getattr(holder, term) for term in terms)
         return bool(self.least <= holder.ints[self.index] < below)
 
-    @overload
-    def __get__(self, holder: None, owner: type) -> Integer: ...
-    @overload
-    def __get__(self, holder: object, owner: type) -> int: ...
-    def __get__(self, holder: Any, owner: type) -> Integer | int:
-        return self if holder is None else int(holder.ints[self.index])
 
-    def __set__(self, holder: Any, value: int) -> None:
-        holder.ints[self.index] = value
-
-
-class Flag(Slot):
+class Flag(Slot, Whole[bool]):
     """A truth of ``ints``, 1 or 0."""
+
+    kind = bool
 
     def is_sound(self, holder: Any) -> bool:
         """Whether the number is a truth."""
         return int(holder.ints[self.index]) in (0, 1)
 
-    @overload
-    def __get__(self, holder: None, owner: type) -> Flag: ...
-    @overload
-    def __get__(self, holder: object, owner: type) -> bool: ...
-    def __get__(self, holder: Any, owner: type) -> Flag | bool:
-        return self if holder is None else bool(holder.ints[self.index])
 
-    def __set__(self, holder: Any, value: bool) -> None:
-        holder.ints[self.index] = value
-
-
-class Choice(Slot, Generic[Kind]):
+class Choice(Slot, Whole[Kind]):
     """One of a few named values, in ``ints``."""
 
     def __init__(self, kind: type[Kind], meaning: str, writer: str) -> None:
         super().__init__(meaning, writer)
-        self.kind = kind
+        self.kind, self._values = kind, set(kind)
 
     def is_sound(self, holder: Any) -> bool:
         """Whether the number is one of the values."""
-        return int(holder.ints[self.index]) in set(self.kind)
-
-    @overload
-    def __get__(self, holder: None, owner: type) -> Choice[Kind]: ...
-    @overload
-    def __get__(self, holder: object, owner: type) -> Kind: ...
-    def __get__(self, holder: Any, owner: type) -> Choice[Kind] | Kind:
-        return self if holder is None else self.kind(int(holder.ints[self.index]))
-
-    def __set__(self, holder: Any, value: Kind) -> None:
-        holder.ints[self.index] = value
+        return int(holder.ints[self.index]) in self._values
 
 
-class Real(Slot):
+class Real(Slot, Property[float]):
     """A number of ``reals``, from ``least`` to ``most``; ``finite`` False: it may be infinite, or no number, too."""
 
     def __init__(
-        self,
-        meaning: str,
-        writer: str,
-        unit: str = "",
-        *,
-        least: float = -math.inf,
-        most: float = math.inf,
+        self, meaning: str, writer: str, unit: str = "", *, least: float = -math.inf, most: float = math.inf,
         finite: bool = True,
-    ) -> None:
+    ) -> None:  # fmt: skip
         super().__init__(meaning, writer, unit)
         self.least, self.most, self.finite = least, most, finite
+
+    def _of(self, holder: Any) -> float:
+        return float(holder.reals[self.index])
 
     def is_sound(self, holder: Any) -> bool:
         """Whether the number is in its range."""
         value = float(holder.reals[self.index])
         return not (value < self.least or value > self.most) and (math.isfinite(value) or not self.finite)
 
-    @overload
-    def __get__(self, holder: None, owner: type) -> Real: ...
-    @overload
-    def __get__(self, holder: object, owner: type) -> float: ...
-    def __get__(self, holder: Any, owner: type) -> Real | float:
-        return self if holder is None else float(holder.reals[self.index])
-
     def __set__(self, holder: Any, value: float) -> None:
         holder.reals[self.index] = value
 
 
-class Block(Slot):
+class Block(Slot, Property[Array]):
     """Several numbers of ``reals``, as an array of the given shape; ``shape`` names the dimensions, "PAST, 1 + T"."""
 
     def __init__(self, shape: str, meaning: str, writer: str, unit: str = "", *, finite: bool = True) -> None:
@@ -159,13 +152,7 @@ class Block(Slot):
         """Whether every number is finite, where they must be."""
         return not self.finite or bool(np.isfinite(getattr(holder, self.name)).all())
 
-    @overload
-    def __get__(self, holder: None, owner: type) -> Block: ...
-    @overload
-    def __get__(self, holder: object, owner: type) -> Array: ...
-    def __get__(self, holder: Any, owner: type) -> Block | Array:
-        if holder is None:
-            return self
+    def _of(self, holder: Any) -> Array:
         shape, begin = self.sizes(holder.dimensions), holder.begin_of(self)
         return np.asarray(holder.reals[begin : begin + math.prod(shape)].reshape(shape))
 
