@@ -9,7 +9,8 @@ from replant.estimation.engine.dimensions import Dimensions
 from replant.estimation.engine.state import State
 from replant.estimation.optimizers import OPTIMIZERS
 from replant.kernels import schema as at
-from replant.kernels.step import covariance, gradient
+from replant.kernels.optimizers import covariance, gradient
+from replant.kernels.step.stages import cut_estimate, direction_of
 from support.cases import every
 from support.references import TWINS, extended
 
@@ -36,13 +37,14 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
     target = phi @ np.arange(1.0, P + 1) + 0.1 * generator.standard_normal(ROWS)
     update = TWINS[name].rule(optimizer, P, DT, normalize)
     expected = extended(np.zeros(P))
-    kernels = covariance if optimizer.keeps_covariance else gradient
+    s, loops = state.fields, covariance if optimizer.keeps_covariance else gradient
     for k in range(ROWS):
         along = zeta[k] if instruments else phi[k]
         row = np.concatenate([phi[k], [target[k], 1 / (1 + along @ along) if normalize else 1.0], zeta[k]])
         state.ints[at.ROWS] = 0
         state.buffer = row[None, :]
-        kernels.learn(state.fields, 1, DT)
+        theta, memory, *_, settings, rows = cut_estimate(s)
+        loops.learn(s.algorithm, theta, memory, settings, state.buffer, rows, 1, direction_of(s), DT)
         arguments = (extended(phi[k]), extended(target[k]), *([extended(zeta[k])] if instruments else []))
         expected = update(expected, *arguments)
         np.testing.assert_allclose(state.theta, expected.astype(float), atol=1e-12 * float(np.abs(expected).max()))
@@ -52,15 +54,11 @@ def test_kernel_equals_its_twin(name: str, normalize: bool, instruments: bool) -
 @every("name", OPTIMIZERS)
 def test_codes_name_the_kernels(name: str) -> None:
     """The number that a kernel branches on is spelled there as the optimizer is here."""
-    from replant.kernels.optimizers import covariance, gradient
-
     loops = covariance if OPTIMIZERS[name].keeps_covariance else gradient
     assert getattr(loops, name.replace("-", "_").upper()) == OPTIMIZERS[name].code
 
 
 def test_every_loop_declares_the_memory_of_one_optimizer() -> None:
-    from replant.kernels.optimizers import covariance, gradient
-
     codes = {optimizer.code for optimizer in OPTIMIZERS.values()}
     assert {*gradient.MEMORY, *covariance.MEMORY} == codes
     assert len(gradient.MEMORY) + len(covariance.MEMORY) == len(codes)
@@ -68,8 +66,6 @@ def test_every_loop_declares_the_memory_of_one_optimizer() -> None:
 
 def test_a_memory_with_a_covariance_begins_with_its_factors_and_ends_with_alpha() -> None:
     """Outlier test, covariance and checkpoint find them there, whatever the optimizer is."""
-    from replant.kernels.optimizers import covariance
-
     for memory in covariance.MEMORY.values():
         names = list(memory.sizes)
         assert names[:2] == ["U", "D"]

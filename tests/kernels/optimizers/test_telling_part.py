@@ -26,7 +26,7 @@ def test_it_is_not_finite_when_any_of_the_memory_is_not(algorithm: int) -> None:
                 theta, memory = np.array([0.0, 0.4, -0.2]), np.full(layout.size(ORDER), 0.5)
                 layout.of(memory, name, ORDER)[place] = broken
                 with np.errstate(all="ignore"):
-                    gradient.learn(algorithm, theta, memory, np.array(settings), row, np.zeros(1, np.int64), 1, 0)
+                    gradient.learn(algorithm, theta, memory, np.array(settings), row, np.zeros(1, np.int64), 1, 0, 1.0)
                 part = gradient.telling_part(algorithm, ORDER, memory)
                 assert not np.isfinite(memory).all(), "the case breaks nothing"
                 assert not (np.isfinite(theta).all() and np.isfinite(part).all()), (name, place, broken)

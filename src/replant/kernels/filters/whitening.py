@@ -82,11 +82,9 @@ def whiten(s, target, interval):
     return filter_row(s.entries, noise, s.phi, s.zeta, target)
 
 
-def add_residuals(T, noise, theta, errors, forgetting):
-    """Add the products of the newest residual and its LAGS predecessors to the sums, where these are known."""
-    size, at_row = LAGS + 1, int(noise.position)
-    if noise.known < size:
-        return
+def add_residuals(noise, newest, theta, errors, forgetting):
+    """Add the products of the residual of the row ``newest`` and its LAGS predecessors; the numbers may be vectors."""
+    T, size, at_row = theta.size, LAGS + 1, newest
     # all of this theta: it moves by little beside the residual, not beside what is left of a smooth one once filtered
     for lag in range(size):
         row = noise.rows[at_row]
@@ -103,7 +101,8 @@ def add_residuals(T, noise, theta, errors, forgetting):
 
 def record(s):
     """Take the newest sample's residual, before its update, into the sums that the noise model is made from."""
-    add_residuals(s.entries, s.noise, s.theta, s.work, s.settings[0])
+    if s.noise.known > LAGS:
+        add_residuals(s.noise, int(s.noise.position), s.theta, s.work, s.settings[0])
 
 
 def renew(s):

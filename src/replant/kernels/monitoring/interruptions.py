@@ -116,18 +116,21 @@ def clock_was_set(s, t):
     return True
 
 
-def hold(s, u, y, t, r):
-    """Hold a sample back until the next one tells whether it was misread; it counts as rejected so long."""
+def leave(s, u, y, t, r, confirms):
+    """Leave a sample that leaps; return by how much more are rejected.
+
+    Where it ``confirms`` the one that is held back, the identifier takes that, and this one once more.  Else it is held
+    back itself, until the next one tells whether it was misread.
+    """
+    if confirms:
+        s.held_at = at.BELIEVED
+        s.attention = True
+        return -1
     s.held_at = s.samples + 1
     s.held_input, s.held_output, s.held_time = u, y, t
     if s.has_reference:
         s.held_reference = r
-
-
-def believe(s):
-    """Tell the identifier to take the sample that is held back, and the present one once more."""
-    s.held_at = at.BELIEVED
-    s.attention = True
+    return 1
 
 
 def is_far(s, u):
@@ -142,12 +145,8 @@ def input_leaps(s, u, y, t, r):
         return False
     if math.isinf(t):
         s.not_finite += 1
-    elif s.held_at == s.samples + 1 and is_far(s, s.held_input):
-        s.input_leaps -= 1
-        believe(s)
     else:
-        s.input_leaps += 1
-        hold(s, u, y, t, r)
+        s.input_leaps += leave(s, u, y, t, r, s.held_at == s.samples + 1 and is_far(s, s.held_input))
     return True
 
 
@@ -158,12 +157,8 @@ def time_leaps(s, u, y, t, r):
         return False
     ahead = held - s.last_time
     # it was not where that comes soon after it, or hardly further ahead than it had leapt: there are slow rigs
-    if s.held_at == s.samples + 1 and ahead > leap and 0.0 < t - held <= max(leap, 2.0 * ahead):
-        s.time_leaps -= 1
-        believe(s)
-    else:
-        s.time_leaps += 1
-        hold(s, u, y, t, r)
+    soon = ahead > leap and 0.0 < t - held <= max(leap, 2.0 * ahead)
+    s.time_leaps += leave(s, u, y, t, r, s.held_at == s.samples + 1 and soon)
     return True
 
 

@@ -245,8 +245,8 @@ def enter_row(P, theta, R, Q, slope, step, keep, weight, phi, along):
 
 
 @inlined
-def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction):
-    """Let the optimizer of this code consume the first ``batch`` of the drawn rows."""
+def learn(algorithm, theta, memory, settings, buffer, rows, batch, direction, interval):
+    """Let the optimizer of this code consume the first ``batch`` of the drawn rows, whatever the ``interval``."""
     if algorithm == GRADIENT:
         gradient(theta, memory, settings, buffer, rows, batch, direction)
     elif algorithm == ADAM:

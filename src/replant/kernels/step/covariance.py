@@ -22,8 +22,6 @@ from replant.kernels.optimizers import covariance as loops
 from replant.kernels.schema import Alarm, Doubt, StateArrays
 from replant.kernels.step.stages import (
     acceptable,
-    cut_estimate,
-    direction_of,
     keep_estimate,
     keep_guarded_sample,
     lacks_output_alone,
@@ -34,12 +32,6 @@ from replant.kernels.step.stages import (
     take_many,
     update_estimate,
 )
-
-
-def learn(s, batch, interval):
-    """Let the optimizer consume the first ``batch`` of the drawn rows; ``interval`` is in s."""
-    theta, memory, _, _, _, _, settings, rows = cut_estimate(s)
-    loops.learn(s.algorithm, theta, memory, settings, s.buffer, rows, batch, direction_of(s), interval)
 
 
 def record_residual(s, error):
@@ -89,7 +81,7 @@ def take(s, u, y, t, r):
     elif s.doubt == Doubt.NONE and outliers.is_calm(s):
         if s.has_noise_model and not outliers.begins_anew(s):
             whitening.record(s)
-        update_estimate(s, target, interval, learn)
+        update_estimate(s, target, interval, loops.learn)
         if s.coloured and not outliers.begins_anew(s):
             record_residual(s, error)
         if s.has_reference:

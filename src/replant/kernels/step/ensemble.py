@@ -16,6 +16,7 @@ Samples come in tiles of some hundred, a vector a sample.  `ensemble_members` ha
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
 from replant.kernels.lanes import LANES, all_within, load, member, members, prefetch, store, vectors
+from replant.kernels.monitoring.outliers import equation_error
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
 from replant.kernels.step import fixed_filter
 from replant.kernels.step.ensemble_members import (
@@ -97,7 +98,7 @@ def take(arrays, s, apart, shared, work, cuts, u, y):
     if s.adapt:
         error, finite = update_estimate(arrays, s, apart, shared, work, estimate, target)
     else:
-        error, finite = fixed_filter.error_of(estimate[0], estimate[4], target), 0.0 * y
+        error, finite = equation_error(s, target), 0.0 * y
     return error * s.output_scale, finite
 
 
@@ -166,7 +167,7 @@ def are_sound(ints, reals, banks, buffer, recent, apart):
     return True
 
 
-def are_within(numbers, members, u, y, errors):
+def are_within(numbers, u, y, errors):
     """Return whether these are members of the ensemble."""
     for lane in range(LANES):
         if not 0 <= numbers[lane] < errors.shape[1]:
@@ -185,7 +186,7 @@ def are_within(numbers, members, u, y, errors):
     "estimates.shape[0] >= tile.shape[1] and estimates.shape[1] == parameters.shape[2]",
     "parameters.shape[2] <= member(ints, reals, 0).entries",
     "estimates.shape[2] == LANES and 0 <= start and y.shape[0] == u.shape[0] <= errors.shape[0]",
-    "are_within(numbers, members, u, y, errors) and errors.shape[1] <= parameters.shape[0]",
+    "are_within(numbers, u, y, errors) and errors.shape[1] <= parameters.shape[0]",
     "parameters.shape[1] >= u.shape[0]",
 )
 def steps(

@@ -13,7 +13,7 @@ from replant.kernels.lanes import LANES, member, members, vectors
 from replant.kernels.native import Cube, IntMatrix, Ints, Matrix, inlined, kernel
 from replant.kernels.optimizers.covariance import RECURSIVE_LEAST_SQUARES
 from replant.kernels.schema import LAGS, StateArrays
-from replant.kernels.step import covariance, ensemble_ordinary
+from replant.kernels.step import covariance, ensemble, ensemble_ordinary
 from replant.kernels.step.ensemble_exchange import enter, is_ordinary, leave, note, prepare, width_of
 from replant.kernels.step.ensemble_ordinary import ODD
 from replant.kernels.step.stages import mapped_input
@@ -59,14 +59,6 @@ def take_vectors(ints, reals, models, work, how, places, samples, width):
     return white, coloured
 
 
-def fetch(u, y, numbers, start, samples, tile):
-    """Copy the members' samples of a stretch."""
-    for k in range(samples):
-        for lane in range(LANES):
-            tile[0, k, lane] = u[start + k, numbers[lane] if u.shape[1] > 1 else 0]
-            tile[1, k, lane] = y[start + k, numbers[lane] if y.shape[1] > 1 else 0]
-
-
 def deliver(numbers, lane, start, samples, tile, estimates, errors, parameters):
     """Copy a member's errors and estimates to where they are wanted."""
     number = numbers[lane]
@@ -108,14 +100,6 @@ def fits(s, first):
     return same and known
 
 
-def are_within(numbers, u, y, errors):
-    """Return whether these are members of the ensemble."""
-    for lane in range(LANES):
-        if not 0 <= numbers[lane] < errors.shape[1]:
-            return False
-    return (u.shape[1] == 1 or u.shape[1] == errors.shape[1]) and (y.shape[1] == 1 or y.shape[1] == errors.shape[1])
-
-
 def has_room(s, models):
     """Return whether two banks of each member have room."""
     return models.shape[0] == 2 and models.shape[1] >= width_of(s) and models.shape[2] == LANES
@@ -139,7 +123,7 @@ def has_room(s, models):
     "tile.shape[0] == 3 and tile.shape[1] >= 1 and tile.shape[2] == LANES",
     "estimates.shape[0] >= tile.shape[1] and estimates.shape[1] == parameters.shape[2] and estimates.shape[2] == LANES",
     "parameters.shape[2] <= one.entries and 0 <= start and y.shape[0] == u.shape[0] <= errors.shape[0]",
-    "are_within(numbers, u, y, errors) and errors.shape[1] <= parameters.shape[0]",
+    "ensemble.are_within(numbers, u, y, errors) and errors.shape[1] <= parameters.shape[0]",
     "parameters.shape[1] >= u.shape[0]",
 )
 def steps(
@@ -178,7 +162,8 @@ def steps(
         before, filters = (white, coloured), False
         if each_lane(states, ints, reals, models, live, before, samples):
             keep(reals, models, kept, kept_models)
-            fetch(u, y, numbers, row, samples, tile)
+            ensemble.fetch(u, numbers, row, tile[0, :samples])
+            ensemble.fetch(y, numbers, row, tile[1, :samples])
             for lane in range(LANES):
                 filters |= prepare(member(ints, reals, lane), beside, lane)
             white, coloured = take_vectors(

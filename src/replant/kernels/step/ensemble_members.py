@@ -144,7 +144,7 @@ def fetch_ahead(s, buffer):
 @inlined
 def learn(s, estimate, buffer, rows, batch):
     """Let the members' optimizer consume the first ``batch`` of the rows."""
-    loops.learn(s.algorithm, estimate[0], estimate[1], estimate[6], buffer, rows, batch, 0)
+    loops.learn(s.algorithm, estimate[0], estimate[1], estimate[6], buffer, rows, batch, 0, 0.0)
 
 
 def learn_alike(s, arrays, estimate, batch):

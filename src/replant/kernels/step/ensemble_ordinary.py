@@ -11,7 +11,7 @@ the newest sample in the rings of the noise model and of the residual's colour.
 
 from replant.kernels import schema as at
 from replant.kernels.filters import bank as bk
-from replant.kernels.filters.whitening import before
+from replant.kernels.filters.whitening import add_residuals, before
 from replant.kernels.lanes import if_at_most, if_less
 from replant.kernels.monitoring import interruptions, outliers, scatter
 from replant.kernels.native import inlined
@@ -138,24 +138,6 @@ def whiten(s, beside, place, target, filters):
 
 
 @inlined
-def add_residuals(s, place):
-    """Add the products of the newest residuals to the sums: `whitening.add_residuals`."""
-    noise, theta, T, errors, forgetting = s.noise, s.theta, s.entries, s.work, s.settings[0]
-    row_at = place
-    for lag in range(LAGS + 1):
-        row = noise.rows[row_at]
-        error = row[2 * T]
-        for i in range(T):
-            error -= theta[i] * row[i]
-        errors[lag] = error
-        row_at = before(row_at)
-    noise.count = forgetting * noise.count + 1.0
-    for i in range(LAGS + 1):
-        for j in range(i + 1):
-            noise.sums[i, j] = forgetting * noise.sums[i, j] + errors[i] * errors[j]
-
-
-@inlined
 def learn(s, beside, error, forgets):
     """Learn the newest row, whose a-priori error this is: `covariance.recursive_least_squares`.  Returns alpha."""
     T, memory, theta, forgetting = s.entries, s.memory, s.theta, s.settings[0]
@@ -232,7 +214,7 @@ def take(s, models, beside, places, companion, how, u, y):
         target = whiten(s, beside, places[0], target, filters)
         white = outliers.equation_error(s, target)
         unless_at_most(beside, newest_alpha, beside[ANEW])
-        add_residuals(s, places[0])
+        add_residuals(s.noise, places[0], s.theta, s.work, s.settings[0])
     for i in range(s.entries):
         companion[i] = s.zeta[i]
     companion[s.entries] = target

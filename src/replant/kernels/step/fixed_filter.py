@@ -9,6 +9,7 @@ import numpy as np
 
 from replant.kernels.filters import bank as bk
 from replant.kernels.filters import chain
+from replant.kernels.monitoring.outliers import equation_error
 from replant.kernels.native import AS_MANY, IS_SOUND, LEARNS, Matrix, Reals, inlined, kernel, short_loops
 from replant.kernels.optimizers import gradient as loops
 from replant.kernels.schema import StateArrays
@@ -156,21 +157,12 @@ def fill_regressor(s, regressor, y):
 
 
 @inlined
-def error_of(theta, phi, target):
-    """Return the a-priori error y - theta' phi, scaled."""
-    error = target
-    for i in range(theta.size):
-        error -= theta[i] * phi[i]
-    return error
-
-
-@inlined
 def update_estimate(s, estimate, target):
     """Learn the newest sample and its batch; undo what leaves float64.  Returns the a-priori error, scaled."""
     theta, memory, _, _, _, _, settings, rows = estimate
     error = keep_and_write(s, s.buffer[s.buffer_head], estimate, target)
     batch = draw_rows(s, rows)
-    loops.learn(s.algorithm, theta, memory, settings, s.buffer, rows, batch, 0)
+    loops.learn(s.algorithm, theta, memory, settings, s.buffer, rows, batch, 0, s.interval)
     undo_unless_finite(s, estimate)
     return error
 
@@ -212,7 +204,7 @@ def take(s, cuts, u, y):
         error = update_estimate(s, estimate, target)
         s.learned = s.samples
     else:
-        error = error_of(estimate[0], estimate[4], target)
+        error = equation_error(s, target)
         s.rested += 1
     if s.samples >= s.past_due:
         keep_estimate(s)

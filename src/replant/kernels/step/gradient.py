@@ -15,8 +15,6 @@ from replant.kernels.optimizers import gradient as loops
 from replant.kernels.schema import StateArrays
 from replant.kernels.step.stages import (
     acceptable,
-    cut_estimate,
-    direction_of,
     keep_estimate,
     keep_sample,
     mapped_input,
@@ -25,12 +23,6 @@ from replant.kernels.step.stages import (
     take_many,
     update_estimate,
 )
-
-
-def learn(s, batch, interval):
-    """Let the optimizer consume the first ``batch`` of the drawn rows; ``interval``, in s, does not matter to it."""
-    theta, memory, _, _, _, _, settings, rows = cut_estimate(s)
-    loops.learn(s.algorithm, theta, memory, settings, s.buffer, rows, batch, direction_of(s))
 
 
 def take(s, u, y, t, r):
@@ -55,7 +47,7 @@ def take(s, u, y, t, r):
     if at_rest or not may_learn(s):
         s.rested += 1
     else:
-        update_estimate(s, target, interval, learn)
+        update_estimate(s, target, interval, loops.learn)
     if s.samples >= s.past_due:
         keep_estimate(s)
     return error * s.output_scale

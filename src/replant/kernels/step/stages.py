@@ -177,9 +177,10 @@ def undo_unless_finite(s, estimate):
 
 def update_estimate(s, target, interval, learn):
     """Let ``learn`` consume the newest sample, whose scaled target this is, and its batch: the general variants."""
-    batch = remember(s, target)
-    learn(s, batch, interval)
-    undo_unless_finite(s, cut_estimate(s))
+    batch, estimate = remember(s, target), cut_estimate(s)
+    theta, memory, _, _, _, _, settings, rows = estimate
+    learn(s.algorithm, theta, memory, settings, s.buffer, rows, batch, direction_of(s), interval)
+    undo_unless_finite(s, estimate)
     s.learned = s.samples
 
 
