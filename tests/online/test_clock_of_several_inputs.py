@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import replant as rp
-from replant.online.miso_accepted_samples import RowClock
+from replant.online.miso_samples import RowClock
 from support.cases import every
 
 SIZE, DT = 1200, 0.1

@@ -21,8 +21,8 @@ from replant.live.streams import Batch
 from replant.numerics.arguments import BoolArray, FloatArray
 from replant.online.checkpoint.files import write
 from replant.online.identifier import Identifier
-from replant.online.miso_history import RowSettings
 from replant.online.miso_identifier import RowIdentifier
+from replant.online.miso_samples import RowSettings
 from replant.online.saving import Loaded, load
 
 #: An identification of one input or of several, and what it is asked for.

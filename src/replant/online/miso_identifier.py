@@ -22,10 +22,10 @@ from replant.model.uncertainty import Uncertainty
 from replant.numerics.arguments import FloatArray, array_of_reals, number, one_of, text, vector, whole
 from replant.numerics.limits import duration, stamps_of
 from replant.online.locking import Shared, Turn, changes, reads
-from replant.online.miso_history import RowSettings, fewest
 from replant.online.miso_newest_samples import NO_COLUMNS, newest_of
+from replant.online.miso_samples import RowSettings, fewest
 from replant.online.miso_state import RowState
-from replant.online.miso_step import Kept
+from replant.online.miso_step import Kept, RowStep
 from replant.online.trace import Trace
 from replant.verdict.verdict import Verdict
 
@@ -218,8 +218,8 @@ class RowIdentifier(Shared):
         interval = kept.interval_to(u, y, t)
         if interval is None:
             return None
-        self._kept = kept.without_step()  # whoever is interrupted has the state before
-        step = kept.step or kept.step_behind()
+        self._kept = kept._replace(step=None)  # whoever is interrupted has the state before, and makes the step anew
+        step = kept.step or RowStep.behind(kept.now)
         error, is_alarm = step.take(u, y, interval)
         self._kept = kept.with_more(step, (*u, y, 0.0 if t is None else t), is_alarm=is_alarm)
         return error

@@ -33,9 +33,8 @@ from replant.kernels.schema import Supposition
 from replant.numerics.arguments import FloatArray
 from replant.numerics.linear_algebra import quiet
 from replant.online.change_response import AGAIN
-from replant.online.miso_accepted_samples import REASONS, RowClock, Screened
-from replant.online.miso_history import RowHistory, RowSettings
 from replant.online.miso_recursion import RowRecursion
+from replant.online.miso_samples import REASONS, RowClock, RowHistory, RowSettings, Screened
 from replant.online.miso_starting_points import Begins, is_settled, is_white
 from replant.verdict.verdict import Finding
 
@@ -295,12 +294,10 @@ class RowState:
         """Return the state after all samples kept are solved as `fit` does."""
         done = self.solved(afresh=True)
         # samples since a change may tell that there was none; one may lie where one model does not explain the record
-        is_asked = self.record_began or self.loads or (done.recursion is not None and done._may_have_changed)
+        is_asked = self.record_began or self.loads
+        if not is_asked and done.recursion is not None:
+            is_asked = may_have_loads(done.record()[1], done.parameters, of_plant=True)
         return self._parted() or done if is_asked else done
-
-    @property
-    def _may_have_changed(self) -> bool:
-        return may_have_loads(self.record()[1], self.parameters, of_plant=True)
 
     def _parted(self) -> RowState | None:
         """Return the state of all samples kept, parted at loads, or since another plant; None where that is known."""

@@ -60,6 +60,12 @@ class RowStep:
         )  # fmt: skip
         self._work, self._estimate = np.empty(4 * size + 1), recursion.delta[: self._theta.size][None].copy()
 
+    @classmethod
+    def behind(cls, state: RowState) -> RowStep:
+        """Return what takes samples behind the newest one of a state that has a model."""
+        assert state.recursion is not None
+        return cls(state.recursion, learns=state.adapts)
+
     @staticmethod
     def serves(recursion: RowRecursion) -> bool:
         """Whether samples have to do with no reference and with no dead time behind a gap."""
@@ -117,16 +123,6 @@ class Kept(NamedTuple):
         interval = t + shift - (since[-1][-1] + shift if since else float(state.kept.values[-1, -1]))
         longest = min(GAP * known.dt, LEAP * state.settings.dt)
         return interval if 0.0 < interval <= longest else None
-
-    def step_behind(self) -> RowStep:
-        """Return what takes samples behind the newest one."""
-        state = self.now
-        assert state.recursion is not None, "there is a model"
-        return RowStep(state.recursion, learns=state.adapts)
-
-    def without_step(self) -> Kept:
-        """Return the same samples while a step takes one: where that is interrupted it is made anew."""
-        return Kept(self.state, None, self.since)
 
     def with_more(self, step: RowStep, sample: tuple[float, ...], *, is_alarm: bool) -> Kept:
         """Return what is kept after a sample that a step has taken."""

@@ -18,9 +18,8 @@ from replant.numerics.arguments import FloatArray, one_of
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.limits import duration
 from replant.online.checkpoint.encoding import ARRAYS, ROW, described
-from replant.online.miso_accepted_samples import RowClock
-from replant.online.miso_history import RowHistory, RowSettings
 from replant.online.miso_recursion import Instruments, RowRecursion
+from replant.online.miso_samples import RowClock, RowHistory, RowSettings
 from replant.online.miso_state import JUDGES, RowState
 from replant.verdict.verdict import STATUSES, Finding
 

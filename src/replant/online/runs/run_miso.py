@@ -18,8 +18,8 @@ from replant.fitting.samples import Samples
 from replant.logs.log import without_rest
 from replant.numerics.arguments import vector
 from replant.numerics.limits import increasing
-from replant.online.miso_accepted_samples import RowClock, Screened
 from replant.online.miso_identifier import RowIdentifier
+from replant.online.miso_samples import RowClock, Screened
 
 CHUNK = 8192  # samples taken between two marks of progress [samples]
 

@@ -1,18 +1,43 @@
-"""Which samples of several inputs are taken: their numbers, and the clock, as those of one input are judged."""
+"""Samples of several inputs: what was asked for, which are taken, judged as those of one input, and which are kept."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from replant.estimation.engine.state import GAP
 from replant.kernels.schema import FARTHEST, LARGEST, LEAP, MOST_EARLIER
+from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 
+LEAST = 4  # outputs for the first model, at the least [count for each unknown]
+ROOM = 256  # rows that there is room for at first [samples]
 # what becomes of a sample; one that leaps is believed when its successor is taken
 TAKEN, BELIEVED, UNUSABLE, NOT_LATER, LEAPS, TOO_COARSE = range(6)
 REASONS = "not finite", "too large", "not later", "time leap", "time too coarse", "no output"
+
+
+class RowSettings(NamedTuple):
+    """The settings of an identification: sampling time in s; outputs for the first model; raw samples kept; names."""
+
+    structures: tuple[Structure, ...]
+    dt: float
+    startup: int
+    history: int
+    input_hold: str
+    input_names: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """How many parameters there are."""
+        return sum(each.size for each in self.structures)
+
+
+def fewest(structures: tuple[Structure, ...]) -> int:
+    """Return the fewest outputs for a first model: `LEAST` for each coefficient, initial state and offset."""
+    return LEAST * sum(each.size + each.poles + 1 for each in structures)
 
 
 class RowClock(NamedTuple):
@@ -77,7 +102,8 @@ class Screened(NamedTuple):
         cls, clock: RowClock, u: FloatArray, y: FloatArray, t: FloatArray | None, r: FloatArray, last: float, dt: float
     ) -> Screened:
         """Screen samples behind the time ``last``, -inf where there is none."""
-        finite, small = finite_and_small(u, y)
+        signals = np.column_stack([u, np.where(np.isnan(y), 0.0, y)])
+        finite, small = np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
         finite = finite if t is None else finite & np.isfinite(t)
         usable = finite & small
         times, fate = np.zeros(y.size), np.where(usable, TAKEN, UNUSABLE)
@@ -91,7 +117,36 @@ class Screened(NamedTuple):
         return cls(clock, times, is_taken, fate == BELIEVED, turned_away)
 
 
-def finite_and_small(u: FloatArray, y: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Return which samples (K,) have finite inputs and outputs, missing ones aside, and which have none too large."""
-    signals = np.column_stack([u, np.where(np.isnan(y), 0.0, y)])
-    return np.isfinite(signals).all(axis=1), (np.abs(signals) <= LARGEST).all(axis=1)
+@dataclass(frozen=True, eq=False)
+class RowHistory:
+    """The newest samples, at most ``most``; rows behind ``end`` belong to whoever appends to the newest history."""
+
+    rows: FloatArray  # (R, q + p + 2): inputs, references, output, time in s
+    most: int
+    begin: int = 0
+    end: int = 0
+
+    @property
+    def values(self) -> FloatArray:
+        """The rows (K, q + p + 2)."""
+        return self.rows[self.begin : self.end]
+
+    @property
+    def measured(self) -> int:
+        """How many of them have an output."""
+        return int(np.isfinite(self.values[:, -2]).sum())
+
+    def with_more(self, rows: FloatArray) -> RowHistory:
+        """Return the history with further rows (K, q + p + 2)."""
+        room, begin, end = self.rows, self.begin, self.end
+        if end + len(rows) > len(room):
+            room = np.empty((max(ROOM, 2 * (end - begin + len(rows))), room.shape[1]))
+            room[: end - begin] = self.values
+            begin, end = 0, end - begin
+        room[end : end + len(rows)] = rows
+        end += len(rows)
+        return RowHistory(room, self.most, max(begin, end - self.most), end)
+
+    def copy(self) -> RowHistory:
+        """Return a history that is appended to by itself."""
+        return RowHistory(self.values.copy(), self.most, 0, self.end - self.begin)
