@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from operator import methodcaller
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -175,14 +176,8 @@ class Bank(Members):
         InvalidArgumentError, ArgumentTypeError
             If an argument cannot be used; the state stays as it was.
         """
-        first, *others = self._members
         self._chunk = u, y, t, r
-        try:
-            errors = [first.update(u, y, t, r)]
-        except Exception:
-            self._drop_refused()
-            raise
-        errors += [member.update(u, y, t, r) for member in others]
+        errors = self._each("update")
         self._held.append(errors)
         vars(self).update(_chunk=None, _taken=self._taken + 1)
         error: float = errors[self._lead]
@@ -190,10 +185,17 @@ class Bank(Members):
             self._look()
         return error
 
-    def _drop_refused(self) -> None:
-        """Forget samples that the first member has refused, as the others would: nobody has taken them."""
-        if self._members[0].taken == self._taken:
-            self._chunk = None
+    def _each(self, method: str) -> list[Any]:
+        """Let each member take the chunk by a method; return what that returns."""
+        assert self._chunk is not None
+        take, (first, *others) = methodcaller(method, *self._chunk), self._members
+        try:
+            taken = take(first)
+        except Exception:
+            if first.taken == self._taken:  # it has refused it, as the others would: nobody has taken it
+                self._chunk = None
+            raise
+        return [taken, *map(take, others)]
 
     @changes
     def update_many(self, u: Any, y: Any, t: Any = None, r: Any = None) -> BankTrace:
@@ -225,24 +227,13 @@ class Bank(Members):
             self._chunk = (
                 u[rows], y[rows], None if t is None else stamps[rows], None if r is None else references[rows],
             )  # fmt: skip
-            parts.append(self._traces())
+            parts.append(tuple(self._each("update_many")))
             weights[rows], lead[rows] = self._note(np.column_stack([each.errors for each in parts[-1]])), self._lead
             if self._taken >= self._stop:
                 self._look()
                 weights[rows.stop - 1], lead[rows.stop - 1] = self._weights.shares, self._lead
             taken = rows.stop
         return BankTrace(tuple(parts), weights, lead)
-
-    def _traces(self) -> tuple[Trace, ...]:
-        """Let the members take the chunk."""
-        assert self._chunk is not None
-        first, *others = self._members
-        try:
-            begun = first.update_many(*self._chunk)
-        except Exception:
-            self._drop_refused()
-            raise
-        return begun, *(member.update_many(*self._chunk) for member in others)
 
     def _note(self, errors: FloatArray) -> FloatArray:
         """Take over the errors (K, M) of samples that all members have taken; return the weights after each."""

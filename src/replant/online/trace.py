@@ -145,13 +145,7 @@ class Trace:
         """Return this trace joined with that of the next chunk."""
         if self.names != other.names:
             raise InvalidArgumentError(f"traces of different parameters: {self.names} and {other.names}")
-        return Trace(
-            self.names,
-            self.start,
-            np.vstack([self.parameters, other.parameters]),
-            np.concatenate([self.errors, other.errors]),
-            None if self.time is None or other.time is None else np.concatenate([self.time, other.time]),
-        )
+        return _joined((self, other))
 
 
 class StartingTrace(Trace):
@@ -225,10 +219,11 @@ class BankTrace:
 
 
 def _joined(traces: Sequence[Trace]) -> Trace:
-    """Return the trace of a member over all pieces of a chunk."""
+    """Return the trace of pieces that came one after the other."""
     first = traces[0]
     if len(traces) == 1:
         return first
-    time = None if first.time is None else np.concatenate([each.time for each in traces if each.time is not None])
     parameters, errors = (np.concatenate([getattr(each, name) for each in traces]) for name in ("parameters", "errors"))
+    stamps = [each.time for each in traces if each.time is not None]
+    time = np.concatenate(stamps) if len(stamps) == len(traces) else None
     return Trace(first.names, first.start, parameters, errors, time)
