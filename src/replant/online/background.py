@@ -34,21 +34,6 @@ from replant.numerics.arguments import FloatArray
 from replant.online import second_process
 from replant.online.catch_up import CatchUp
 from replant.online.revision import revise
-from replant.online.second_process import (
-    DONE,
-    FAILED,
-    PENDING,
-    Place,
-    Worker,
-    fits,
-    note,
-    noted,
-    read,
-    rows_of,
-    view_of,
-    views,
-    write,
-)
 
 PART = 0.05  # of the record: what comes later by so much hardly adds to the delay that a growing record has [ratio]
 LEAST = 20  # samples until a result is taken up, at least: at 1 kHz what a short record takes to solve [samples]
@@ -146,9 +131,9 @@ class Job:
 
     def __init__(self, numbers: State, rows: int) -> None:
         self.numbers = numbers  # the state as it was, without raw samples
-        self.place: Place | None = None  # the memory shared with the second Python
+        self.place: second_process.Place | None = None  # the memory shared with the second Python
         self._rows, self._fits, self._copied, self._written = rows, False, 0, WROTE_NOTHING
-        self._sent: tuple[Worker, Place] | None = None
+        self._sent: tuple[second_process.Worker, second_process.Place] | None = None
         self._numbers: list[Any] = []
         self._found: Outcome | None = None
         self._ahead: CatchUp | None = None
@@ -167,9 +152,9 @@ class Job:
         """When what is done for it; made in an update of its own."""
         return Schedule.of(self.numbers, self._rows)
 
-    def take_place(self, place: Place) -> None:
+    def take_place(self, place: second_process.Place) -> None:
         """Take memory for what is sent; where it has no room for that, nothing is."""
-        self.place, self._fits = place, fits(place.buffer, self.schedule.shapes)
+        self.place, self._fits = place, second_process.end_of(self.schedule.shapes) <= len(place.buffer)
 
     def go_on(self, state: State, settings: Settings, due: int, most: int) -> bool:
         """Do what is next for the second Python to begin; return whether there was something left."""
@@ -180,19 +165,21 @@ class Job:
             return False
         if self._copied < kept:
             until = min(self._copied + self.schedule.slice, kept)
-            rows_of(self.place.buffer, shapes[0])[self._copied : until] = self._raw(state, self._copied, until)
+            rows = second_process.view_of(self.place.buffer, shapes, 0)
+            rows[self._copied : until] = self._raw(state, self._copied, until)
             self._copied = until
         elif self._written == WROTE_NOTHING:
-            for view, array in zip(views(self.place.buffer, shapes)[1:], self.numbers.arrays[:-1], strict=True):
+            _, *numbers = second_process.views(self.place.buffer, shapes)
+            for view, array in zip(numbers, self.numbers.arrays[:-1], strict=True):
                 view[:] = array
             self._written = WROTE_NUMBERS
         elif self._written == WROTE_NUMBERS:
             text = pickle.dumps((shapes, self.place.told(settings, text_of), due, most))
-            if not write(self.place.buffer, shapes, text):
+            if not second_process.write(self.place.buffer, shapes, text):
                 return False
             self._written = WROTE_ALL
         else:
-            self.place.buffer[0] = PENDING
+            self.place.buffer[0] = second_process.PENDING
             worker.send(self.place)
             self._sent = worker, self.place
             return False
@@ -232,8 +219,8 @@ class Job:
             self._sent = None
             return True
         worker, place = self._sent
-        is_late = place.buffer[0] == PENDING
-        while place.buffer[0] == PENDING and worker.lives():
+        is_late = place.buffer[0] == second_process.PENDING
+        while place.buffer[0] == second_process.PENDING and worker.lives():
             time.sleep(LOOK)
         return is_late
 
@@ -241,20 +228,23 @@ class Job:
         """Return the result, from the second Python or computed here; ``state``: as it is at ``until``."""
         while self._found is None and self._is_there:
             self._receive()
-        return self._found or outcome(self._whole(self._raw(state, 0, self.schedule.kept)), settings, due, most)
+        if self._found is not None:
+            return self._found
+        whole = _whole(self.numbers.copy().arrays[:-1], self._raw(state, 0, self.schedule.kept), self.schedule.room)
+        return outcome(whole, settings, due, most)
 
     @property
     def _is_there(self) -> bool:
-        return self._sent is not None and self._sent[1].is_mine and self._sent[1].buffer[0] == DONE
+        return self._sent is not None and self._sent[1].is_mine and self._sent[1].buffer[0] == second_process.DONE
 
     def _receive(self) -> None:
         """Read a part of the result that is there: an array of its numbers, or what goes with them."""
         assert self._sent is not None
         buffer, shapes, there = self._sent[1].buffer, self.schedule.shapes, len(self._numbers)
         if there + 1 < len(shapes):
-            self._numbers.append(view_of(buffer, shapes, there + 1).copy())
+            self._numbers.append(second_process.view_of(buffer, shapes, there + 1).copy())
         else:
-            only_planned, due = noted(buffer)
+            only_planned, due = second_process.noted(buffer)
             self._found = Outcome(state_of(self._numbers, self.numbers.recent), bool(only_planned), due)
 
     def _raw_of(self, found: Outcome) -> FloatArray:
@@ -262,15 +252,13 @@ class Job:
         if found is not self._found:
             return found.state.recent
         assert self._sent is not None
-        return rows_of(self._sent[1].buffer, self.schedule.shapes[0])
+        rows: FloatArray = second_process.view_of(self._sent[1].buffer, self.schedule.shapes, 0)
+        return rows
 
     def _raw(self, state: State, begin: int, end: int) -> FloatArray:
         """Return some of the raw samples kept for it, from a later state."""
         first = self.schedule.begun - self.schedule.kept
         return np.take(state.recent, np.arange(first + begin, first + end), axis=0, mode="wrap")
-
-    def _whole(self, rows: FloatArray) -> State:
-        return _whole(self.numbers.copy().arrays[:-1], rows, self.schedule.room)
 
 
 def text_of(settings: Settings) -> bytes:
@@ -310,16 +298,16 @@ def serve() -> None:
 def _answer(buffer: memoryview) -> int:
     """Compute what is asked for and write the result; return whether that went well."""
     try:
-        shapes, text, due, most = pickle.loads(read(buffer))
+        shapes, text, due, most = pickle.loads(second_process.read(buffer))
         settings = pickle.loads(text)
-        shared = views(buffer, shapes)
+        shared = second_process.views(buffer, shapes)
         rows, *numbers = (view.copy() for view in shared)
         given = state_of(numbers, NOTHING)
         room = given.recent_size - lag(given, given.recent_size)
         found = outcome(_whole(numbers, rows, room), settings, due, most)
         for view, result in zip(shared, (found.state.recent, *found.state.arrays[:-1]), strict=True):
             view[:] = result
-        note(buffer, found.only_planned, found.due)
+        second_process.note(buffer, found.only_planned, found.due)
     except Exception:  # whatever it is: who asks computes it, and meets it
-        return FAILED
-    return DONE
+        return second_process.FAILED
+    return second_process.DONE

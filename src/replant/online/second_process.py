@@ -22,7 +22,6 @@ from typing import Any
 import numpy as np
 
 from replant.errors import SystemRefusedError
-from replant.numerics.arguments import FloatArray
 from replant.numerics.operating_system import THREADS, end_process, signals_blocked
 
 try:
@@ -90,9 +89,14 @@ def _give_back(memory: Any, owner: int) -> None:
         memory.close()
 
 
+def end_of(shapes: Shapes) -> int:
+    """Return where arrays of these shapes end in shared memory."""
+    return PREFIX + 8 * sum(math.prod(shape) for shape in shapes)
+
+
 def write(buffer: memoryview, shapes: Shapes, text: bytes) -> bool:
     """Write what goes with the arrays, behind them; return whether there is room."""
-    at = PREFIX + 8 * sum(math.prod(shape) for shape in shapes)
+    at = end_of(shapes)
     if at + len(text) > len(buffer):
         return False
     note(buffer, at, len(text))
@@ -117,16 +121,6 @@ def noted(buffer: memoryview) -> tuple[int, int]:
     return one, other
 
 
-def fits(buffer: memoryview, shapes: Shapes) -> bool:
-    """Return whether there is room for arrays of these shapes."""
-    return PREFIX + 8 * sum(math.prod(shape) for shape in shapes) <= len(buffer)
-
-
-def rows_of(buffer: memoryview, shape: tuple[int, ...]) -> FloatArray:
-    """Return the raw samples in shared memory, oldest first."""
-    return np.frombuffer(buffer, np.float64, math.prod(shape), PREFIX).reshape(shape)
-
-
 def views(buffer: memoryview, shapes: Shapes) -> list[Any]:
     """Return the arrays in shared memory: raw samples, oldest first, then the numbers."""
     return [view_of(buffer, shapes, place) for place in range(len(shapes))]
@@ -134,8 +128,8 @@ def views(buffer: memoryview, shapes: Shapes) -> list[Any]:
 
 def view_of(buffer: memoryview, shapes: Shapes, place: int) -> Any:
     """Return one of them; the second is of integers."""
-    at, kind = PREFIX + 8 * sum(math.prod(shape) for shape in shapes[:place]), np.int64 if place == 1 else np.float64
-    return np.frombuffer(buffer, kind, math.prod(shapes[place]), at).reshape(shapes[place])
+    kind = np.int64 if place == 1 else np.float64
+    return np.frombuffer(buffer, kind, math.prod(shapes[place]), end_of(shapes[:place])).reshape(shapes[place])
 
 
 # --- the second Python
