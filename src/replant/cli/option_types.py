@@ -20,6 +20,7 @@ from replant.estimation.settings import AUTO
 from replant.numerics.limits import MOST_TRIED, typed_path
 
 Option = Callable[[Any], Any]
+STRUCTURE = "poles", "zeros", "delay"
 
 
 class Choice(click.Choice[str]):
@@ -313,7 +314,7 @@ def refuse_not_yet(options: dict[str, Any], several: str = "inputs") -> None:
 
 def orders_of(options: dict[str, Any], inputs: tuple[str, ...]) -> dict[str, tuple[Any, ...]]:
     """Return poles, zeros and dead time of each input: numbers, or ranges, each a tuple."""
-    return {name: _of_each(options[name], name, inputs) for name in ("poles", "zeros", "delay")}
+    return {name: _of_each(options[name], name, inputs) for name in STRUCTURE}
 
 
 def is_range(given: Any) -> bool:

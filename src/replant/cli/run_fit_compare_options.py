@@ -17,6 +17,7 @@ from replant.cli.conditioning_options import CONDITIONING, STRETCHES, conditione
 from replant.cli.messages import ASKED, QUIET, note
 from replant.cli.option_types import (
     JSON,
+    STRUCTURE,
     Choice,
     Each,
     OptimizerChoice,
@@ -38,7 +39,6 @@ from replant.logs.sampling_time import COARSE
 from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
 
-STRUCTURE = "poles", "zeros", "delay"
 MOST_OFF = 0.1  # difference of the usual interval from --dt that jitter makes [part of the sampling time]
 BIAS = flag("--bias", "Also identify a constant added to the output of G(s).")
 FEEDTHROUGH = flag("--feedthrough", "Allow as many zeros as poles: the output jumps with the input.")
