@@ -21,7 +21,7 @@ def run(log: rp.Log, poles: int) -> Result:
 
 @every("identified", [rp.fit, run])
 @every("glitches", [1, 20])
-@every("level", [0.0, 300.0])
+@every("level", [300.0, 0.0], quick=1)
 def test_values_that_the_plant_has_not_seen_are_named(identified, glitches: int, level: float) -> None:
     u, y = record(PLANT, 3, 2000, DT, noise=0.05)
     rows = np.random.default_rng(3).choice(u.size, glitches, replace=False)
@@ -51,7 +51,7 @@ def test_pulses_that_the_plant_answers_are_none(poles: int) -> None:
 
 
 @every("identified", [rp.fit, run])
-@every("seed", [0, 2, 3])
+@every("seed", [0, 2, 3], quick=1)
 def test_a_straight_line_on_the_output_is_named(identified, seed: int) -> None:
     u, y = record(PLANT, seed, 2000, DT, noise=0.05)
     log = rp.Log(u + 2.0, y + 8.0 + np.linspace(0.0, 20.0, u.size), DT)
@@ -61,7 +61,7 @@ def test_a_straight_line_on_the_output_is_named(identified, seed: int) -> None:
     assert identified(rp.detrend(log), poles=1).verdict.status == "trusted"
 
 
-@every("seed", range(3))
+@every("seed", range(3), quick=1)
 def test_what_a_slow_plant_does_is_no_drift(seed: int) -> None:
     """It rises all along, but the model of too few poles is wrong beside a line, too."""
     u = np.abs(binary(seed, 2000, 40))
@@ -72,7 +72,7 @@ def test_what_a_slow_plant_does_is_no_drift(seed: int) -> None:
     assert not any("drifts along" in reason for reason in verdict.reasons), verdict.reasons
 
 
-@every("seed", range(3))
+@every("seed", range(3), quick=1)
 def test_a_slow_mode_that_the_structure_lacks_is_no_drift(seed: int) -> None:
     """A heat sink that warms up: without the line its model would have a gain of a thirtieth."""
     u = 0.5 + 0.5 * binary(seed, 3000, 30)
