@@ -28,6 +28,7 @@ from replant.numerics.arguments import FloatArray
 from replant.numerics.levels import MATTERS
 from replant.numerics.linear_algebra import combined, quiet
 from replant.numerics.projections import without
+from replant.numerics.robust import last_known
 from replant.numerics.score_test import Explained, Residual
 from replant.verdict.assess import MOST_SAMPLES
 from replant.verdict.estimate_tests import without_longer
@@ -187,9 +188,7 @@ def _moves(signal: FloatArray) -> bool:
 
 def _scaled(signal: FloatArray) -> FloatArray:
     """Return a signal (K,) around zero with a spread of one; a missing value is that before it."""
-    known = np.isfinite(signal)
-    last = np.maximum.accumulate(np.where(known, np.arange(signal.size), -1))
-    filled = signal[np.where(last >= 0, last, int(np.argmax(known)))]
+    filled = last_known(signal, float(signal[np.isfinite(signal).argmax()]))
     moved = filled / np.abs(filled).max()
     moved = moved - moved.mean()
     return np.asarray(moved / moved.std(), np.float64)
