@@ -103,7 +103,7 @@ def _simulated(model: rp.TransferFunction | None, log: Log, data: Data) -> tuple
 def _plain(structure: rp.Structure, data: Data, dt: float) -> rp.TransferFunction | None:
     """Return replant's estimate without a noise model, where it finds one."""
     raw = RawRecord(structure, dt, MEANS.resolve(data.u, data.y), data.u, data.y, None, "zoh")
-    found = refine(structure, raw.made_ready(data.y, None), filtered=False)
+    found = refine(structure, raw.made_ready(None), filtered=False)
     return None if found is None else structure.transfer_function(found.theta[: structure.size])
 
 

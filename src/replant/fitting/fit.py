@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -18,18 +18,15 @@ from replant.estimation.solver.least_squares import choose_filter, least_squares
 from replant.estimation.solver.solve import Solution, solve
 from replant.fitting.fit_result import FitResult, ReferenceUse, use_of
 from replant.fitting.miso_fit import RowFit, fit_row
-from replant.fitting.model import reference_of
 from replant.fitting.parted_record import differ, solve_parted
 from replant.fitting.samples import RawRecord, Samples
 from replant.fitting.several_outputs import MatrixFit, are_rows, samples_of_outputs, solved_rows
 from replant.kernels.schema import Doubt
-from replant.logs.log import without_rest
 from replant.model.interop import in_our_words
 from replant.model.noise import NoiseModel
-from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
+from replant.model.preprocess import Preprocess
 from replant.model.structure import Structure
-from replant.numerics.arguments import BoolArray, FloatArray, one_of, record
-from replant.numerics.limits import increasing
+from replant.numerics.arguments import FloatArray, one_of
 from replant.numerics.linear_algebra import combined, quiet
 from replant.verdict import Simulation, fit_percent, simulate
 from replant.verdict.evidence import CONSTANT, is_constant
@@ -177,10 +174,10 @@ def fit_samples(
     hold = given.input_hold if isinstance(chosen, str) else chosen.input_hold
     if given.reference is not None and method == "least_squares":
         raise InvalidArgumentError("least_squares makes no use of a reference: leave it out, or use method='srivc'")
-    raw, r, rejected = checked(given, structure, dt, hold, preprocess)
+    raw, r, rejected = given.checked(structure, dt, hold, preprocess)
     use = None
     if method != "least_squares":
-        use = None if r is None else use_of(r, raw.made_ready(raw.y, r))
+        use = None if r is None else use_of(r, raw.made_ready(r))
         solution = _solution(raw, r if use is None or use.used else None)
         if solution is None and use is not None:
             use = use.given_up()
@@ -202,7 +199,7 @@ def fit_samples(
         chosen = choose_filter(structure, dt, raw.preprocess, raw.u, raw.y, input_hold=hold)
     raw = dataclasses.replace(raw, input_hold=chosen.input_hold)
     result = _least_squares_result(raw, chosen, rejected, use)
-    return _with_record(result, raw, given, raw.made_ready(raw.y, None))
+    return _with_record(result, raw, given, raw.made_ready(None))
 
 
 def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples) -> FitResult:
@@ -227,50 +224,20 @@ def _parted(whole: FitResult, raw: RawRecord, solution: Solution, given: Samples
 def _with_record(result: FitResult, raw: RawRecord, given: Samples, record: Record) -> FitResult:
     """Return a result with the record that its verdict looks at, and the names of its signals."""
     if result.reference is not None and record.r is None:
-        record = dataclasses.replace(record, r=raw.made_ready(raw.y, result.reference.signal).r)
+        record = dataclasses.replace(record, r=raw.made_ready(result.reference.signal).r)
     record = dataclasses.replace(record, rest=0 if given.begins else given.rest)
     usual = None if raw.stamps is None else float(np.median(np.diff(raw.stamps)))
     used = raw.usable
     means = (float(raw.mapped[used].mean()), float(raw.y[used].mean())) if used.any() else (0.0, 0.0)
-    others, level = {name: signal[raw.made_use_of] for name, signal in given.others.items()}, raw.input_level(record)
-    return given.named(
-        dataclasses.replace(result, record=record, means=means, input_level=level, usual_interval=usual, others=others)
-    )
-
-
-def checked(
-    given: Samples, structure: Structure, dt: float, input_hold: str, preprocess: Preprocess
-) -> tuple[RawRecord, FloatArray | None, dict[str, int]]:
-    """Return samples, checked, as a record, their reference, and how many are rejected for which reason."""
-    u, y = record(given.u, given.y)
-    stamps = None if given.t is None else increasing(given.t, u.size)
-    r = None if given.reference is None else accepted(reference_of(given.reference, u.size))[0]
-    y = y if r is None else np.where(np.isfinite(r), y, np.nan)
-    usable, rejected = screen(preprocess.map_input(u), y)
-    rejected = without_rest(rejected, "not finite", given.rest)
-    _check_length(structure, usable, rejected)
-    lasts = dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
-    if not structure.delay < lasts:
-        raise InvalidArgumentError(
-            f"the dead time of {structure.delay:g} s is no shorter than the record, which lasts {lasts:.6g} s"
-        )
-    raw = RawRecord(structure, dt, preprocess.resolve(u, y), u, y, stamps, input_hold, given.begins)
-    return raw, r, rejected
-
-
-def _check_length(structure: Structure, usable: BoolArray, rejected: Mapping[str, int]) -> None:
-    """Raise InvalidArgumentError where the usable samples are fewer than the parameters need."""
-    samples, others = int(usable.sum()), rejected_in_words(rejected)
-    if samples < structure.size + 1:
-        beside = f" ({others})" if others else ""
-        raise InvalidArgumentError(
-            f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
-            f"{structure.size} parameters need{beside}: record more, or ask for fewer poles and zeros"
-        )
+    others = {name: signal[raw.made_use_of] for name, signal in given.others.items()}
+    return dataclasses.replace(
+        result, record=record, means=means, input_level=raw.input_level(record), usual_interval=usual, others=others,
+        input_name=given.input_name, output_name=given.output_name, source=given.source, sha256=given.sha256,
+    )  # fmt: skip
 
 
 def _solution(raw: RawRecord, r: FloatArray | None) -> Solution | None:
-    return solve(raw.structure, raw.made_ready(raw.y, r), nested=True)
+    return solve(raw.structure, raw.made_ready(r), nested=True)
 
 
 def _refined_result(

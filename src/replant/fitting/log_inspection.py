@@ -83,7 +83,6 @@ def beside_first_model(
 ) -> tuple[OtherColumn, ...]:
     """Return the columns that explain a part of what a model of one pole leaves; none if there is no model."""
     from replant.estimation.solver.solve import solve
-    from replant.fitting.fit import checked
     from replant.fitting.samples import Samples
 
     if not others:
@@ -93,9 +92,9 @@ def beside_first_model(
     try:
         structure = Structure(poles=1, delay=delay)
         about_means = Preprocess("identity", "mean", "mean")
-        raw, _, _ = checked(Samples(u, y, dt, None, None), structure, dt, "zoh", about_means)
+        raw, _, _ = Samples(u, y, dt, None, None).checked(structure, dt, "zoh", about_means)
         # no loads are looked for: a load may be what another column tells
-        solution = solve(structure, raw.made_ready(y, None))
+        solution = solve(structure, raw.made_ready(None))
     except ReplantError:
         return ()
     if solution is None:

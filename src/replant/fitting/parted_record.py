@@ -77,14 +77,13 @@ def solve_parted(
     others: Iterable[FloatArray] = (),
 ) -> Parted[Solution | None]:
     """Return a record of one input parted at its loads; ``whole`` is its solution without them."""
-    model_of, first = partial(_model_of, structure), Parted[Solution | None](whole)
     row = Row.of_one(structure, whole.record)
     # a slow pole may have followed a load and left nothing of it: then other models (T,), or of the halves, tell of it
     for theta in itertools.chain([whole.found.theta], others, _of_halves(structure, whole)):
         judge = Judge.of(row, theta[: structure.coefficients])
         if may_have_loads(row, judge.theta):
-            return parted(first.solution, model_of, with_loads, judge)
-    return first
+            return parted(whole, partial(_model_of, structure), with_loads, judge)
+    return Parted[Solution | None](whole)
 
 
 def _of_halves(structure: Structure, whole: Solution) -> Iterator[FloatArray]:

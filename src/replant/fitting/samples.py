@@ -13,13 +13,14 @@ import numpy as np
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.record import Record, ready_record
 from replant.estimation.simulation.fitted_run import FittedRun
-from replant.fitting.fit_result import FitResult
-from replant.logs.log import Log, unused
-from replant.model.preprocess import Preprocess, screen
+from replant.fitting.model import reference_of
+from replant.logs.log import Log, unused, without_rest
+from replant.model.preprocess import Preprocess, accepted, rejected_in_words, screen
 from replant.model.structure import Structure
 from replant.model.transfer_function import TransferFunction
-from replant.numerics.arguments import BoolArray, FloatArray
+from replant.numerics.arguments import BoolArray, FloatArray, record
 from replant.numerics.autoregression import one_step, one_step_with_lost
+from replant.numerics.limits import increasing
 from replant.verdict import Simulation, fit_percent, simulate
 
 CLOCKS = ("t", "time", "timestamp")
@@ -150,11 +151,30 @@ class Samples:
         """Working point by default: a rig is rarely at rest at zero; of arrays nothing is known."""
         return Preprocess("identity", "mean", "mean") if self.is_log else Preprocess()
 
-    def named(self, result: FitResult) -> FitResult:
-        """Return the result of a fit with the names of these samples."""
-        return replace(
-            result, input_name=self.input_name, output_name=self.output_name, source=self.source, sha256=self.sha256
-        )
+    def checked(
+        self, structure: Structure, dt: float, input_hold: str, preprocess: Preprocess
+    ) -> tuple[RawRecord, FloatArray | None, dict[str, int]]:
+        """Return the record of one input and its reference, checked, and how many samples are rejected for what."""
+        u, y = record(self.u, self.y)
+        stamps = None if self.t is None else increasing(self.t, u.size)
+        r = None if self.reference is None else accepted(reference_of(self.reference, u.size))[0]
+        y = y if r is None else np.where(np.isfinite(r), y, np.nan)
+        usable, rejected = screen(preprocess.map_input(u), y)
+        rejected = without_rest(rejected, "not finite", self.rest)
+        samples, others = int(usable.sum()), rejected_in_words(rejected)
+        if samples < structure.size + 1:
+            beside = f" ({others})" if others else ""
+            raise InvalidArgumentError(
+                f"the record has {samples} usable samples, fewer than the {structure.size + 1} that "
+                f"{structure.size} parameters need{beside}: record more, or ask for fewer poles and zeros"
+            )
+        lasts = dt * (u.size - 1) if stamps is None else float(stamps[-1] - stamps[0])
+        if not structure.delay < lasts:
+            raise InvalidArgumentError(
+                f"the dead time of {structure.delay:g} s is no shorter than the record, which lasts {lasts:.6g} s"
+            )
+        raw = RawRecord(structure, dt, preprocess.resolve(u, y), u, y, stamps, input_hold, self.begins)
+        return raw, r, rejected
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,9 +212,9 @@ class RawRecord:
         """Which samples (K,) can be used."""
         return screen(self.mapped, self.y)[0]
 
-    def made_ready(self, y: FloatArray, r: FloatArray | None) -> Record:
-        """Return the record with another output (K,), and a reference (K,) or None."""
-        ready = ready_record(self.structure, self.dt, self.preprocess, self.u, y, self.stamps, self.input_hold, r)
+    def made_ready(self, r: FloatArray | None) -> Record:
+        """Return the record that an estimator takes, with a reference (K,) or None."""
+        ready = ready_record(self.structure, self.dt, self.preprocess, self.u, self.y, self.stamps, self.input_hold, r)
         if not self._parts[1:]:
             return ready
         places = np.searchsorted(np.flatnonzero(self.made_use_of), [part.start for part in self._parts])

@@ -14,7 +14,7 @@ from replant.errors import InvalidArgumentError
 from replant.estimation.engine.record import Record
 from replant.estimation.filters import RefinedFilter
 from replant.estimation.solver.solve import at_first, leaving_out, solve
-from replant.fitting.fit import checked, fit_samples
+from replant.fitting.fit import fit_samples
 from replant.fitting.miso_fit import RowFit, fit_row, is_row
 from replant.fitting.miso_search import Options, search_rows
 from replant.fitting.samples import Samples
@@ -155,8 +155,8 @@ def _searched(
     dt, times = duration("dt", given.dt), sorted(set(several("delays", delays, dead_time)))
     grid = _grid(poles, zeros, times, bias)
     hold = RefinedFilter(given.input_hold)
-    raw, r, _ = checked(given, replace(grid[0], delay=times[-1]), dt, given.input_hold, preprocess)
-    ready = raw.made_ready(raw.y, r)
+    raw, r, _ = given.checked(replace(grid[0], delay=times[-1]), dt, given.input_hold, preprocess)
+    ready = raw.made_ready(r)
     # without outputs that are bad by the smallest structure, or by themselves: a fast pole and an initial state of a
     # larger one would explain a first output that is bad
     solution = solve(min(grid, key=_size), ready)
@@ -175,7 +175,7 @@ def _searched(
         (each for each in candidates if _size(each.structures[0]) == _size(chosen.structure)),
         key=lambda each: abs(each.structures[0].delay - chosen.structure.delay),
     )
-    return SearchResult(given.named(best), nearest, candidates)
+    return SearchResult(best, nearest, candidates)
 
 
 class _Sweep:

@@ -153,9 +153,9 @@ def judged_by_log(result: Result, log: Log) -> Result:
     raw = RawRecord(result.structure, log.dt, settings.preprocess, log.input, y, log.stamps, settings.filter.input_hold)
     if not raw.usable.any():
         return result
-    record, verdict = raw.made_ready(y, None), result.verdict
+    record, verdict = raw.made_ready(None), result.verdict
     if smaller and settings.instruments:
-        verdict = with_fewer_poles(verdict, result.structure, result.parameters, raw.made_ready(y, log.reference))
+        verdict = with_fewer_poles(verdict, result.structure, result.parameters, raw.made_ready(log.reference))
     if settings.instruments and log.reference is None:
         level = raw.input_level(record)
         verdict = with_other_cause(verdict, result.structure, result.parameters, record, level)
