@@ -18,7 +18,8 @@ import pytest
 
 from replant.cli import main
 from replant.errors import LogError, MissingDependencyError
-from replant.logs import read_columns, read_log
+from replant.logs import Table, file_formats, read_columns, read_log
+from replant.logs.merged_channels import Signal, channel_table
 from support.cases import every
 from support.damage import damaged
 
@@ -81,6 +82,21 @@ def test_errors_name_the_file_that_was_given(write: Write, name: str, pack: Call
     assert str(caught.value).startswith(f"{path}: ")
     with pytest.warns(UserWarning, match=re.escape(f"{path}: the last line is cut off")):
         read_log(write(pack(TEXT[:-22].encode()), name), input="u", output="y")
+
+
+def test_errors_about_the_stamps_of_a_channel_name_it_too(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
+    def opened(copy: Path) -> Table:
+        def fails() -> Signal:
+            raise LogError(f"{copy}: damaged")
+
+        return channel_table(copy, [("u", fails)])
+
+    monkeypatch.setattr(file_formats, "_read_file", opened)
+    path = write(gzip.compress(b"channels"), "log.mcap.gz")
+    table = read_columns(path)
+    assert table.stamps is not None
+    with pytest.raises(LogError, match=rf"^{re.escape(str(path))}: damaged$"):
+        table.stamps(0)
 
 
 REFUSED = {

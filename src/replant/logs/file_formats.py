@@ -97,12 +97,16 @@ def _table_of(path: Path, copy: _Copy) -> Table:
         with _named(copy, path):
             yield from table.blocks(numbers)
 
-    def describe_row(row: int) -> str:
-        with _named(copy, path):
-            return table.describe_row(row)
+    def named(function: Any) -> Any:
+        def of_number(number: int) -> Any:
+            with _named(copy, path):
+                return function(number)
+
+        return function and of_number
 
     notes = tuple(note.replace(str(copy.path), str(path)) for note in table.notes)
-    return replace(table, path=path, blocks=blocks, describe_row=describe_row, notes=notes)
+    asked = {"describe_row": named(table.describe_row), "stamps": named(table.stamps)}
+    return replace(table, path=path, blocks=blocks, notes=notes, **asked)
 
 
 @contextmanager
