@@ -116,51 +116,39 @@ class ErrorSums:
     """Sums of products of the residual and its past, from which any mean can be subtracted afterwards."""
 
     def __init__(self) -> None:
-        self._lags = LAGS
         self._past, self._known_past = np.zeros(LAGS), np.zeros(LAGS, bool)
-        self._samples = 0
-        size = LAGS + 2
-        #: Products of (e_k .. e_{k-LAGS}, 1) over every sample (unknown ones are zeros) and over those with a known
-        #: past, and of (e_k, 1) over the known ones that remain
-        self._all, self._usable, self._rest = np.zeros((size, size)), np.zeros((size, size)), np.zeros((2, 2))
+        self._samples, self._count, self._sum, self._squares = 0, 0, 0.0, 0.0  # the last three of known ones
+        #: Products of (e_k .. e_{k-LAGS}, 1) over the samples with a known past, of (e_k, 1) over the known ones that
+        #: remain
+        self._usable, self._rest = np.zeros((LAGS + 2, LAGS + 2)), np.zeros((2, 2))
         self._head, self._known_head = np.zeros(0), np.zeros(0, bool)  # the first samples
-        self._pairs = np.zeros(LAGS + 1)  # by lag: how many samples are known together with the one lag samples before
-        self._sums = np.zeros(LAGS + 1)  # by lag: the sum of e_k + e_{k-lag} over them
 
     def take(self, error: FloatArray, known: BoolArray) -> None:
         """Take residuals (K,), zero where they are not known."""
-        lags, count = self._lags, error.size
+        count = error.size
         if count == 0:
             return
         whole, there = np.concatenate([self._past, error]), np.concatenate([self._known_past, known])
-        stack = np.ones((lags + 2, count))
-        for lag in range(lags + 1):
-            stack[lag] = whole[lags - lag : lags - lag + count]
+        stack = np.ones((LAGS + 2, count))
+        for lag in range(LAGS + 1):
+            stack[lag] = whole[LAGS - lag : LAGS - lag + count]
         if there.all():
-            sums = products(stack.T, stack.T)
-            self._all[0] += sums[0]
-            self._usable += sums
-            self._pairs += count
-            self._sums += sums[0, -1] + sums[:-1, -1]
+            self._usable += products(stack.T, stack.T)
         else:
             self._take_some(stack, there)
-        self._past, self._known_past = whole[-lags:].copy(), there[-lags:].copy()
+        self._past, self._known_past = whole[-LAGS:].copy(), there[-LAGS:].copy()
         self._samples += count
+        self._count += int(np.count_nonzero(known))
+        self._sum, self._squares = self._sum + float(error.sum()), self._squares + sum_of_squares(error)
 
     def _take_some(self, stack: FloatArray, there: BoolArray) -> None:
         """Take residuals of which some are unknown: row i of ``stack`` has lag i, ``there`` says which are known."""
-        lags, count, error = self._lags, stack.shape[1], stack[0]
-        known = there[lags:]
-        for lag in range(lags + 1):
-            both = known & there[lags - lag : lags - lag + count]
-            self._pairs[lag] += np.count_nonzero(both)
-            self._sums[lag] += float(((error + stack[lag]) * both).sum())
-        self._all[0] += products(stack.T, error)
-        follows = np.convolve(~there, np.ones(lags + 1))[lags : lags + count] == 0  # all lags are known
+        known, error = there[LAGS:], stack[0]
+        follows = np.convolve(~there, np.ones(LAGS + 1))[LAGS : LAGS + error.size] == 0  # all lags are known
         alone = known & ~follows
         if self._samples == 0:  # the first samples have zeros, without a mean, as their past: `_of_head` sums them
-            self._head, self._known_head = error[:lags].copy(), known[:lags].copy()
-            alone[:lags] = False
+            self._head, self._known_head = error[:LAGS].copy(), known[:LAGS].copy()
+            alone[:LAGS] = False
         usable = stack[:, follows]
         self._usable += products(usable.T, usable.T)
         single = np.stack([error[alone], np.ones(np.count_nonzero(alone))])
@@ -169,21 +157,21 @@ class ErrorSums:
     @property
     def mean(self) -> float:
         """Mean of the residuals that are known."""
-        return float(self._all[0, -1] / self._pairs[0])
+        return self._sum / self._count
 
     def power(self, mean: float) -> float:
         """Return the sum of (e - mean)^2."""
-        return float(self._covariances(mean)[0])
+        return self._squares - 2.0 * mean * self._sum + mean**2 * self._count
 
     def innovation(self, mean: float) -> float:
         """Return the sum of w^2; where the past of a residual is not known, w is the residual itself."""
         count = float(self._usable[-1, -1])
-        if self._samples <= self._lags or count < LEAST:
+        if self._samples <= LAGS or count < LEAST:
             return self.power(mean)
         # with (e_k - mean) for e_k
         shift = mean * self._usable[:-1, -1]
         sums = self._usable[:-1, :-1] - shift[:, None] - shift[None, :] + mean**2 * count
-        model = np.zeros(self._lags + 1)
+        model = np.zeros(LAGS + 1)
         chosen = Autoregression.of_sums(sums, count).coefficients
         model[: chosen.size] = chosen
         weights = np.append(model, -mean * model.sum())
@@ -197,9 +185,6 @@ class ErrorSums:
         follows = np.cumsum(~self._known_head) == 0
         return float((np.where(follows, predicted, error) ** 2).sum())
 
-    def _covariances(self, mean: float) -> FloatArray:
-        return self._all[0, :-1] - mean * self._sums + mean**2 * self._pairs
-
 
 SEGMENTS = 8  # stretches, half overlapping, over whose periodograms the measured spectrum is the mean [count]
 SHORTEST = 64  # samples that a stretch needs [samples]
@@ -207,14 +192,12 @@ SHORTEST = 64  # samples that a stretch needs [samples]
 
 def periodogram(residual: FloatArray, dt: float) -> tuple[FloatArray, FloatArray] | None:
     """Return angular frequencies and the two-sided density of a residual (K,) per Hz, by Welch; None if too short."""
+    from scipy.signal import welch  # slow to import
+
     known = np.isfinite(residual)
     if known.sum() < SHORTEST:
         return None
     filled = np.where(known, residual - residual[known].mean(), 0.0)
     length = max(2 * filled.size // (SEGMENTS + 1), SHORTEST)
-    window = np.hanning(length)
-    begins = range(0, filled.size - length + 1, max(length // 2, 1))
-    powers = [np.abs(np.fft.rfft(window * filled[begin : begin + length])) ** 2 for begin in begins]
-    density = np.mean(powers, axis=0) * dt / np.sum(window**2)
-    omega = np.asarray(2.0 * math.pi * np.fft.rfftfreq(length, dt), np.float64)
-    return omega[1:-1], np.asarray(density[1:-1])
+    frequencies, density = welch(filled, 1.0 / dt, np.hanning(length), noverlap=length - length // 2, detrend=False)
+    return 2.0 * math.pi * frequencies[1:-1], np.asarray(density[1:-1] / 2.0)  # which is one-sided
