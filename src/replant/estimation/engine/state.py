@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import lru_cache
 
 import numpy as np
 
@@ -186,21 +185,6 @@ class State(StateArrays):
         state.forget_input = 1.0 / max(request.first_hold, 1)
         return state
 
-    @classmethod
-    def for_regressors(
-        cls, structure: Structure, dt: float, state_filter: StateVariableFilter, preprocess: Preprocess
-    ) -> State:
-        """Return arrays that turn a raw record into unscaled regressors of a fixed filter."""
-        state = cls.build(structure, dt, state_filter=state_filter, input_hold=state_filter.input_hold)
-        state.square_input = preprocess.input_map == "square"
-        state.input_offset, state.output_offset = float(preprocess.input_offset), float(preprocess.output_offset)
-        return state
-
-    @classmethod
-    def for_model(cls, structure: Structure, dt: float, input_hold: str, *, reference: bool = False) -> State:
-        """Return arrays that turn a `Record` into regressors and instruments of the refined filter."""
-        return _for_model(structure, dt, input_hold, reference=reference).copy()
-
     @property
     def factors(self) -> tuple[FloatArray, FloatArray]:
         """Views of U (T, T) and D (T,), the covariance U D U' that the optimizer keeps."""
@@ -260,11 +244,6 @@ class State(StateArrays):
             kept[1 : 1 + n * n] = discrete.transition.ravel()
             kept[1 + n * n : 1 + n * n + n] = discrete.output_taps[0]
             fixed[bk.NEXT] = 1.0
-
-
-@lru_cache(maxsize=16)  # a solution asks ten times for the same, and to lay them out takes as long as three passes
-def _for_model(structure: Structure, dt: float, input_hold: str, *, reference: bool) -> State:
-    return State.build(structure, dt, state_filter=None, input_hold=input_hold, reference=reference)
 
 
 #: Why a sample is not learned, and where it is counted.  The output of an outlier, of a stuck sensor, and one that is

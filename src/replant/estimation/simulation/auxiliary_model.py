@@ -13,7 +13,7 @@ import copy
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -95,13 +95,18 @@ class Pass:
         return cost if math.isfinite(cost) else math.inf
 
 
+@lru_cache(maxsize=16)  # a solution asks ten times for the same, and to lay them out takes as long as three passes
+def _state_of(structure: Structure, dt: float, input_hold: str, *, reference: bool) -> State:
+    return State.build(structure, dt, state_filter=None, input_hold=input_hold, reference=reference)
+
+
 class AuxiliaryModel:
     """Runs models of one structure over records."""
 
     def __init__(
         self, structure: Structure, dt: float, input_hold: str = "zoh", *, margin: float = 0.0, reference: bool = False
     ) -> None:
-        self._state = State.for_model(structure, dt, input_hold, reference=reference)
+        self._state = _state_of(structure, dt, input_hold, reference=reference).copy()
         self._state.stability_margin = margin
         self._delay, self._order, self._bias = structure.delay, structure.poles, structure.bias
 

@@ -32,7 +32,9 @@ def regressors(
 
     if t is not None and state_filter.regular_only:
         raise InvalidArgumentError("the gbt filter knows a regular clock only: give no t, or use method='exact'")
-    state = State.for_regressors(structure, dt, state_filter, preprocess)
+    state = State.build(structure, dt, state_filter=state_filter, input_hold=state_filter.input_hold)
+    state.square_input = preprocess.input_map == "square"
+    state.input_offset, state.output_offset = float(preprocess.input_offset), float(preprocess.output_offset)
     phi, target = np.empty((u.size, structure.size)), np.empty(u.size)
     if callable(preprocess.input_map):
         u = preprocess.call_map(u)
