@@ -177,15 +177,10 @@ class Contest:
         self.error = known.error[known.error.size - self.rows :]  # of the model from before
         self.usual = self.stretch.of_usual(self.error, known.noise, known.variance)
 
-    @property
-    def is_long_enough(self) -> bool:
-        """Whether the samples since are enough for a model."""
-        return is_long_enough(self.structure, self.since)
-
     @quiet
     def claims(self, *, again: bool = False) -> list[Claim]:
         """Return what can be said of the samples since; ``again``: what a change that is believed may have been."""
-        if not self.is_long_enough:
+        if not is_long_enough(self.structure, self.since):
             return []
         found: list[Claim] = []
         if not again:
@@ -217,7 +212,8 @@ class Contest:
 
     def _of_models(self) -> Iterator[Claim]:
         """Yield the claims of models fitted to the samples since: a load, a part of the plant, another plant."""
-        begins = [(Supposition.LOAD, self._without_moving())]
+        moved = with_nuisances(self.problem, self.known.mean, slice(-self.rows, None))
+        begins = [(Supposition.LOAD, (moved, np.zeros((moved.size, 0))))]
         if self._is_driven(*self._driven(self.known.mean)):  # else the gain is not told
             begins.append((Supposition.PART, self._scaled()))
         starts = []
@@ -269,11 +265,6 @@ class Contest:
         """Return the log-likelihood ratio to NOTHING of a model's pass, or of another error (K,) of its nuisances."""
         nuisances = done.phi[:, self.structure.coefficients :]
         return self.stretch.of_other(done.ahead if error is None else error, self.known.noise, nuisances) - self.usual
-
-    def _without_moving(self) -> tuple[FloatArray, FloatArray]:
-        """Return the known model with offset and initial state as the samples since tell them, and no direction."""
-        model = with_nuisances(self.problem, self.known.mean, slice(-self.rows, None))
-        return model, np.zeros((model.size, 0))
 
     def _scaled(self) -> tuple[FloatArray, FloatArray]:
         """Return the known model with the gain that explains the samples since best, and the numerator's direction."""

@@ -42,8 +42,8 @@ def resampled_scatter(structure: Structure, record: Record, estimate: FloatArray
     problem = Problem(structure, record)
     model = problem.with_nuisances(without_nuisances(structure, estimate))
     own, done = problem.run(model), problem.run_whole(model)
-    noise = Autoregression.of_residual(own.ahead, problem.known, problem.record.count)
-    white = noise.whiten_known(own.ahead, problem.known)
+    noise = Autoregression.of_residual(own.ahead, problem.record.predecessors, problem.record.count)
+    white = noise.whiten_known(own.ahead, problem.record.predecessors)
     fitted = model.size + problem.record.nuisances_beside(structure.poles, bias=structure.bias)
     deviation = math.sqrt(sum_of_squares(white) / max(problem.record.count - fitted, 1))
     output, rng, squares = _output(problem, model), np.random.default_rng(0), 0.0

@@ -15,7 +15,7 @@ from replant.estimation.engine.record import Record
 from replant.estimation.simulation.auxiliary_model import AuxiliaryModel, Pass, stability_margin
 from replant.estimation.solver.refined_estimate import Prior, Projection, Refined, Root, conclude
 from replant.model.structure import Structure
-from replant.numerics.arguments import FloatArray, IntArray
+from replant.numerics.arguments import FloatArray
 from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import combined, products, real_coefficients, roots, solve, sum_of_squares
@@ -58,11 +58,6 @@ class Problem:
         self._model = AuxiliaryModel(structure, record.dt, hold, margin=self.slowest, reference=referenced)
         self.noise = Autoregression.white(1.0, self.record.u.size)  # D(q) of the residual
         self._basis: tuple[Autoregression, FloatArray, FloatArray] | None = None
-
-    @property
-    def known(self) -> IntArray:
-        """Residuals before each (K,) that are one sampling time apart."""
-        return self.record.predecessors
 
     def run(self, model: FloatArray, *, filled: bool = True) -> Pass:
         """Return the pass of a model (T,) over the record; zero rows where no output was measured."""
@@ -148,7 +143,7 @@ class Problem:
         if self.is_rounding(done):
             self.noise = Autoregression.white(sum_of_squares(done.error), self.record.count)
         else:
-            self.noise = Autoregression.of_residual(done.error, self.known, self.record.count)
+            self.noise = Autoregression.of_residual(done.error, self.record.predecessors, self.record.count)
 
     def misfit(self, done: Pass) -> float:
         """Return J, what the reference explains of the whitened residual; without one, the power of that of `ahead`."""
