@@ -31,7 +31,6 @@ from fuzz.public import classes, folder, missing
 from fuzz.trial import FindingError
 from replant import signals
 from replant.errors import LONGEST
-from replant.estimation.engine.dimensions import Dimensions
 from replant.estimation.settings import Request, Settings
 from replant.fitting.model_fields import ModelFields, Provenance, RowFields
 from replant.fleet.job import Job
@@ -123,7 +122,6 @@ EXAMPLES: dict[type, dict[str, Any]] = {
         "plant": rp.TransferFunction([1.0], [1.0, 1.0]), "dt": 2.0, "input_rest": 1.0, "output_rest": 1.0,
         "noise": 1.0, "creep": 1.0,
     },
-    Dimensions: {"order": 2, "entries": 4, "ring": 8, "memory": 3, "settings": 3, "batch": 2, "capacity": 3},
 }  # fmt: skip
 #: Functions that take numbers, not records.
 FUNCTIONS: dict[Callable[..., Any], dict[str, Any]] = {
