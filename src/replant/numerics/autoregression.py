@@ -11,6 +11,7 @@ Identification", section 11.2.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,10 +94,16 @@ class Autoregression:
     @classmethod
     def of_residual(cls, error: FloatArray, known: IntArray, samples: int) -> Autoregression:
         """Return the model of a residual (K,) of so many samples; white where too few have ``known`` predecessors."""
-        sums, count = sums_of(error, known)
+        return cls.of_stretches([error], [known], samples)
+
+    @classmethod
+    def of_stretches(cls, errors: Sequence[FloatArray], known: Sequence[IntArray], samples: int) -> Autoregression:
+        """Return the same of the residuals (K,) of several stretches, one model for all."""
+        told = [sums_of(*each) for each in zip(errors, known, strict=True)]
+        sums, count = np.asarray(sum(each for each, _ in told)), sum(number for _, number in told)
         if count >= LEAST and np.isfinite(sums).all():
             return cls.of_sums(sums, count)
-        return cls.white(sum_of_squares(error), samples)
+        return cls.white(float(sum(sum_of_squares(error) for error in errors)), samples)
 
     @classmethod
     def white(cls, power: float, count: float) -> Autoregression:

@@ -22,7 +22,7 @@ from replant.estimation.simulation.miso_exogenous import Outside
 from replant.model.preprocess import accepted
 from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
-from replant.numerics.autoregression import LEAST, Autoregression, sums_of
+from replant.numerics.autoregression import Autoregression
 from replant.numerics.levels import ROUNDING
 from replant.numerics.linear_algebra import combined, products, quiet, roots, sum_of_squares
 from replant.numerics.projections import lengths_of, orthogonal
@@ -62,7 +62,9 @@ class Row:
         self._shared = AuxiliaryModel(replace(structures[0], zeros=structures[0].poles - 1, delay=0.0), self.dt)
         self.nuisances = 1 + sum(each.poles for each in structures)
         self.stretches = tuple(self._stretches())
-        self._ends = np.cumsum([each.size for each in structures])[:-1].tolist()
+        ends = np.cumsum([each.size for each in structures]).tolist()
+        # where the coefficients of each branch lie, of denominators of their own
+        self.places = [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
 
     @classmethod
     def of_one(cls, structure: Structure, record: Record) -> Row:
@@ -117,16 +119,10 @@ class Row:
     def branches(self, theta: FloatArray) -> list[FloatArray]:
         """Return the coefficients of each branch, a_{n-1} .. a_0, b_m .. b_0."""
         if not self.is_common:
-            return np.split(theta, self._ends)
+            return [theta[rows] for rows in self.places]
         poles = self.structures[0].poles
         sizes = np.cumsum([each.zeros + 1 for each in self.structures])[:-1].tolist()
         return [np.concatenate([theta[:poles], b]) for b in np.split(theta[poles:], sizes)]
-
-    @property
-    def places(self) -> list[slice]:
-        """Where the coefficients of each branch lie, of denominators of their own."""
-        ends = np.cumsum([each.size for each in self.structures]).tolist()
-        return [slice(*rows) for rows in zip([0, *ends], ends, strict=False)]
 
     def is_stable(self, theta: FloatArray) -> bool:
         """Whether all poles lie left of the imaginary axis."""
@@ -267,11 +263,7 @@ def noise_of(row: Row, point: Point) -> Autoregression:
 
 def colour_of(row: Row, signals: list[FloatArray]) -> Autoregression:
     """Return the autoregression of a signal (K,) of each stretch, one for all."""
-    told = [sums_of(each, stretch.known) for each, stretch in zip(signals, row.stretches, strict=True)]
-    count = sum(number for _, number in told)
-    if count < LEAST:
-        return Autoregression.white(float(sum(sum_of_squares(each) for each in signals)), row.count)
-    return Autoregression.of_sums(np.asarray(sum(sums for sums, _ in told)), count)
+    return Autoregression.of_stretches(signals, [stretch.known for stretch in row.stretches], row.count)
 
 
 @dataclass(frozen=True, eq=False)
