@@ -24,8 +24,9 @@ from replant.model.state_space import Response, Stretch
 from replant.model.transfer_function import TransferFunction
 from replant.numerics.arguments import BoolArray, FloatArray, vector
 from replant.numerics.autoregression import places_on_grid
-from replant.numerics.linear_algebra import combined, least_norm, quiet, sum_of_squares
 from replant.numerics.residuals import ErrorSums, OutputSums
+from replant.numerics.linear_algebra import combined, quiet, sum_of_squares
+from replant.numerics.projections import amounts_of, lengths_of
 from replant.numerics.robust import last_known
 
 FEWEST = 4  # outputs for each unknown of its state that a part behind a gap needs, else the state takes it up [count]
@@ -203,10 +204,8 @@ def triangle_of(*columns: FloatArray) -> FloatArray:
 @quiet
 def weights_of(triangle: FloatArray) -> FloatArray:
     """Return the weights (C - 1,) of a triangle's columns, the shortest that explain its last; zeros if none do."""
-    columns = triangle[:, :-1]
-    lengths = _lengths(columns)
     # the columns are scaled: the sizes of a response that dies out and of one that grows differ by many decades
-    return least_norm(columns / lengths, triangle[:, -1], RANK_TOLERANCE)[0] / lengths
+    return amounts_of(triangle[:, :-1], triangle[:, -1], RANK_TOLERANCE)
 
 
 @quiet
@@ -217,19 +216,13 @@ def common_offset(triangles: Sequence[FloatArray]) -> float:
         own, rest = triangle[:, :-2], triangle[:, -2:]
         if not np.isfinite(triangle).all():
             continue
-        left, values, _ = np.linalg.svd(own / _lengths(own), full_matrices=False)
+        left, values, _ = np.linalg.svd(own / lengths_of(own), full_matrices=False)
         basis = left[:, values > RANK_TOLERANCE * values.max(initial=0.0)]
         for _ in range(2):  # once more, for what rounding left
             rest = rest - basis @ (basis.T @ rest)
         size += float(triangle[:, -2] @ triangle[:, -2])
         power, product = power + float(rest[:, 0] @ rest[:, 0]), product + float(rest[:, 0] @ rest[:, 1])
     return product / power if power > RANK_TOLERANCE**2 * size else 0.0
-
-
-def _lengths(columns: FloatArray) -> FloatArray:
-    """Return the length of each column (C,), 1 of one that is zero."""
-    lengths = np.linalg.norm(columns, axis=0)
-    return np.where(lengths == 0.0, 1.0, lengths)
 
 
 class BatchRun(Protocol):

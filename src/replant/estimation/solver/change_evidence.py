@@ -25,6 +25,7 @@ from replant.model.structure import Structure
 from replant.numerics.arguments import BoolArray, FloatArray, IntArray
 from replant.numerics.autoregression import LEAST, Autoregression
 from replant.numerics.linear_algebra import combined, inverse_of, least_norm, products, quiet, sum_of_squares
+from replant.numerics.projections import lengths_of
 
 # a normal deviate beyond 4 has the chance 6e-5
 UNTOLD = 4.0  # residual beyond which a sample is not what the model tells [standard deviations]
@@ -145,8 +146,7 @@ def dispersion_of(
     length = min(length, begin // (STRETCHES + 1))
     if length < 2 * coefficients.size or not np.isfinite(slopes).all():
         return 1.0, math.inf
-    units = np.linalg.norm(slopes, axis=0)
-    slopes = slopes / np.where(units > 0.0, units, 1.0)
+    slopes = slopes / lengths_of(slopes)
     explained, ranks = 0.0, 0
     # without the stretch next to the begin: a change that is noticed late lies in it
     for end in range(begin - length, length - 1, -length):
