@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 from replant.errors import ArgumentTypeError, InvalidArgumentError, shown
 from replant.estimation.engine.dimensions import RECENT
 from replant.estimation.filters import RefinedFilter
 from replant.estimation.settings import AUTO, STORED
 from replant.fitting.model import Model
-from replant.model.noise import NoiseModel
 from replant.model.structure import Structure
-from replant.model.transfer_function import TransferFunction
-from replant.model.uncertainty import Uncertainty
-from replant.numerics.arguments import FloatArray, whole
+from replant.numerics.arguments import whole
 from replant.online.bank_weights import MOST
 from replant.online.estimate import Estimate
 from replant.online.locking import Shared, reads
 from replant.verdict import Assessment
+
+T = TypeVar("T")
 
 #: What the members of a bank choose from the data, so that their predictions compare.
 CHOSEN = "scaling", "optimizer", "replay", "instruments", "normalize", "background"
@@ -48,6 +48,11 @@ def asked_for(structures: Any, given: dict[str, Any]) -> list[dict[str, Any]]:
     return [given | {"structure": each, "history": history} for each in structures]
 
 
+def _of_served(read: Callable[[Estimate], T], meaning: str) -> T:
+    """Return the property that reads something of the member that leads."""
+    return cast("T", property(lambda members: read(members._served), doc=meaning))
+
+
 class Members(Shared):
     """Identifiers that learn side by side, and what is served: the model of the one that leads."""
 
@@ -76,71 +81,24 @@ class Members(Shared):
         served: Estimate = self._members[self.lead]
         return served
 
-    @property
-    def structure(self) -> Structure:
-        """That of the model that is served."""
-        return self._served.structure
-
-    @property
-    def dt(self) -> float:
-        """Sampling time in s."""
-        return self._served.dt
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters of the model that is served."""
-        return self._served.names
-
-    @property
-    def has_model(self) -> bool:
-        """Whether there is an estimate."""
-        return self._served.has_model
-
-    @property
-    def parameters(self) -> FloatArray:
-        """The estimate (P,) that is served."""
-        return self._served.parameters
-
-    @property
-    def covariance(self) -> FloatArray:
-        """Its covariance (P, P)."""
-        return self._served.covariance
-
-    @property
-    def uncertainty(self) -> Uncertainty:
-        """Its standard deviations."""
-        return self._served.uncertainty
-
-    @property
-    def noise(self) -> NoiseModel | None:
-        """The model of its residual's noise."""
-        return self._served.noise
-
-    @property
-    def transfer_function(self) -> TransferFunction:
-        """It as G(s)."""
-        return self._served.transfer_function
+    structure = _of_served(lambda lead: lead.structure, "That of the model that is served.")
+    dt = _of_served(lambda lead: lead.dt, "Sampling time in s.")
+    names = _of_served(lambda lead: lead.names, "Names of the parameters of the model that is served.")
+    has_model = _of_served(lambda lead: lead.has_model, "Whether there is an estimate.")
+    parameters = _of_served(lambda lead: lead.parameters, "The estimate (P,) that is served.")
+    covariance = _of_served(lambda lead: lead.covariance, "Its covariance (P, P).")
+    uncertainty = _of_served(lambda lead: lead.uncertainty, "Its standard deviations.")
+    noise = _of_served(lambda lead: lead.noise, "The model of its residual's noise.")
+    transfer_function = _of_served(lambda lead: lead.transfer_function, "It as G(s).")
+    samples = _of_served(lambda lead: lead.samples, "Accepted samples.")
+    rejected = _of_served(lambda lead: lead.rejected, "Rejected samples by reason, as the lead counts them.")
+    status = _of_served(lambda lead: lead.status, "`Identifier.status` of the member that leads.")
 
     @property
     def model(self) -> Model:
         """What is worth keeping of it; see `Identifier.model`."""
         model: Model = self._members[self.lead].model
         return model
-
-    @property
-    def samples(self) -> int:
-        """Accepted samples."""
-        return self._served.samples
-
-    @property
-    def rejected(self) -> dict[str, int]:
-        """Rejected samples by reason, as the member that leads has counted them."""
-        return self._served.rejected
-
-    @property
-    def status(self) -> str:
-        """`Identifier.status` of the member that leads."""
-        return self._served.status
 
     def assess(self) -> Assessment:
         """Return the verdict on the model that is served; see `Identifier.assess`."""
