@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.signal import lfilter
 
-from replant.kernels.filters.reference import SIZE, advance
+from replant.kernels.filters.reference import SIZE, carry_on
 from replant.kernels.schema import FIXED, LAGUERRE, ReferenceSlots
 from support.cases import every
 
@@ -20,7 +20,7 @@ def reference_of(pole: float, origin: float = 0.0) -> ReferenceSlots:
 def functions(pole: float, r: np.ndarray) -> np.ndarray:
     reference, states = reference_of(pole), np.empty((r.size, SIZE))
     for k in range(r.size):
-        advance(reference.fields, r[k])
+        carry_on(reference.states, reference.pole, r[k] - reference.origin)
         states[k] = reference.states
     return states
 

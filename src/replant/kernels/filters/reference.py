@@ -23,13 +23,8 @@ from replant.kernels.schema import LAGUERRE
 SIZE = LAGUERRE + 1  # functions, and the constant [count]
 
 
-def advance(reference, r):
-    """Carry the functions, sqrt(1 - a^2) / (1 - a/z) and (1/z - a) / (1 - a/z) of the one before, on by a sample r."""
-    carry_on(reference.states, reference.pole, r - reference.origin)
-
-
 def carry_on(states, a, r):
-    """Carry the functions with the pole a on by one sample r."""
+    """Carry the functions, sqrt(1 - a^2) / (1 - a/z) and (1/z - a) / (1 - a/z) of the one before, on by a sample r."""
     before = states[0]
     states[0] = a * before + math.sqrt(1.0 - a * a) * r
     for i in range(1, LAGUERRE):
@@ -62,22 +57,17 @@ def explained(reference, which):
 def project(s):
     """Take the newest reference: what it explains of input and output, by what was known before."""
     reference = s.reference
-    advance(reference, s.reference_now)
+    carry_on(reference.states, reference.pole, s.reference_now - reference.origin)
     s.input_by_reference = explained(reference, 0)
     s.output_by_reference = explained(reference, 1)
 
 
-def learn_weights(reference, u, y, work):
-    """Let the weights learn input and output; ``work`` holds 2 (LAGUERRE + 1) numbers."""
-    states, gain = reference.states, work[SIZE:]
-    alpha = measurement_update(SIZE, reference.factors, reference.diagonal, states, 1.0, work, gain)
+def learn(s, u, y):
+    """Let the weights learn the newest input and output; they forget nothing."""
+    reference, gain = s.reference, s.work[SIZE:]
+    alpha = measurement_update(SIZE, reference.factors, reference.diagonal, reference.states, 1.0, s.work, gain)
     for_input = (u - explained(reference, 0)) / alpha
     for_output = (y - explained(reference, 1)) / alpha
     for i in range(SIZE):
         reference.weights[0, i] += gain[i] * for_input
         reference.weights[1, i] += gain[i] * for_output
-
-
-def learn(s, u, y):
-    """Let the weights learn the newest input and output; they forget nothing."""
-    learn_weights(s.reference, u, y, s.work)
