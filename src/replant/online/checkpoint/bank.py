@@ -12,7 +12,7 @@ from replant.errors import DamagedCheckpointError
 from replant.estimation.engine.dimensions import RECENT
 from replant.kernels.schema import LAGS
 from replant.kernels.step.bank import KNOWN
-from replant.numerics.arguments import FloatArray, number
+from replant.numerics.arguments import number
 from replant.online.bank_weights import EVENTS, MOST, Lead, Weights
 from replant.online.checkpoint.encoding import ARRAYS, BANK, Progress, described, encode_other
 from replant.online.estimate import Estimate
@@ -37,13 +37,10 @@ def bytes_of(members: Sequence[bytes], state: dict[str, Any], progress: Progress
 Parts = tuple[list[Any], dict[str, Any]]
 
 
+@described()
 def restored(attributes: dict[str, Any], member_of: Callable[[bytes], Any]) -> Parts:
     """Return the parts of the bank in the content of a checkpoint, checked."""
-    with described():
-        return _restored(attributes[BANK], attributes[ARRAYS], member_of)
-
-
-def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray], member_of: Callable[[bytes], Any]) -> Parts:
+    plain, arrays = attributes[BANK], attributes[ARRAYS]
     count = plain["members"]
     if type(count) is not int or not 2 <= count <= MOST:
         raise DamagedCheckpointError("its members are not valid")

@@ -80,13 +80,10 @@ def _of_branches(models: Branches, before: str = "") -> dict[str, Any]:
     return {f"{before}{name}.{i}": each for i, arrays in states for name, each in arrays.items()}
 
 
+@described()
 def restored(attributes: dict[str, Any]) -> RowState:
     """Return the state in the content of a checkpoint, checked."""
-    with described():
-        return _restored(attributes[ROW], attributes[ARRAYS])
-
-
-def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
+    plain, arrays = attributes[ROW], attributes[ARRAYS]
     structures = tuple(Structure(*each) for each in plain["structures"])
     hold, names = one_of("input_hold", plain["hold"], HOLDS), tuple(map(str, plain["names"]))
     settings = RowSettings(structures, duration("dt", plain["dt"]), plain["startup"], plain["history"], hold, names)
@@ -95,9 +92,9 @@ def _restored(plain: dict[str, Any], arrays: dict[str, FloatArray]) -> RowState:
     references = plain.get("references", 0)  # checkpoints of before have none
     if type(references) is not int or references < 0:
         raise DamagedCheckpointError("its references are not valid")
-    _check("kept", kept, (len(kept), len(structures) + references + 2))
+    _check({"kept": kept}, kept=(len(kept), len(structures) + references + 2))
     held = clock.size - CLOCK
-    _check("clock", clock, (CLOCK + held if held in (0, kept.shape[1]) else CLOCK,))
+    _check({"clock": clock}, clock=(CLOCK + held if held in (0, kept.shape[1]) else CLOCK,))
     numbers = np.delete(clock, -2) if held else clock  # the output of the sample that waits may be missing
     waits = not held or plain["rejected"].get("time leap", 0) > 0  # it counts as rejected so long
     if not (np.isfinite(numbers).all() and clock[1] >= 0.0 and waits):
@@ -138,16 +135,14 @@ def _recursion(
 ) -> RowRecursion:
     coefficients, states = sum(each.size for each in structures), 1 + sum(each.poles for each in structures)
     size = coefficients + states
-    shapes = {
-        "theta": (coefficients,), "weights": (states,), "scale": (coefficients,), "origin": (len(structures),),
-        "tail": (LAGS, size + 1), "delta": (size,), "factor": (size, size), "diagonal": (size,), "counts": (4,),
-        "squares": (3,), "numbers": (len(NUMBERS),),
-    }  # fmt: skip
     for name, before, places in (("counts", 3, 4), ("squares", 1, 3)):  # checkpoints of before have no Page's sum
         if arrays[name].shape == (before,):
             arrays[name] = np.append(arrays[name], np.zeros(places - before, arrays[name].dtype))
-    for name, shape in shapes.items():
-        _check(name, arrays[name], shape)
+    _check(
+        arrays, theta=(coefficients,), weights=(states,), scale=(coefficients,), origin=(len(structures),),
+        tail=(LAGS, size + 1), delta=(size,), factor=(size, size), diagonal=(size,), counts=(4,), squares=(3,),
+        numbers=(len(NUMBERS),),
+    )  # fmt: skip
     if arrays["counts"].dtype.kind != "i" or not (arrays["counts"].min() >= 0 and arrays["counts"][0] <= LAGS):
         raise DamagedCheckpointError("its counts are not valid")
     if not all((arrays[name] >= 0.0).all() for name in ("diagonal", "squares")):
@@ -163,12 +158,9 @@ def _recursion(
 
 def _noise(arrays: dict[str, FloatArray], before: str = "") -> Autoregression:
     noise, lags = {name: arrays[f"{before}noise.{name}"] for name in OF_NOISE}, LAGS + 1
-    order = noise["coefficients"].size - 1
-    shapes = {"coefficients": (order + 1,), "models": (lags, lags), "powers": (lags,), "sums": (lags, lags)}
-    for name, shape in shapes.items():
-        _check(f"{before}noise.{name}", noise[name], shape)
-    numbers = arrays[f"{before}noise"]
-    _check(f"{before}noise", numbers, (2,))
+    order, numbers = noise["coefficients"].size - 1, arrays[f"{before}noise"]
+    _check(noise, f"{before}noise.", coefficients=(order + 1,), models=(lags, lags), powers=(lags,), sums=(lags, lags))
+    _check({"noise": numbers}, before, noise=(2,))
     if not 0 <= order <= LAGS:
         raise DamagedCheckpointError("its numbers are not valid")
     return Autoregression(power=float(numbers[0]), count=float(numbers[1]), **noise)
@@ -176,7 +168,7 @@ def _noise(arrays: dict[str, FloatArray], before: str = "") -> Autoregression:
 
 def _rivals(size: int, arrays: dict[str, FloatArray]) -> tuple[FloatArray, ...]:
     rivals = arrays.get("rivals", np.zeros((0, size)))
-    _check("rivals", rivals, (len(rivals), size))
+    _check({"rivals": rivals}, rivals=(len(rivals), size))
     return tuple(rivals)
 
 
@@ -184,7 +176,7 @@ def _judges(structures: tuple[Structure, ...], arrays: dict[str, FloatArray]) ->
     for number in range(JUDGES):  # checkpoints of before have none
         theta = arrays.get(f"judges.{number}.theta")
         if theta is not None:
-            _check("judges", theta, (sum(each.size for each in structures),))
+            _check({"judges": theta}, judges=(sum(each.size for each in structures),))
             yield Judge(theta, _noise(arrays, f"judges.{number}."))
 
 
@@ -193,10 +185,10 @@ def _branches(
 ) -> Branches:
     models = Branches(structures, dt, hold)
     for i, each in enumerate(models.arrays):
+        given = {name: arrays[f"{before}{name}.{i}"] for name in each}
+        _check(given, **{name: fresh.shape for name, fresh in each.items()})
         for name, fresh in each.items():
-            given = arrays[f"{before}{name}.{i}"]
-            _check(name, given, fresh.shape)
-            fresh[:] = given
+            fresh[:] = given[name]
     if not models.are_sound:
         raise DamagedCheckpointError("its state points outside of its arrays")
     return models
@@ -208,19 +200,20 @@ def _instruments(
     made, law = ({name: arrays[f"{part}.{name}"] for name in names} for part, names in
                  (("instruments", OF_INSTRUMENTS), ("law", OF_LAW)))  # fmt: skip
     is_moved = np.asarray(arrays["instruments.is_moved"], bool)
-    _check("is_moved", is_moved, (len(structures),))
+    _check({"is_moved": is_moved}, is_moved=(len(structures),))
     moved = int(np.count_nonzero(is_moved))
     signals = references + len(structures) - moved
-    shapes = {
-        "origin": (len(structures),), "tail": (LAGS, size), "poles": (signals,), "origins": (signals,),
-        "states": (signals, LAGUERRE), "weights": (moved, signals * LAGUERRE + 1),
-    }  # fmt: skip
-    for name, shape in shapes.items():
-        _check(name, (made | law)[name], shape)
+    _check(
+        made | law, origin=(len(structures),), tail=(LAGS, size), poles=(signals,), origins=(signals,),
+        states=(signals, LAGUERRE), weights=(moved, signals * LAGUERRE + 1),
+    )  # fmt: skip
     models = _branches(structures, dt, hold, arrays, "instruments.")
     return Instruments(Law(**law), is_moved, models, made["origin"], made["tail"])
 
 
-def _check(name: str, array: FloatArray, shape: tuple[int, ...]) -> None:
-    if array.shape != shape:
-        raise DamagedCheckpointError(f"its {name} have the shape {array.shape}, and its settings need {shape}")
+def _check(arrays: dict[str, Any], before: str = "", /, **shapes: tuple[int, ...]) -> None:
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise DamagedCheckpointError(
+                f"its {before}{name} have the shape {arrays[name].shape}, and its settings need {shape}"
+            )
