@@ -98,7 +98,7 @@ def prepare(model: list[str]) -> None:
     import replant.logs.read
     from replant import Identifier
     from replant.live.make_view import EstimateHistory, make_view
-    from replant.live.streams import addresses, serial_and_network
+    from replant.live.streams import UY, addresses, serial_and_network
     from replant.live.view import SessionInfo
 
     context = replant.cli.live.live_command.make_context("live", ["-", *model])
@@ -112,7 +112,7 @@ def prepare(model: list[str]) -> None:
     )
     rich.console.Console(file=io.StringIO()).print(replant.live.terminal_status.render(view))
     pyarrow.parquet.write_table(pyarrow.table({"words": pyarrow.array(["once"])}), io.BytesIO())  # imports pandas
-    rig = serial_and_network.TcpSource(addresses.Address("", "tcp", "127.0.0.1", 1))
+    rig = serial_and_network.TcpSource(addresses.Address("", "tcp", "127.0.0.1", 1), None, UY)
     socket.getaddrinfo("127.0.0.1", rig._place[1])
 
 

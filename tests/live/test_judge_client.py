@@ -233,7 +233,8 @@ def test_a_dashboard_that_cannot_be_served_later_on_ends_nothing(
     mortal: Observer, capfd: pytest.CaptureFixture
 ) -> None:
     """As when the process was killed and something else has taken its port meanwhile."""
-    mortal._receive(Told("failed", "the dashboard cannot listen on 127.0.0.1:8710"), first=False)
+    mortal._receive(Told("serving", "http://127.0.0.1:8710/"))
+    mortal._receive(Told("failed", "the dashboard cannot listen on 127.0.0.1:8710"))
     assert "cannot listen on 127.0.0.1:8710; trying again" in capfd.readouterr().err
     seen(mortal, identifier(300))
 

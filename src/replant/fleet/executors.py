@@ -19,6 +19,7 @@ from concurrent.futures import (
 )
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from typing import TypeVar
 
@@ -37,36 +38,53 @@ R = TypeVar("R")
 
 def carried_out(workers: Workers, function: Callable[[T], R], tasks: Iterable[T]) -> Iterator[tuple[int, R]]:
     """Yield number and result of each task as they end; a pool whose worker died is made anew, and goes on."""
-    if workers.executor is None:
-        yield from enumerate(map(function, tasks))
-        return
+    call, executor, lost = partial(_alone, function), workers.executor, 0
     waiting = list(enumerate(tasks))[::-1]
     running: dict[Future[R], tuple[int, T]] = {}
-    executor, lost = workers.executor, 0
-    try:
-        while waiting or running:
-            death: BaseException | None = None
-            try:
-                while waiting and len(running) < MOST_WAITING:
-                    running[executor.submit(function, waiting[-1][1])] = waiting[-1]
-                    waiting.pop()
-            except BrokenExecutor as error:
-                death = error
-            ended = wait(running, return_when=FIRST_COMPLETED)[0] if running and death is None else ()
-            for future in sorted(ended, key=lambda each: running[each][0]):
-                raised = CancelledError() if future.cancelled() else future.exception()
-                if isinstance(raised, BrokenExecutor) or type(raised).__name__ in LOST:
-                    death = raised
-                    continue
-                lost = 0
-                yield running.pop(future)[0], future.result()
-            if death is not None:
-                waiting += running.values()
-                running.clear()
-                executor, lost = _renewed(workers, death, lost), lost + 1
-    finally:
-        for future in running:
-            future.cancel()
+    with _one_thread():  # here, too: of threads that end one after the other the first one gives back what it found
+        while executor is None and waiting:
+            number, task = waiting.pop()
+            yield number, call(task)
+        try:
+            while executor is not None and (waiting or running):
+                death: BaseException | None = None
+                try:
+                    while waiting and len(running) < MOST_WAITING:
+                        running[executor.submit(call, waiting[-1][1])] = waiting[-1]
+                        waiting.pop()
+                except BrokenExecutor as error:
+                    death = error
+                ended = wait(running, return_when=FIRST_COMPLETED)[0] if running and death is None else ()
+                for future in sorted(ended, key=lambda each: running[each][0]):
+                    raised = CancelledError() if future.cancelled() else future.exception()
+                    if isinstance(raised, BrokenExecutor) or type(raised).__name__ in LOST:
+                        death = raised
+                        continue
+                    lost = 0
+                    yield running.pop(future)[0], future.result()
+                if death is not None:
+                    waiting += running.values()
+                    running.clear()
+                    executor, lost = _renewed(workers, death, lost), lost + 1
+        finally:
+            for future in running:
+                future.cancel()
+
+
+def _alone(function: Callable[[T], R], task: T) -> R:
+    with _one_thread():
+        return function(task)
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """Have linear algebra use one thread, so that no sum depends on it; the environment does without threadpoolctl."""
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(ImportError):
+            from threadpoolctl import threadpool_limits
+
+            stack.enter_context(threadpool_limits(1))
+        yield
 
 
 def _renewed(workers: Workers, error: BaseException, lost: int) -> Executor:

@@ -27,7 +27,7 @@ from replant.fleet.catalogue import find_rigs
 from replant.fleet.executors import Progress, carried_out, workers
 from replant.fleet.job import ABOUT, MODELS, TABLE, Job, Shape, planned, wanted, work_of
 from replant.fleet.store import Store, column, read_table
-from replant.fleet.worker import carry_out, one_thread
+from replant.fleet.worker import carry_out
 from replant.model.structure import Structure
 from replant.numerics.arguments import iterable
 from replant.numerics.limits import file_path
@@ -107,7 +107,7 @@ def sweep(
     else:
         raise ArgumentTypeError(f"sweep needs a function or a grid of settings, got {type(function).__name__}")
     results: list[Any] = [None] * len(tasks)
-    with workers(executor) as found, one_thread():
+    with workers(executor) as found:
         for done, (number, result) in enumerate(carried_out(found, call, tasks), 1):
             results[number] = result
             if progress is not None:
@@ -116,13 +116,12 @@ def sweep(
 
 
 def _called(function: Callable[[T], R], record: T) -> R:
-    with one_thread():
-        try:
-            return function(record)
-        except Exception as error:
-            if parent_process() is None or _travels(error):
-                raise
-            raise RuntimeError(f"{type(error).__name__}: {error}") from None  # as itself it would break the pool
+    try:
+        return function(record)
+    except Exception as error:
+        if parent_process() is None or _travels(error):
+            raise
+        raise RuntimeError(f"{type(error).__name__}: {error}") from None  # as itself it would break the pool
 
 
 def _travels(error: Exception) -> bool:
@@ -170,8 +169,7 @@ def _tried(task: tuple[dict[str, Any], int, Any]) -> Trial:
     settings, number, record = task
     named = tuple(settings.items())
     try:
-        with one_thread():
-            result = run(*record, **settings) if isinstance(record, tuple) else run(record, **settings)
+        result = run(*record, **settings) if isinstance(record, tuple) else run(record, **settings)
     except ReplantError as problem:
         return Trial(named, number, None, str(problem))
     return Trial(named, number, result.model)
@@ -359,7 +357,7 @@ def _identify_all(
     progress(Progress(rigs, count, 0, 0, 0.0 if tasks else 1.0))
     if not tasks:
         return
-    with workers(on) as found, one_thread():
+    with workers(on) as found:
         for number, done in carried_out(found, partial(carry_out, store.job), tasks):
             ended += work[number]
             store.add(tasks[number], done.cells)

@@ -21,7 +21,7 @@ from replant.fleet.job import REPORTS, Job, Rig, replacing, report_path
 from replant.fleet.odd_rigs import Drift, Oddness, drift_between, oddness_of
 from replant.fleet.statistics import CHANCE, Quantity, quantities_of
 from replant.fleet.store import FAILED, column, verdicts_of
-from replant.fleet.worker import one_thread, opened, result_of
+from replant.fleet.worker import opened, result_of
 from replant.numerics.arguments import FloatArray
 from replant.plotting.numbers import number, rounded
 from replant.report.matrix_page import Output, write_rows
@@ -269,23 +269,22 @@ def write_reports(fleet: Fleet, count: int, executor: Executor | str | None = No
 
 def _write_report(job: Job, folder: Path, rig: Rig) -> int:
     """Write the report of a rig; return how many that are: 1, or 0 for a rig that cannot be identified."""
-    with one_thread():
-        try:
-            recording = opened(rig, job)
-            result = result_of(recording, job, with_history=True)
-        except ReplantError:
-            return 0
-        log, shown = recording.held, None if isinstance(result, RowFit) else result.overview
-        if shown is not None:
-            log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
-        assert log is not None
-        about: dict[str, Any] = {"title": rig.name, "python": _program(rig.name, folder)}
-        with replacing(folder / report_path(rig.name)) as new:
-            if isinstance(result, RowFit):
-                write_rows(new, [Output(result, log)], **about)
-            else:
-                preprocess = job.preprocess.resolve(log.input, log.output) if job.method == "fit" else None
-                write_report(new, result, log, preprocess=preprocess, **about)
+    try:
+        recording = opened(rig, job)
+        result = result_of(recording, job, with_history=True)
+    except ReplantError:
+        return 0
+    log, shown = recording.held, None if isinstance(result, RowFit) else result.overview
+    if shown is not None:
+        log = recording.newest(shown.newest_input, shown.newest_output, shown.newest_times)
+    assert log is not None
+    about: dict[str, Any] = {"title": rig.name, "python": _program(rig.name, folder)}
+    with replacing(folder / report_path(rig.name)) as new:
+        if isinstance(result, RowFit):
+            write_rows(new, [Output(result, log)], **about)
+        else:
+            preprocess = job.preprocess.resolve(log.input, log.output) if job.method == "fit" else None
+            write_report(new, result, log, preprocess=preprocess, **about)
     return 1
 
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 import sys
 import time
 import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -124,24 +122,12 @@ class Done:
 
 def carry_out(job: Job, rigs: Sequence[Rig]) -> Done:
     """Identify the rigs of a task; this is what an executor calls."""
-    with one_thread():
-        rows = [identify(rig, job) for rig in rigs]
+    rows = [identify(rig, job) for rig in rigs]
     return Done(
         tuple(cells_of(row, job.shape) for row in rows),
         sum(row.verdict == FAILED for row in rows),
         sum(row.samples for row in rows),
     )
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Have linear algebra use one thread, so that no sum depends on it; the environment does without threadpoolctl."""
-    with contextlib.ExitStack() as stack:
-        with contextlib.suppress(ImportError):
-            from threadpoolctl import threadpool_limits
-
-            stack.enter_context(threadpool_limits(1))
-        yield
 
 
 def movement_of(recording: Recording) -> Movement:

@@ -124,7 +124,7 @@ class Observer:
         deadline = time.monotonic() + STARTING
         while self._alive and not self.url and time.monotonic() < deadline:
             self._process.connection.poll(0.1)
-            self._receive_all(first=True)
+            self._receive_all()
         if not self.url:
             raise InvalidArgumentError("the dashboard's process does not answer: see the lines above")
 
@@ -154,17 +154,17 @@ class Observer:
         commands, self._commands = self._commands, []
         return commands
 
-    def _receive_all(self, *, first: bool = False) -> None:
-        """Receive all waiting messages; ``first``: a dashboard that fails raises the error."""
+    def _receive_all(self) -> None:
+        """Receive all waiting messages; a dashboard that was never served and fails raises the error."""
         try:
             while self._process.connection.poll(0):
-                self._receive(self._process.connection.recv(), first=first)
+                self._receive(self._process.connection.recv())
             if not self._process.sender.is_alive():  # no answer follows to a message that was not sent
                 raise EOFError
         except (EOFError, OSError, MemoryError):  # a message may have been read in part: the connection is unusable
             self._handle_exit()
 
-    def _receive(self, message: object, *, first: bool) -> None:
+    def _receive(self, message: object) -> None:
         match message:
             case View() | Told("no view"):
                 now = time.monotonic()
@@ -181,7 +181,7 @@ class Observer:
             case Told("notice", line):
                 self.show(line)
             case Told("failed", reason):
-                if first:
+                if not self.url:
                     raise InvalidArgumentError(reason)
                 self._notices.say("dashboard", f"replant: {reason}; trying again")
 
